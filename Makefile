@@ -1,0 +1,62 @@
+# The two commands of the README, each complete from a bare checkout: `make demo` and `make test`.
+# Needs: Debian with Python 3.11 and make. Everything else is installed here, in folders of this checkout, or with apt-get.
+
+PYTHON ?= python3.11
+VENV := .venv
+TEST_VENV := .venv-test
+UV := .tools/bin/uv
+STEPDIAG := $(VENV)/bin/stepdiag
+
+.PHONY: demo test explore soak bench format clean
+
+demo: $(VENV)/.ready
+	test ! -e demo || mv demo demo-$$(date +%Y%m%d-%H%M%S)
+	$(STEPDIAG) demo --out demo
+
+test: $(TEST_VENV)/.ready .setup/debian .setup/node
+	tools/test $(TEST_VENV)
+
+# the property tests with examples that nobody has seen, and ten times the changed files of a stranger
+explore: $(TEST_VENV)/.ready
+	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control" tests
+
+# kill -9, two hundred times in one survey
+soak: $(TEST_VENV)/.ready
+	STEPDIAG_SOAK_KILLS=200 $(TEST_VENV)/bin/pytest tests/system/test_soak.py
+
+bench: $(VENV)/.ready
+	$(VENV)/bin/python -m benchmarks
+
+format: $(VENV)/.ready
+	$(VENV)/bin/ruff format .
+	$(VENV)/bin/ruff check --fix .
+
+clean:
+	rm -rf $(VENV) $(TEST_VENV) .tools .setup dist build
+
+$(UV): tools/bootstrap tools/uv.txt
+	tools/bootstrap $(PYTHON)
+	touch $@
+
+# What `stepdiag` needs to run from this checkout, and what a developer wants beside it. Compiled here, because a daemon that
+# compiles what it imports during its first seconds stands still and misses the first stop.
+$(VENV)/.ready: pyproject.toml uv.lock | $(UV)
+	UV_PROJECT_ENVIRONMENT=$(VENV) $(UV) sync --frozen --quiet --compile-bytecode --python $(PYTHON)
+	$(VENV)/bin/python -m compileall -q solver exporters daq stepdiag
+	touch $@
+
+# the same libraries, but stepdiag as the built wheel: what is tested is what is installed
+$(TEST_VENV)/.ready: pyproject.toml uv.lock $(shell find solver exporters daq stepdiag systemd -type f -not -path "*/__pycache__/*") | $(UV)
+	UV_PROJECT_ENVIRONMENT=$(TEST_VENV) $(UV) sync --frozen --quiet --compile-bytecode --no-install-project --python $(PYTHON)
+	rm -rf dist
+	$(UV) build --quiet --wheel --out-dir dist
+	$(UV) pip install --quiet --compile-bytecode --python $(TEST_VENV)/bin/python --no-deps --reinstall dist/stepdiag-*.whl
+	touch $@
+
+.setup/debian: tools/debian-packages tools/debian
+	tools/debian
+	mkdir -p .setup && touch $@
+
+.setup/node: $(wildcard tests/*/node/package-lock.json) | .setup/debian
+	for folder in $(dir $^); do npm ci --prefix $$folder --no-fund --no-audit --silent || exit 1; done
+	mkdir -p .setup && touch $@
