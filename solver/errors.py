@@ -1,0 +1,48 @@
+"""Every refusal of the program, by cause.
+
+    StepdiagError            never raised itself
+    ├── UsageError           wrong usage, survey file or profile       (also a ValueError)
+    ├── DataError            the data do not support what was asked    (also a ValueError)
+    ├── DeviceError          a device cannot be reached or misbehaves  (also a ConnectionError)
+    └── SafetyError          an export was refused by a safety check   (also a ValueError)
+
+The tree stands on the lowest floor so that every floor can raise from it. Only the command line turns a
+cause into an exit code.
+"""
+
+
+class StepdiagError(Exception):
+    """A refusal that says where, what was found, what was expected and what to do.
+
+    ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``).
+    """
+
+    def __init__(self, where: str, *, expected: str, found: str, remedy: str = "") -> None:
+        self.where = where
+        self.expected = expected
+        self.found = found
+        self.remedy = remedy
+        super().__init__(f"{where}: expected {expected}, found {found}" + (f"; {remedy}" if remedy else ""))
+
+
+class UsageError(StepdiagError, ValueError):
+    """The command, the survey file or the profile is wrong."""
+
+
+class DataError(StepdiagError, ValueError):
+    """The data do not support what was asked: missing pass, broken beam, wrong sequence, damaged file."""
+
+
+class DeviceError(StepdiagError, ConnectionError):
+    """A device cannot be reached, or answers what it must not."""
+
+
+class SafetyError(StepdiagError, ValueError):
+    """An export was refused by a safety check; ``code`` names the check.
+
+    A check that is only a warning can be accepted by that code.
+    """
+
+    def __init__(self, where: str, *, code: str, expected: str, found: str, remedy: str = "") -> None:
+        super().__init__(where, expected=expected, found=found, remedy=remedy)
+        self.code = code

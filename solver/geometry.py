@@ -1,0 +1,87 @@
+"""The measured volume, its diagonals and the ordered stops of a pass (contract 1; Wang 2000, sections II and III.E)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+BODY_DIAGONALS = ("ppp", "npp", "pnp", "ppn")
+LINEAR_RUNS = ("linear-x", "linear-y", "linear-z")
+FOURDOF_RUNS = ("fourdof-x", "fourdof-y", "fourdof-z")
+SETUP_NUMBERS = {
+    1: "ppp", 2: "npp", 3: "pnp", 4: "ppn",
+    11: "linear-x", 12: "linear-y", 13: "linear-z",
+    21: "fourdof-x", 22: "fourdof-y", 23: "fourdof-z",
+}  # fmt: skip
+"""The setup numbers of the machine's ``setup`` register (contract 2)."""
+
+
+MOST_INCREMENTS = 500
+"""Of one axis: out and back along four diagonals that is a survey of thirteen hours. The solver takes a minute and 2.4 GB for it, and both
+grow with the second to third power."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Volume:
+    """A box cut in ``increments`` equal increments per axis."""
+
+    origin_mm: tuple[float, float, float]
+    size_mm: tuple[float, float, float]
+    increments: int
+
+    @property
+    def step_mm(self) -> Vector:
+        """Return the increment of each axis, shape (3,)."""
+        return np.asarray(self.size_mm, dtype=np.float64) / self.increments
+
+    def nodes_mm(self, axis: int) -> Vector:
+        """Return the target positions of one axis (0, 1, 2), shape (increments + 1,), ascending."""
+        low = self.origin_mm[axis]
+        return low + self.size_mm[axis] * np.arange(self.increments + 1) / self.increments
+
+
+def travel_signs(diagonal: str) -> NDArray[np.int64]:
+    """Return +1 or -1 per axis for ``ppp`` .. ``ppn``: the direction of travel of the outward pass, shape (3,)."""
+    return np.array([1 if letter == "p" else -1 for letter in diagonal], dtype=np.int64)
+
+
+def diagonal_direction(volume: Volume, diagonal: str) -> Vector:
+    """Return the unit vector of travel along a body diagonal, shape (3,) (Wang 2000, Eq. 3)."""
+    travel = travel_signs(diagonal) * np.asarray(volume.size_mm, dtype=np.float64)
+    unit: Vector = travel / np.linalg.norm(travel)
+    return unit
+
+
+def diagonal_nodes(volume: Volume, diagonal: str, order: str = "xyz") -> NDArray[np.int64]:
+    """Return the node index of every axis at every stop of the outward pass, shape (3n+1, 3).
+
+    An axis that runs backwards counts from ``n`` down to 0. The return pass visits the same stops in reverse.
+    """
+    n = volume.increments
+    steps = np.zeros((3 * n + 1, 3), dtype=np.int64)
+    for position, letter in enumerate(order):
+        steps[1 + position :: 3, AXES.index(letter)] = 1
+    walked = np.cumsum(steps, axis=0)
+    return np.where(travel_signs(diagonal) > 0, walked, n - walked)
+
+
+def nodes_to_mm(volume: Volume, nodes: NDArray[np.int64]) -> Vector:
+    """Return commanded positions of node indices, shape like ``nodes``."""
+    positions: Vector = np.asarray(volume.origin_mm) + np.asarray(volume.size_mm, dtype=np.float64) * nodes / volume.increments
+    return positions
+
+
+def diagonal_stops_mm(volume: Volume, diagonal: str, order: str = "xyz") -> Vector:
+    """Return the commanded positions of the outward pass, shape (3n+1, 3)."""
+    return nodes_to_mm(volume, diagonal_nodes(volume, diagonal, order))
+
+
+def linear_stops_mm(volume: Volume, setup: str) -> Vector:
+    """Return the commanded positions of a run along one axis, shape (n+1, 3), the other axes at their low end."""
+    axis = AXES.index(setup[-1])
+    stops = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (volume.increments + 1, 1))
+    stops[:, axis] = volume.nodes_mm(axis)
+    return stops

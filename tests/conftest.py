@@ -1,0 +1,9 @@
+"""How the property tests draw: the same examples in every `make test`, new ones with ``--hypothesis-profile explore``."""
+
+from hypothesis import HealthCheck, settings
+
+# A change is judged by what it did, not by the luck of the draw nor by how busy the machine is; `make explore` looks for new examples.
+BUSY = [HealthCheck.too_slow]
+settings.register_profile("steady", derandomize=True, deadline=None, database=None, print_blob=True, suppress_health_check=BUSY)
+settings.register_profile("explore", derandomize=False, deadline=None, print_blob=True, suppress_health_check=BUSY)
+settings.load_profile("steady")

@@ -1,0 +1,175 @@
+"""A virtual machine and a daemon as processes of their own, on real sockets and ptys."""
+
+import sys
+import time
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from stepdiag.processes import Talker, talking
+
+BENCH = """
+seed = {seed}
+time_scale = 10.0
+[volume]
+size_mm = [300.0, 200.0, 100.0]
+increments = {n}
+[program]
+setups = [{setups}]
+passes = {passes}
+feed_mm_min = {feed}
+acceleration_mm_s2 = 4000.0
+dwell_s = {dwell}
+overrun_mm = 2.0
+start = "command"
+pause_s = 0.5
+handshake = {handshake}
+[laser]
+format = "{laser}"
+optics = 1
+noise_um = 0.2
+{laser_more}
+[plc]
+transport = "{transport}"
+{faults}
+"""
+
+SURVEY = """
+[survey]
+name = "hall"
+machine = "virtual"
+[volume]
+size_mm = [300.0, 200.0, 100.0]
+increments = {n}
+[plan]
+setups = [{setups}]
+return_pass = {back}
+dwell_s = 0.6
+overrun_mm = 2.0
+[laser]
+format = "{laser}"
+port = "{laser_port}"
+optics = 1
+{laser_more}
+[plc]
+{plc}
+poll_hz = {poll_hz}
+[plc.handshake]
+enabled = {handshake}
+[stop]
+settle_s = 0.05
+min_window_s = {window}
+max_scatter_um = 5.0
+[page]
+enabled = {page}
+port = {page_port}
+{exports}
+"""
+
+
+@dataclass
+class Hall:
+    """Where everything is: the folder, the bench process and its options."""
+
+    folder: Path
+    bench: Talker
+    survey: Path
+    setups: tuple
+
+    @property
+    def round(self):
+        """The folder of the first survey's logs."""
+        return self.folder / "hall" / "0001"
+
+    def start_setups(self, stop_after=None):
+        """Start every setup as soon as the bench waits for it; return when the program has finished (or after some)."""
+        begun = 0
+        while True:
+            event = self.bench.next(60.0, "bench")["event"]
+            if event == "finished" or (stop_after is not None and begun == stop_after):
+                return
+            if event == "waiting" and begun < len(self.setups):
+                begun += 1
+                self.bench.say("start")
+
+
+@contextmanager
+def hall(
+    folder,
+    *,
+    setups=("ppp", "npp", "pnp", "ppn"),
+    n=2,
+    back=False,
+    laser="umd",
+    transport="tcp",
+    handshake=False,
+    poll_hz=100.0,
+    dwell=5.0,
+    feed=30000.0,
+    window=0.1,
+    seed=5,
+    exports="",
+    page=False,
+    page_port=8420,
+    laser_bench="",
+    laser_survey="",
+    faults="",
+):
+    """Run a bench process in ``folder``; a survey file that fits it stands there."""
+    named = ", ".join(f'"{setup}"' for setup in setups)
+    common = {"n": n, "setups": named, "laser": laser, "handshake": str(handshake).lower()}
+    bench_file = folder / "bench.toml"
+    program = {"passes": 1 + back, "dwell": dwell, "feed": feed}
+    bench_file.write_text(
+        BENCH.format(**common, **program, seed=seed, laser_more=laser_bench, transport=transport, faults=faults), encoding="utf-8"
+    )
+    command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(bench_file), "--directory", str(folder / "devices"))
+    with talking(command, errors=False) as bench:
+        ready = bench.next(20.0, "bench")
+        if transport == "tcp":
+            plc = f"port = {ready['plc_port']}"
+        else:
+            plc = f'transport = "rtu"\nserial_port = "{ready["plc_link"]}"\nbaud = 115200\nparity = "N"'
+        survey = folder / "survey.toml"
+        survey.write_text(
+            SURVEY.format(
+                **common,
+                back=str(back).lower(),
+                laser_port=ready["laser_link"],
+                plc=plc,
+                poll_hz=poll_hz,
+                window=window,
+                laser_more=laser_survey,
+                exports=exports,
+                page=str(page).lower(),
+                page_port=page_port,
+            ),
+            encoding="utf-8",
+        )
+        yield Hall(folder, bench, survey, setups)
+
+
+STEPDIAG = (sys.executable, "-m", "stepdiag")
+
+
+@contextmanager
+def daemon(survey, *, wait_for=("laser", "machine"), stepdiag=STEPDIAG):
+    """Run ``stepdiag run`` and wait until the links named are connected."""
+    with talking((*stepdiag, "run", str(survey)), errors=True) as process:
+        connected = set()
+        while not set(wait_for) <= connected:
+            said = process.next(20.0, "daemon")
+            assert said["event"] != "text", said
+            if said["event"] == "link-connected":
+                connected.add(said["link"])
+        yield process
+
+
+def until(talker, event, *, timeout_s=60.0, **fields):
+    """Return every object up to the first of an event with these fields."""
+    seen, end = [], time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        seen.append(talker.next(max(0.1, end - time.monotonic()), "process"))
+        if seen[-1].get("event") == event and all(seen[-1].get(key) == value for key, value in fields.items()):
+            return seen
+    raise AssertionError(f"no {event} {fields} within {timeout_s} s; last: {seen[-3:]}")

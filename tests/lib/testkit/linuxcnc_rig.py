@@ -1,0 +1,270 @@
+"""A real control for the system test: LinuxCNC with a simulated three-axis machine, headless, one at a time on a computer.
+
+LinuxCNC runs as a process of its own with the system's Python; `linuxcnc_bridge` is its operator and tells this side, over a Unix
+socket, what the control does. Baselines.md, section LinuxCNC headless, names the environment it needs.
+"""
+
+import fcntl
+import json
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import tempfile
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+PACKAGE = "linuxcnc-uspace"
+BRIDGE = Path(__file__).with_name("linuxcnc_bridge.py")
+ORDINARY_UID = 65534
+
+INI = """\
+[EMC]
+VERSION = 1.1
+MACHINE = stepdiag rig
+[DISPLAY]
+DISPLAY = {folder}/bridge.py
+[TASK]
+TASK = milltask
+CYCLE_TIME = 0.005
+[RS274NGC]
+PARAMETER_FILE = rig.var
+[EMCMOT]
+EMCMOT = motmod
+COMM_TIMEOUT = 5.0
+SERVO_PERIOD = 1000000
+[EMCIO]
+EMCIO = io
+CYCLE_TIME = 0.05
+TOOL_TABLE = rig.tbl
+[HAL]
+HALFILE = rig.hal
+[KINS]
+KINEMATICS = trivkins coordinates=XYZ
+JOINTS = 3
+[TRAJ]
+COORDINATES = XYZ
+LINEAR_UNITS = mm
+ANGULAR_UNITS = degree
+MAX_LINEAR_VELOCITY = 1000
+DEFAULT_LINEAR_VELOCITY = 500
+"""
+INI_AXIS = """\
+[AXIS_{axis}]
+MIN_LIMIT = -2000
+MAX_LIMIT = 2000
+MAX_VELOCITY = 1000
+MAX_ACCELERATION = 5000
+[JOINT_{joint}]
+TYPE = LINEAR
+HOME = 0
+HOME_SEQUENCE = 0
+HOME_SEARCH_VEL = 0
+HOME_LATCH_VEL = 0
+MIN_LIMIT = -2000
+MAX_LIMIT = 2000
+MAX_VELOCITY = 1000
+MAX_ACCELERATION = 5000
+FERROR = 100
+MIN_FERROR = 100
+"""
+INI_COMP = "COMP_FILE = {name}\nCOMP_FILE_TYPE = 0\n"
+HAL = """\
+loadrt [KINS]KINEMATICS
+loadrt [EMCMOT]EMCMOT servo_period_nsec=[EMCMOT]SERVO_PERIOD num_joints=[KINS]JOINTS num_dio=4 num_aio=4
+addf motion-command-handler servo-thread
+addf motion-controller servo-thread
+net motor-0 joint.0.motor-pos-cmd => joint.0.motor-pos-fb
+net motor-1 joint.1.motor-pos-cmd => joint.1.motor-pos-fb
+net motor-2 joint.2.motor-pos-cmd => joint.2.motor-pos-fb
+net enable iocontrol.0.user-enable-out => iocontrol.0.emc-enable-in
+net prepare iocontrol.0.tool-prepare => iocontrol.0.tool-prepared
+net change iocontrol.0.tool-change => iocontrol.0.tool-changed
+"""
+
+
+@dataclass(frozen=True)
+class State:
+    """The control at ``time_ns`` (CLOCK_MONOTONIC): positions in mm, what the program shows the PLC, programs started so far."""
+
+    time_ns: int
+    motor_mm: tuple[float, ...]
+    commanded_mm: tuple[float, ...]
+    setup: int
+    count: int
+    stopped: bool
+    in_position: bool
+    running: bool
+    started: int
+
+
+class Control:
+    """A running LinuxCNC. ``on_state`` is called with every state, in the thread that reads them."""
+
+    def __init__(self, link: socket.socket, folder: Path) -> None:
+        self._link = link
+        self._folder = folder
+        self._changed = threading.Condition()
+        self._state: State | None = None
+        self._failure = ""
+        self.on_state: Callable[[State], None] = lambda state: None
+        self._reader = threading.Thread(target=self._read, name="linuxcnc-rig")
+        self._reader.start()
+
+    @property
+    def state(self) -> State:
+        """Return the newest state."""
+        return self.wait_for(lambda state: True)
+
+    def wait_for(self, wanted: Callable[[State], bool], timeout_s: float = 60.0) -> State:
+        """Return the first state from now on that is wanted. Raises AssertionError when the control fails or time is up."""
+        with self._changed:
+            ready = self._changed.wait_for(lambda: self._failure or (self._state is not None and wanted(self._state)), timeout_s)
+            assert not self._failure, self._failure
+            assert ready, f"nothing like it within {timeout_s} s; the control says {self._state}"
+            assert self._state is not None
+            return self._state
+
+    def run(self, program: bytes, timeout_s: float = 300.0) -> None:
+        """Drive an NC program to its end."""
+        before = self.state.started
+        path = self._folder / "program.ngc"
+        path.write_bytes(program)
+        self._order({"run": str(path)})
+        self.wait_for(lambda state: state.started > before and state.running)
+        self.wait_for(lambda state: not state.running, timeout_s)
+
+    def captured(self, count: int) -> None:
+        """Show the control that a stop has been captured (handshake)."""
+        self._order({"captured": count})
+
+    def quit(self) -> None:
+        """Let the operator leave; the control shuts down behind him."""
+        self._order({"quit": True})
+        self._reader.join()
+
+    def _order(self, order: Mapping[str, object]) -> None:
+        self._link.sendall(json.dumps(order).encode() + b"\n")
+
+    def _read(self) -> None:
+        try:
+            with self._link.makefile("rb") as lines:
+                for line in lines:
+                    self._take(json.loads(line))
+        except OSError as error:
+            self._fail(f"the bridge is gone: {error}")
+        self._fail("LinuxCNC has ended")
+
+    def _take(self, told: dict[str, object]) -> None:
+        error = told.pop("error", None)
+        state = State(**{key: tuple(value) if isinstance(value, list) else value for key, value in told.items()})
+        self.on_state(state)
+        with self._changed:
+            self._state = state
+            self._changed.notify_all()
+        if error is not None:
+            self._fail(f"LinuxCNC: {error}")
+
+    def _fail(self, failure: str) -> None:
+        with self._changed:
+            self._failure = self._failure or failure
+            self._changed.notify_all()
+
+
+@contextmanager
+def linuxcnc(comp_files: Mapping[str, bytes] | None = None) -> Iterator[Control]:
+    """Run LinuxCNC with the machine switched on and homed; ``comp_files`` are COMP_FILEs (type 0) by axis letter.
+
+    Installs the Debian package where it is missing. Raises AssertionError where it cannot be had or does not start.
+    """
+    installed()
+    with _alone(), tempfile.TemporaryDirectory(prefix="stepdiag-linuxcnc-", ignore_cleanup_errors=True) as name:
+        folder = Path(name)
+        _configured(folder, comp_files or {})
+        with socket.socket(socket.AF_UNIX) as door:
+            door.bind(str(folder / "rig.socket"))
+            (folder / "rig.socket").chmod(0o666)
+            door.listen(1)
+            door.settimeout(60.0)
+            yield from _running(folder, door)
+
+
+def installed() -> None:
+    """Install LinuxCNC if it is missing. Raises AssertionError where that fails: the test of the real control is never skipped."""
+    if shutil.which("linuxcnc"):
+        return
+    as_root = [] if os.geteuid() == 0 else ["sudo", "-n"]
+    quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
+    told = ""
+    for arguments in (["update", "-q"], ["install", "-y", "-q", "--no-install-recommends", PACKAGE]):
+        done = subprocess.run([*as_root, "apt-get", *arguments], env=quiet, capture_output=True, text=True, check=False)
+        told = done.stderr[-2000:]
+    assert shutil.which("linuxcnc"), f"the Debian package {PACKAGE} cannot be installed, so the control is not tested: {told}"
+
+
+@contextmanager
+def _alone() -> Iterator[None]:
+    """Hold the one place that LinuxCNC has on a computer: fixed shared-memory keys."""
+    with (Path(tempfile.gettempdir()) / "stepdiag-linuxcnc.lock").open("w") as lock:
+        fcntl.flock(lock, fcntl.LOCK_EX)
+        yield
+
+
+def _configured(folder: Path, comp_files: Mapping[str, bytes]) -> None:
+    """Write the configuration; the folder is open to the ordinary user as whom LinuxCNC's real-time part runs."""
+    folder.chmod(0o777)
+    ini = INI.format(folder=folder)
+    for joint, axis in enumerate("XYZ"):
+        ini += INI_AXIS.format(axis=axis, joint=joint)
+        if axis in comp_files:
+            (folder / f"{axis}.comp").write_bytes(comp_files[axis])
+            ini += INI_COMP.format(name=f"{axis}.comp")
+    (folder / "rig.ini").write_text(ini, encoding="ascii")
+    (folder / "rig.hal").write_text(HAL, encoding="ascii")
+    (folder / "rig.tbl").write_text("", encoding="ascii")
+    shutil.copy(BRIDGE, folder / "bridge.py")
+    (folder / "bridge.py").chmod(0o755)
+
+
+def _running(folder: Path, door: socket.socket) -> Iterator[Control]:
+    environment = {
+        "PATH": "/usr/bin:/bin:/usr/sbin:/sbin",
+        "HOME": str(folder),
+        "RUNTESTS": "1",
+        "RTAPI_FIFO_PATH": str(folder / "fifo"),
+        "STEPDIAG_RIG": str(folder / "rig.socket"),
+    }
+    if os.geteuid() == 0:
+        environment["RTAPI_UID"] = str(ORDINARY_UID)
+    log = folder / "linuxcnc.log"
+    with log.open("wb") as output:
+        process = subprocess.Popen(
+            ["/usr/bin/linuxcnc", "rig.ini"], cwd=folder, env=environment, stdin=subprocess.DEVNULL, stdout=output,
+            stderr=subprocess.STDOUT, start_new_session=True,
+        )  # fmt: skip
+    try:
+        yield from _served(door, folder, log)
+    finally:
+        try:
+            process.wait(30.0)
+        except subprocess.TimeoutExpired:
+            os.killpg(process.pid, signal.SIGKILL)
+            process.wait()
+
+
+def _served(door: socket.socket, folder: Path, log: Path) -> Iterator[Control]:
+    try:
+        link, _ = door.accept()
+    except TimeoutError:
+        raise AssertionError(f"LinuxCNC does not start: {log.read_text(errors='replace')[-3000:]}") from None
+    with link:
+        control = Control(link, folder)
+        try:
+            control.wait_for(lambda state: True)
+            yield control
+        finally:
+            control.quit()

@@ -1,0 +1,127 @@
+"""PLC and laser around a real control: what LinuxCNC does goes out over Modbus TCP, what its motors do moves the virtual machine.
+
+The contract's register block is served from the control's own state; the laser reads the exact physics of `stepdiag.virtual` at the
+control's motor positions, so a compensation that the control applies is seen as the laser of a real machine would see it.
+"""
+
+import struct
+from collections import deque
+from collections.abc import Sequence
+from pathlib import Path
+from types import TracebackType
+from typing import Self
+
+import numpy as np
+
+from stepdiag.virtual.clock import Clock
+from stepdiag.virtual.faults import FaultBoard
+from stepdiag.virtual.lasers import BOARDS, UmdBoard
+from stepdiag.virtual.lasersource import Counter, TalkingLaser
+from stepdiag.virtual.machine import Machine, Setup
+from stepdiag.virtual.modbus import ILLEGAL_ADDRESS, ModbusError
+from stepdiag.virtual.modbusserver import Slave, TcpSlave
+from stepdiag.virtual.ports import SerialLine
+from stepdiag.virtual.sequence import Box
+from stepdiag.virtual.setups import Alignment, aligned_setup
+from stepdiag.virtual.talker import LASER_CABLE, Talker
+from testkit.linuxcnc_rig import Control, State
+
+CAPTURED_REGISTER = 100
+LATENCY_S = 0.1
+"""The laser tells what was true so long ago: by then the control has told where its motors were."""
+REALIGNING_S = 0.3
+TURNING_MM = 1e-3
+"""What counts as a move of an axis: more than its compensation ramps while it stands."""
+HALL = (2000, 2000, 10132, 500)
+"""Material and air at 20 C, 1013.2 hPa, 50 %: what the virtual machine's own hall is."""
+
+
+class ControlPlc:
+    """The register block of contract 2, filled from the control."""
+
+    def __init__(self, control: Control) -> None:
+        self._control = control
+
+    def read(self, table: str, address: int, count: int) -> Sequence[int]:
+        """Return registers of the block as they are now."""
+        state = self._control.state
+        bits = state.stopped | state.running << 1
+        words = [state.time_ns // 400_000_000 % 65536, state.count % 65536, bits, state.setup]
+        for position in state.commanded_mm:
+            words += struct.unpack(">HH", struct.pack(">i", round(position * 1e4)))
+        words += HALL
+        if table != "holding" or address + count > len(words):
+            raise ModbusError(ILLEGAL_ADDRESS)
+        return words[address : address + count]
+
+    def write(self, table: str, address: int, values: Sequence[int]) -> None:
+        """Take ``captured``; nothing else may be written."""
+        if (table, address, len(values)) != ("holding", CAPTURED_REGISTER, 1):
+            raise ModbusError(ILLEGAL_ADDRESS)
+        self._control.captured(values[0])
+
+    def reboot(self) -> None:
+        """This PLC does not reboot."""
+
+
+class MotorReadout:
+    """Where the laser finds its target: the virtual machine's pose at the motor positions of the last moments."""
+
+    def __init__(self, control: Control, machine: Machine, box: Box, clock: Clock) -> None:
+        self._machine, self._box, self._clock = machine, box, clock
+        self._setup: Setup | None = None
+        self._aligned_s = 0.0
+        self._path: deque[tuple[float, np.ndarray, np.ndarray]] = deque(maxlen=1000)
+        self._take(control.state)
+        control.on_state = self._take
+
+    def align(self, setup: str, alignment: Alignment) -> None:
+        """Put laser and mirror up for a setup, as a person does before the program is started; the beam is away meanwhile."""
+        self._setup = aligned_setup(self._machine, self._box, setup, alignment)
+        self._aligned_s = self._clock.wall_s() + REALIGNING_S
+
+    def read(self, time_s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return indicated lengths in mm and whether there is a beam, at ascending clock times."""
+        if self._setup is None:
+            return np.zeros(len(time_s)), np.zeros(len(time_s), dtype=bool)
+        path = list(self._path)
+        moments = np.array([moment for moment, _, _ in path])
+        motor = np.stack([np.interp(time_s, moments, [point[axis] for _, point, _ in path]) for axis in range(3)], axis=-1)
+        last = np.clip(np.searchsorted(moments, time_s, side="right") - 1, 0, None)
+        direction = np.array([path[each][2] for each in last])
+        return self._machine.indicated_mm(self._setup, motor, direction=direction), time_s >= self._aligned_s
+
+    def _take(self, state: State) -> None:
+        motor = np.array(state.motor_mm)
+        _, before, direction = self._path[-1] if self._path else (0.0, motor, np.zeros(3))
+        moved = motor - before
+        turned = np.where(np.abs(moved) > TURNING_MM, np.sign(moved), direction)
+        self._path.append((state.time_ns * 1e-9 - self._clock.started_s, motor, turned))
+
+
+class Stand:
+    """Modbus TCP server and laser on a pty beside a running control; use it in a ``with`` statement."""
+
+    def __init__(self, control: Control, machine: Machine, box: Box, folder: Path, *, noise_um: float) -> None:
+        clock, faults = Clock(), FaultBoard(())
+        self.readout = MotorReadout(control, machine, box, clock)
+        line = SerialLine(folder / "laser")
+        counter = Counter(noise_um=noise_um, seed=7)
+        laser = TalkingLaser(UmdBoard(BOARDS["umd2"]), self.readout.read, counter, clock=clock, faults=faults, latency_s=LATENCY_S)
+        self.laser_port = str(line.link)
+        self._plc = TcpSlave(Slave(ControlPlc(control), unit=1, clock=clock, faults=faults))
+        self._laser = Talker(line, laser, LASER_CABLE, clock=clock, faults=faults)
+
+    @property
+    def plc_port(self) -> int:
+        """Return the port of the Modbus server on loopback."""
+        return self._plc.port
+
+    def __enter__(self) -> Self:
+        self._plc.start()
+        self._laser.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self._laser.close()
+        self._plc.close()

@@ -1,0 +1,52 @@
+"""Results made by hand, for tests of what comes after the solver."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from solver.findings import Finding
+from solver.geometry import Volume
+from solver.result import DISPLACEMENTS, Function, Quantity, Result, Scale
+
+VOLUME = Volume(origin_mm=(-200.0, 0.0, -100.0), size_mm=(400.0, 400.0, 200.0), increments=4)
+
+
+def made_result(
+    values: Mapping[str, Sequence[float] | None] | None = None,
+    *,
+    squareness: Mapping[str, float | None] | None = None,
+    reversal: Mapping[str, Sequence[float]] | None = None,
+    shape_only: Sequence[str] = (),
+    u_um: float = 0.3,
+    volume: Volume = VOLUME,
+    findings: tuple[Finding, ...] = (),
+) -> Result:
+    """Return a result with the values in um at the volume's nodes; a function that is not given is zero, None is not identified."""
+    given = dict(values or {})
+    square = {"C0Y": 0.0, "B0Z": 0.0, "A0Z": 0.0} | dict(squareness or {})
+    return Result(
+        volume=volume,
+        chain="FXYZ",
+        method="made by hand",
+        errors={
+            name: _function(volume, name, given.get(name, np.zeros(volume.increments + 1)), u_um, name not in shape_only)
+            for name in DISPLACEMENTS
+        },
+        squareness={name: Quantity(value=value, u=None if value is None else 1.0) for name, value in square.items()},
+        scale={axis: Scale(value=None, u=None, identified=False) for axis in "XYZ"},
+        setups={},
+        findings=findings,
+        reversal={name: _function(volume, name, rows, u_um, True) for name, rows in (reversal or {}).items()},
+    )
+
+
+def _function(volume: Volume, name: str, rows: Sequence[float] | None, u_um: float, slope: bool) -> Function:
+    position = volume.nodes_mm("XYZ".index(name[2]))
+    known = rows is not None
+    return Function(
+        position_mm=position,
+        value=np.asarray(rows, dtype=np.float64) if known else None,
+        u=np.full(position.shape, u_um) if known else None,
+        unit="um",
+        slope_identified=slope,
+    )

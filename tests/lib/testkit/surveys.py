@@ -1,0 +1,129 @@
+"""Surveys of the exact virtual machine, as readings: nothing of the solver is used to make them."""
+
+import csv
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from solver.angles import KnownAngle
+from solver.readings import Readings, make_readings
+from stepdiag.virtual.errorfunctions import AXES, Amplitudes, ErrorSet, random_errors
+from stepdiag.virtual.machine import Machine
+from stepdiag.virtual.sequence import Box
+from stepdiag.virtual.setups import Alignment, Conditions, simulate_pass
+from stepdiag.virtual.truth import Truth
+
+DATA = Path(__file__).parents[2] / "data"
+DIAGONALS = ("ppp", "npp", "pnp", "ppn")
+LINEAR = ("linear-x", "linear-y", "linear-z")
+
+
+def golden_rows(name: str) -> list[dict[str, str]]:
+    """Return the rows of a golden file, comments left out."""
+    lines = [line for line in (DATA / f"golden_stepdiag_{name}.csv").read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
+    return list(csv.DictReader(lines))
+
+
+def golden_shapes() -> dict[str, np.ndarray]:
+    """Return the true shapes behind the golden surveys by ISO name, um at the nodes."""
+    shapes: dict[str, list[float]] = {}
+    for row in golden_rows("expected"):
+        shapes.setdefault(f"E{row['component'].upper()}{row['axis']}", []).append(float(row["true_endline_removed_um"]))
+    return {name: np.array(values) for name, values in shapes.items()}
+
+
+@dataclass(frozen=True, kw_only=True)
+class Bench:
+    """A machine with drawn errors and how its surveys are taken (the figures of the issue that asks for the estimator)."""
+
+    seed: int = 0
+    size_mm: tuple[float, float, float] = (500.0, 400.0, 300.0)
+    origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    increments: int = 10
+    chain: str = "FXYZ"
+    angle_urad: float = 0.0
+    diagonal_noise_um: float = 0.3
+    linear_noise_um: float = 0.2
+    tilt_mrad: float = 0.5
+    states_u: bool = True
+    drift_um_h: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    beam_offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
+    reversal: Mapping[str, object] = field(default_factory=dict)
+
+    @property
+    def machine(self) -> Machine:
+        """Return the machine: straightness and positioning up to 9 um, scales up to 20 um/m, squareness 20 urad."""
+        wanted = Amplitudes(positioning_um=9.0, straightness_um=9.0, angle_urad=self.angle_urad, scale_um_m=20.0)
+        drawn = random_errors(self.seed, self.origin_mm, self.size_mm, wanted)
+        errors = ErrorSet(
+            low_mm=drawn.low_mm,
+            size_mm=drawn.size_mm,
+            functions=drawn.functions,
+            squareness_urad=drawn.squareness_urad,
+            reversal=self.reversal,  # type: ignore[arg-type]
+        )
+        return Machine(errors=errors, chain=self.chain, drift_um_h=self.drift_um_h)
+
+    @property
+    def truth(self) -> Truth:
+        """Return the errors in the form of a result."""
+        return self.machine.truth(self.increments)
+
+    def survey(self, setups: Sequence[str] = (*DIAGONALS, *LINEAR), *, passes: Sequence[int] = (1,), axis_order: str = "xyz") -> Readings:
+        """Measure: mirror and beam of every setup lean ``tilt_mrad`` in directions of their own."""
+        placing, rng = np.random.default_rng(1000 + self.seed), np.random.default_rng(2000 + self.seed)
+        machine, box = self.machine, Box(origin_mm=self.origin_mm, size_mm=self.size_mm, increments=self.increments)
+        columns: dict[str, list] = {
+            "setup": [],
+            "pass_number": [],
+            "stop": [],
+            "position_mm": [],
+            "reading_mm": [],
+            "beam_mm": [],
+            "time_s": [],
+        }
+        u_um: list[float] = []
+        start_s = 0.0
+        for setup in setups:
+            linear = setup.startswith("linear")
+            noise = self.linear_noise_um if linear else self.diagonal_noise_um
+            how = self._alignment(placing, setup, linear=linear)
+            for number in passes:
+                taken = Conditions(noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s)
+                one = simulate_pass(machine, box, setup, number, alignment=how, conditions=taken, axis_order=axis_order)
+                start_s = float(one.time_s[-1]) + 10.0
+                columns["setup"] += [setup] * len(one.stop)
+                columns["pass_number"] += [number] * len(one.stop)
+                for name in ("stop", "position_mm", "reading_mm", "beam_mm", "time_s"):
+                    columns[name] += getattr(one, name).tolist()
+                u_um += [noise] * len(one.stop)
+        return make_readings(**columns, u_um=u_um if self.states_u else None)
+
+    def _alignment(self, rng: np.random.Generator, setup: str, *, linear: bool) -> Alignment:
+        mirror, beam = (self.tilt_mrad * np.array([np.cos(angle), np.sin(angle)]) for angle in rng.uniform(0, 2 * np.pi, 2))
+        return Alignment(
+            mirror_mrad=(float(mirror[0]), float(mirror[1])),
+            beam_mrad=(0.0, 0.0) if linear else (float(beam[0]), float(beam[1])),
+            beam_offset_mm=self.beam_offset_mm.get(setup, (0.0, 0.0, 0.0)),
+        )
+
+    def angles(self, u_urad: float, *, stated: bool = True, seed: int = 7) -> dict[str, KnownAngle]:
+        """Return the nine angular functions as a head would measure them, relative to their first position."""
+        rng = np.random.default_rng(seed)
+        known = {}
+        for index, letter in enumerate(AXES):
+            nodes = self.origin_mm[index] + np.linspace(0.0, self.size_mm[index], self.increments + 1)
+            for about in "ABC":
+                value = self.machine.errors.functions[f"E{about}{letter}"](nodes)
+                noise = rng.normal(scale=u_urad, size=len(nodes)) if u_urad else np.zeros(len(nodes))
+                noise[0] = 0.0
+                u = np.full(len(nodes), u_urad if stated else np.nan)
+                known[f"E{about}{letter}"] = KnownAngle(position_mm=nodes, value_urad=value - value[0] + noise, u_urad=u)
+        return known
+
+    def lattice_mm(self) -> np.ndarray:
+        """Return the corners, edges and inner points of the volume at every other node, shape (N, 3)."""
+        axes = [low + np.linspace(0.0, length, self.increments // 2 + 1) for low, length in zip(self.origin_mm, self.size_mm, strict=True)]
+        return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)

@@ -1,0 +1,25 @@
+"""The rule of every fault: a stop is right, or it is named as doubtful, or it is asked for again; never silently wrong."""
+
+from daq.replay import begun_logs, replay
+from stepdiag.virtual.building import alignment_of, build_box, build_machine
+from stepdiag.virtual.config import read_config
+from stepdiag.virtual.setups import simulate_pass
+
+RIGHT_UM = 0.5
+"""A stop is right within this: the noise is 0.2 um a sample, the machine swings out to below a tenth of a micrometre."""
+
+
+def nothing_silently_wrong(place, folder=None):
+    """Return the passes of a survey, from its logs; every stop used reads what the machine truly did, or is doubted by name."""
+    config = read_config(place.folder / "bench.toml")
+    machine, box = build_machine(config), build_box(config)
+    book = replay(begun_logs(folder or place.round)).book
+    for each in book.passes:
+        true = simulate_pass(machine, box, each.route.setup, each.number, alignment=alignment_of(config, each.route.setup))
+        chosen = each.chosen()
+        first = min(chosen)
+        zero = chosen[first][0].reading_mm + chosen[first][1] - true.reading_mm[first]
+        for index, (stop, offset) in chosen.items():
+            error_um = (stop.reading_mm + offset - zero - true.reading_mm[index]) * 1e3
+            assert abs(error_um) < RIGHT_UM or stop.doubtful or each.doubt(index), f"stop {index} wrong by {error_um:.2f} um and not named"
+    return book
