@@ -1,0 +1,18 @@
+"""What the names of exported files carry: warnings that a person reads and that a control's reader must see through."""
+
+from pathlib import PurePath
+
+UNTESTED = "_UNTESTED_SIGN"
+RESTORE = "_RESTORE"
+
+
+def suffixed(name: str, suffix: str) -> str:
+    """Return a file name with ``suffix`` before its ending."""
+    path = PurePath(name)
+    return f"{path.stem}{suffix}{path.suffix}"
+
+
+def plain_name(name: str) -> str:
+    """Return the name that the control is meant to know the file by: without the suffixes of an export."""
+    path = PurePath(name)
+    return f"{path.stem.removesuffix(RESTORE).removesuffix(UNTESTED)}{path.suffix}"

@@ -1,0 +1,33 @@
+"""NC programs that drive a survey: one program a setup, in the control's own dialect.
+
+    Sequence --passes_of--> passes of stops --dialect--> NC program
+
+A program is a flat list of blocks: no loop, no subprogram and no calculated position, so that what moves can be read
+and searched. It states the setup and the stop to the PLC, which puts them into the Modbus block of contract 2.
+"""
+
+from exporters.programs.programs import (
+    CONTROLS,
+    Program,
+    default_decimals,
+    default_signals,
+    nc_programs,
+    program_name,
+)
+from exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number
+from exporters.programs.signals import Signals
+
+__all__ = [
+    "CONTROLS",
+    "Pass",
+    "Program",
+    "Sequence",
+    "Signals",
+    "Stop",
+    "default_decimals",
+    "default_signals",
+    "nc_programs",
+    "passes_of",
+    "program_name",
+    "setup_number",
+]

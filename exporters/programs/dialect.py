@@ -1,0 +1,176 @@
+"""What every control's dialect states, and the one walk that turns passes into its blocks."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number, travel_mm
+from exporters.programs.signals import Signals
+from solver.errors import UsageError
+from solver.geometry import AXES, BODY_DIAGONALS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Job:
+    """One program to write: a setup of a sequence, its number for the control, and the machine's signals."""
+
+    sequence: Sequence
+    setup: str
+    signals: Signals
+    decimals: int
+
+    @property
+    def register(self) -> int:
+        """Return the number shown in the PLC's setup register."""
+        return setup_number(self.setup)
+
+    @property
+    def base(self) -> str:
+        """Return the setup without its beam offset."""
+        return self.setup.partition("+")[0]
+
+    @property
+    def word(self) -> str:
+        """Return the setup's name in letters, digits and underscores, for file names."""
+        return self.setup.replace("-", "_").replace("+", "_")
+
+    @property
+    def program_number(self) -> int:
+        """Return 8000 + the setup number; each beam offset adds a hundred."""
+        offset = self.setup.partition("+")[2]
+        return 8000 + self.register + 100 * int(offset or 0)
+
+
+class Dialect(ABC):
+    """How one control is spoken to. Subclasses hold no state; ``signals`` are its defaults."""
+
+    control: str
+    title: str
+    newline = "\r\n"
+    decimals = 3
+    """Decimal places of a programmed position in mm: the control's usual input increment."""
+    opening: tuple[str, ...] = ()
+    closing: tuple[str, ...]
+    """First and last lines of the file; ``{stem}`` is the file name without its ending."""
+    numbered = False
+    """Whether every line carries its number, from 0."""
+    signals: Signals
+    needs: tuple[str, ...]
+    """What the PLC and the control must offer for the default signals, with where that is known from."""
+
+    @abstractmethod
+    def file_name(self, job: Job) -> str:
+        """Return the program's file name."""
+
+    @abstractmethod
+    def comment(self, text: str) -> str:
+        """Return a block that holds nothing but a comment; ``text`` is ASCII without brackets."""
+
+    @abstractmethod
+    def start(self) -> list[str]:
+        """Return the safe start: known modes, checks, and a halt until the operator agrees."""
+
+    @abstractmethod
+    def move(self, position: tuple[str, str, str], feed: str) -> str:
+        """Return a straight move in machine coordinates at measuring feed that ends in an exact stop."""
+
+    @abstractmethod
+    def dwell(self, seconds: str) -> list[str]:
+        """Return the dwell."""
+
+    def number(self, value: float) -> str:
+        """Return a decimal number as the control reads it."""
+        return plain(value)
+
+    def render(self, job: Job) -> str:
+        """Return the text of the program, with the control's line ends."""
+        _check_increment(job)
+        blocks = [self.comment(line) for line in self._header(job)]
+        blocks += self.start()
+        blocks += job.signals.blocks("begin", setup=job.register)
+        passes = passes_of(job.sequence, job.setup)
+        for each in passes:
+            blocks += self._pass_blocks(job, each, passes)
+        blocks += job.signals.blocks("end", setup=0)
+        return "".join(line + self.newline for line in self._framed(job, blocks))
+
+    def _framed(self, job: Job, blocks: list[str]) -> list[str]:
+        stem = self.file_name(job).partition(".")[0]
+        first, last = ([line.format(stem=stem) for line in lines] for lines in (self.opening, self.closing))
+        lines = [*first, *blocks, *last]
+        return [f"{number} {line}" for number, line in enumerate(lines)] if self.numbered else lines
+
+    def _header(self, job: Job) -> Iterator[str]:
+        sequence = job.sequence
+        low, high = travel_mm(sequence, job.setup)
+        order = f", axis order {sequence.axis_order}" if job.base in BODY_DIAGONALS else ""
+        yield f"stepdiag survey {_ascii(sequence.name)}: setup {_spoken(job.setup)}{order}"
+        yield f"{job.sequence.volume.increments} increments, feed {plain(sequence.feed_mm_min)} mm/min, dwell {plain(sequence.dwell_s)} s"
+        yield "machine coordinates, travel in mm with overrun:"
+        for name, least, most in zip(AXES, low, high, strict=True):
+            yield f"  {name} from {plain(round(least, job.decimals))} to {plain(round(most, job.decimals))}"
+        yield "the first move goes straight from where the axes stand to the first point"
+        yield f"the plc shows setup {job.register} while this runs, 0 at the end"
+        if sequence.handshake:
+            yield "handshake: every stop is held until the plc shows its counter as captured"
+        yield "not yet proven on this machine: first run in single block, feed override low"
+        yield from self.needs if job.signals == self.signals else ("signals to the plc as the profile of this machine states them",)
+
+    def _pass_blocks(self, job: Job, each: Pass, passes: tuple[Pass, ...]) -> Iterator[str]:
+        way = "outward" if each.outward else "return"
+        yield self.comment(f"{_spoken(job.setup)} pass {each.number} of {passes[-1].number}, {way}")
+        if each.approach_mm is not None:
+            yield self.comment("approach from outside: backlash taken up")
+            yield self._moved(job, each.approach_mm)
+        for stop in each.stops:
+            yield from self._stop_blocks(job, each, stop)
+
+    def _stop_blocks(self, job: Job, each: Pass, stop: Stop) -> Iterator[str]:
+        axis = f"{stop.axis} moves" if stop.axis else "first stop"
+        yield self.comment(f"{_spoken(job.setup)} pass {each.number} stop {stop.stop} of {len(each.stops) - 1}: {axis}")
+        yield self._moved(job, stop.position_mm)
+        yield from job.signals.blocks("stand", setup=job.register, count=stop.count)
+        yield from self.dwell(self.number(job.sequence.dwell_s))
+        if job.sequence.handshake:
+            yield from job.signals.blocks("wait", setup=job.register, count=stop.count)
+        yield from job.signals.blocks("leave", setup=job.register, count=stop.count)
+
+    def _moved(self, job: Job, point: tuple[float, float, float]) -> str:
+        x, y, z = (self.number(round(value, job.decimals)) for value in point)
+        return self.move((x, y, z), self.number(job.sequence.feed_mm_min))
+
+
+def plain(value: float) -> str:
+    """Return a number with at least no exponent, no trailing zeros and no negative zero."""
+    text = np.format_float_positional(value + 0.0, trim="-")
+    return "0" if text == "-0" else text
+
+
+def _check_increment(job: Job) -> None:
+    """Raise ``UsageError`` where a commanded position is no multiple of the control's input increment.
+
+    A control rounds such a position, and the stop is then not where the solver believes it.
+    """
+    increment = 10.0**-job.decimals
+    for each in passes_of(job.sequence, job.setup):
+        for stop in each.stops:
+            for axis, value in zip(AXES, stop.position_mm, strict=True):
+                if abs(value - round(value, job.decimals)) > 1e-9:
+                    raise UsageError(
+                        f"volume: setup {job.setup}, stop {stop.stop}, {axis}",
+                        expected=f"positions in whole input increments of {plain(increment)} mm",
+                        found=f"{value!r} mm",
+                        remedy="choose size_mm as a multiple of increments times that, or state more decimals if the control takes them",
+                    )
+
+
+def _spoken(setup: str) -> str:
+    """Return a setup name in characters that every control's comments allow."""
+    return setup.replace("+", " beam ").replace("-", " ")
+
+
+def _ascii(text: str) -> str:
+    """Return what a comment may hold of a survey's name."""
+    return "".join(letter if letter.isascii() and (letter.isalnum() or letter in " .-_") else "_" for letter in text)

@@ -1,0 +1,64 @@
+"""Fanuc (16i/18i/21i, 0i, 30i family), custom macro B, metric."""
+
+from exporters.programs.dialect import Dialect, Job, plain
+from exporters.programs.signals import Signals
+
+
+class Fanuc(Dialect):
+    """ISO code with macro statements.
+
+    ``G53`` alone on a block holds the macro statements behind it back until the axes have arrived: macro statements
+    are otherwise carried out as soon as they are read ahead (B-63614EN/01, p. 322). ``G09`` ends the move in an exact stop.
+    """
+
+    control = "fanuc"
+    title = "Fanuc"
+    opening = ("%", "{stem}")
+    closing = ("M30", "%")
+    signals = Signals(
+        begin="G53\n#1100=0\n#1133=[{setup}*65536]",
+        stand="G53\n#1133=[{setup}*65536+{count}]\n#1100=1",
+        leave="G53\n#1100=0",
+        wait="WHILE[#1032NE{count}]DO1\nG53\nEND1",
+        end="G53\n#1133=0",
+    )
+    needs = (
+        "plc: 1100 bit 0 is stopped. gate it with the in-position signals",
+        "plc: 1133 upper 16 bits are the setup, lower 16 bits the stop counter",
+        "plc: 1032 is the captured counter, only with handshake",
+        "recalled, check in the connection manual: 1133 is a free 32 bit output, 5201 and 5221 are the EXT and G54 offsets",
+    )
+
+    def file_name(self, job: Job) -> str:
+        """Return the O number."""
+        return f"O{job.program_number}"
+
+    def comment(self, text: str) -> str:
+        """Return the text in the letters the control reads: a colon is the letter O in ISO code."""
+        return f"({text.upper().replace(':', ' -').replace('_', '-')})"
+
+    def number(self, value: float) -> str:
+        """Return the number with a decimal point: without one it counts in input increments."""
+        text = plain(value)
+        return text if "." in text else text + "."
+
+    def start(self) -> list[str]:
+        """Return known modes, a refusal of any offset of the three axes, and the halt."""
+        return [
+            "G21",
+            "G17 G40 G49 G80 G90 G94",
+            "G54",
+            "IF[[ABS[#5201]+ABS[#5202]+ABS[#5203]]NE0]THEN #3000=1(EXT OFFSET NOT ZERO)",
+            "IF[[ABS[#5221]+ABS[#5222]+ABS[#5223]]NE0]THEN #3000=2(G54 OFFSET NOT ZERO)",
+            "M05",
+            "M00 (MIRROR ON, BEAM RETURNS, WAY TO THE FIRST STOP FREE)",
+        ]
+
+    def move(self, position: tuple[str, str, str], feed: str) -> str:
+        """Return a move with G54 at zero: machine coordinates at feed, which G53 gives only in rapid."""
+        x, y, z = position
+        return f"G09 G01 X{x} Y{y} Z{z} F{feed}"
+
+    def dwell(self, seconds: str) -> list[str]:
+        """Return the dwell in seconds."""
+        return [f"G04 X{seconds}"]

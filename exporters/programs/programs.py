@@ -1,0 +1,75 @@
+"""The programs of a survey for one control: the door that the command line uses."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from types import MappingProxyType
+
+from exporters.programs.dialect import Dialect, Job
+from exporters.programs.fanuc import Fanuc
+from exporters.programs.heidenhain import Heidenhain
+from exporters.programs.linuxcnc import LinuxCNC
+from exporters.programs.sequence import Sequence, check
+from exporters.programs.siemens import Siemens
+from exporters.programs.signals import Signals
+from solver.errors import UsageError
+
+_DIALECTS: Mapping[str, Dialect] = MappingProxyType(
+    {dialect.control: dialect for dialect in (Fanuc(), Siemens(), Heidenhain(), LinuxCNC())}
+)
+CONTROLS = tuple(_DIALECTS)
+"""The controls for which `nc_programs` can write."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Program:
+    """One NC program: its file name, the setup it drives and the exact bytes of the file (ASCII, the control's line ends)."""
+
+    name: str
+    setup: str
+    data: bytes
+
+
+def nc_programs(sequence: Sequence, control: str, *, signals: Signals | None = None, decimals: int | None = None) -> tuple[Program, ...]:
+    """Return one program for each setup of the sequence, in its order.
+
+    ``signals`` are the texts of this machine (None: the control's defaults), ``decimals`` the decimal places of its input
+    increment in mm. Raises ``UsageError`` for an unknown control, a sequence that cannot be driven, a position that the
+    control would round, and a handshake without the words to wait for it.
+    """
+    check(sequence)
+    dialect = _dialect(control)
+    chosen = signals or dialect.signals
+    if sequence.handshake and not chosen.wait:
+        raise UsageError(
+            f"{control}: program.wait",
+            expected="the block that waits until the PLC shows the stop as captured",
+            found="nothing",
+            remedy="ask the machine's builder for it and state it in the profile, or switch the handshake off",
+        )
+    jobs = [
+        Job(sequence=sequence, setup=setup, signals=chosen, decimals=dialect.decimals if decimals is None else decimals)
+        for setup in sequence.setups
+    ]
+    return tuple(Program(name=dialect.file_name(job), setup=job.setup, data=dialect.render(job).encode("ascii")) for job in jobs)
+
+
+def default_signals(control: str) -> Signals:
+    """Return the control's own means of talking to the PLC. Raises ``UsageError`` for an unknown control."""
+    return _dialect(control).signals
+
+
+def default_decimals(control: str) -> int:
+    """Return the decimal places of the control's usual input increment in mm."""
+    return _dialect(control).decimals
+
+
+def program_name(sequence: Sequence, control: str, setup: str) -> str:
+    """Return the file name of a setup's program: what the operator is asked to start (``O8002`` for npp on Fanuc)."""
+    dialect = _dialect(control)
+    return dialect.file_name(Job(sequence=sequence, setup=setup, signals=dialect.signals, decimals=dialect.decimals))
+
+
+def _dialect(control: str) -> Dialect:
+    if control not in _DIALECTS:
+        raise UsageError("controller", expected="one of " + ", ".join(CONTROLS), found=repr(control))
+    return _DIALECTS[control]

@@ -1,0 +1,175 @@
+"""What a survey drives: the ordered stops of every pass, and where each pass begins its approach."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from solver.errors import UsageError
+from solver.geometry import AXES, BODY_DIAGONALS, SETUP_NUMBERS, Vector, Volume, diagonal_stops_mm, linear_stops_mm
+
+LARGEST_COUNT = 32767
+"""The stop counter stays within a signed 16-bit word: some controls hand nothing larger to their PLC."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sequence:
+    """The commanded part of a survey, in machine coordinates.
+
+    ``setups`` are run one program each; a body diagonal measured again through a shifted beam is called ``ppp+1``: it drives the
+    same stops and shows the PLC the same setup number, only the laser stands elsewhere. ``overrun_mm`` is how far outside its first
+    stop a pass begins, so that every axis that moves has taken up its backlash; 0 approaches from nowhere.
+    """
+
+    name: str
+    volume: Volume
+    setups: tuple[str, ...] = BODY_DIAGONALS
+    axis_order: str = "xyz"
+    return_pass: bool = True
+    repeats: int = 1
+    feed_mm_min: float = 2000.0
+    dwell_s: float = 2.0
+    overrun_mm: float = 5.0
+    handshake: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stop:
+    """One commanded stop. ``axis`` is the axis that moves to it (x, y, z), empty for the first stop of a pass.
+
+    ``count`` is the stop counter shown to the PLC: it numbers the stops of the whole survey from 1.
+    """
+
+    stop: int
+    count: int
+    axis: str
+    position_mm: tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pass:
+    """One way along the setup's line: odd numbers outward, even numbers back (contract 4).
+
+    ``approach_mm`` is the point outside the first stop from which it is approached, None without overrun.
+    """
+
+    number: int
+    approach_mm: tuple[float, float, float] | None
+    stops: tuple[Stop, ...]
+
+    @property
+    def outward(self) -> bool:
+        """Return whether the pass leads away from the setup's first corner."""
+        return self.number % 2 == 1
+
+
+def setup_number(setup: str) -> int:
+    """Return the number of the machine's ``setup`` register; a beam offset has that of its diagonal.
+
+    Raises ``UsageError`` for a name that is no setup.
+    """
+    base, plus, offset = setup.partition("+")
+    for number, name in SETUP_NUMBERS.items():
+        if name == base and (not plus or (base in BODY_DIAGONALS and offset.isdecimal() and int(offset) > 0)):
+            return number
+    raise UsageError(
+        "plan.setups",
+        expected="setups such as " + ", ".join((*SETUP_NUMBERS.values(), "ppp+1")),
+        found=repr(setup),
+    )
+
+
+def line_stops_mm(sequence: Sequence, setup: str) -> Vector:
+    """Return the commanded positions of the outward pass of a setup, shape (stops, 3)."""
+    base = setup.partition("+")[0]
+    if base in BODY_DIAGONALS:
+        return diagonal_stops_mm(sequence.volume, base, sequence.axis_order)
+    return linear_stops_mm(sequence.volume, base)
+
+
+def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:
+    """Return the passes of one setup in the order driven.
+
+    The counter goes on from setup to setup in the order of ``sequence.setups``.
+    """
+    check(sequence)
+    outward = line_stops_mm(sequence, setup)
+    count = 1 + sum(_stops_in(sequence, before) for before in sequence.setups[: sequence.setups.index(setup)])
+    passes = []
+    for number in _pass_numbers(sequence):
+        stops = outward if number % 2 == 1 else outward[::-1]
+        passes.append(_pass(sequence, number, stops, count))
+        count += len(stops)
+    return tuple(passes)
+
+
+def travel_mm(sequence: Sequence, setup: str) -> Vector:
+    """Return the lowest and highest commanded position of each axis, approaches included, shape (2, 3)."""
+    points = [
+        point
+        for each in passes_of(sequence, setup)
+        for point in (each.approach_mm, *(stop.position_mm for stop in each.stops))
+        if point is not None
+    ]
+    return np.array([np.min(points, axis=0), np.max(points, axis=0)])
+
+
+def check(sequence: Sequence) -> None:
+    """Raise ``UsageError`` for a sequence that cannot be driven."""
+    for field, number, least in (
+        ("feed_mm_min", sequence.feed_mm_min, "above 0"),
+        ("dwell_s", sequence.dwell_s, "above 0"),
+        ("overrun_mm", sequence.overrun_mm, "of 0 or above"),
+    ):
+        if not np.isfinite(number) or number < 0 or (number == 0 and least == "above 0"):
+            raise UsageError(f"plan.{field}", expected=f"a number {least}", found=repr(number))
+    if sequence.repeats < 1:
+        raise UsageError("plan.repeats", expected="1 or more", found=repr(sequence.repeats))
+    if sorted(sequence.axis_order) != list(AXES):
+        raise UsageError("volume.axis_order", expected="each of x, y, z once", found=repr(sequence.axis_order))
+    _check_setups(sequence)
+
+
+def _check_setups(sequence: Sequence) -> None:
+    for setup in sequence.setups:
+        setup_number(setup)
+    if not sequence.setups or len(set(sequence.setups)) < len(sequence.setups):
+        raise UsageError("plan.setups", expected="at least one setup, each once", found=", ".join(sequence.setups) or "none")
+    total = sum(_stops_in(sequence, setup) for setup in sequence.setups)
+    if total > LARGEST_COUNT:
+        raise UsageError(
+            "plan",
+            expected=f"at most {LARGEST_COUNT} stops (the stop counter is a 16-bit word)",
+            found=str(total),
+            remedy="fewer setups, repeats or increments, or two surveys",
+        )
+
+
+def _pass_numbers(sequence: Sequence) -> Iterator[int]:
+    for repeat in range(sequence.repeats):
+        yield 2 * repeat + 1
+        if sequence.return_pass:
+            yield 2 * repeat + 2
+
+
+def _stops_in(sequence: Sequence, setup: str) -> int:
+    return len(line_stops_mm(sequence, setup)) * len(list(_pass_numbers(sequence)))
+
+
+def _pass(sequence: Sequence, number: int, stops: Vector, count: int) -> Pass:
+    approach = None
+    if sequence.overrun_mm > 0:
+        approach = _triple(stops[0] - sequence.overrun_mm * np.sign(stops[-1] - stops[0]))
+    moved = [""] + [AXES[int(np.argmax(np.abs(step)))] for step in np.diff(stops, axis=0)]
+    return Pass(
+        number=number,
+        approach_mm=approach,
+        stops=tuple(
+            Stop(stop=index, count=count + index, axis=moved[index], position_mm=_triple(stops[index])) for index in range(len(stops))
+        ),
+    )
+
+
+def _triple(point: Vector) -> tuple[float, float, float]:
+    x, y, z = (float(value) for value in point)
+    return x, y, z

@@ -1,0 +1,59 @@
+"""``[program]`` of a controller profile: what the NC programs of one machine need and the control's usual means do not fit.
+
+``stepdiag program`` reads this section alone: the questions about tables in the same profile may still be open.
+"""
+
+import json
+from dataclasses import fields, replace
+from typing import Annotated
+
+import msgspec
+
+from exporters.programs.signals import Signals
+from exporters.settings import convert, read_toml
+from solver.errors import UsageError
+
+SECTION = "program"
+_TEXTS = tuple(item.name for item in fields(Signals))
+
+TEMPLATE = """\
+
+# [program]                   # only for `stepdiag program`; left out, the plainest means of the control stand
+# decimals = {decimals}                # decimal places of the control's input increment in mm
+# Blocks that tell the PLC where the program stands; {{setup}} and {{count}} are filled in, \\n begins the next block.
+"""
+
+
+class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """``decimals`` of a programmed position, and the texts of `Signals`; None: the control's default."""
+
+    decimals: Annotated[int, msgspec.Meta(ge=0, le=6)] | None = None
+    begin: str | None = None
+    stand: str | None = None
+    leave: str | None = None
+    wait: str | None = None
+    end: str | None = None
+
+    def signals(self, defaults: Signals) -> Signals:
+        """Return the texts of the machine, the control's ``defaults`` where it states none."""
+        own = {name: getattr(self, name) for name in _TEXTS if getattr(self, name) is not None}
+        return replace(defaults, **own)
+
+
+def program_section(text: str, source: str, control: str) -> ProgramSection:
+    """Return the section in the TOML text of a profile, all defaults where there is none.
+
+    Raises ``UsageError`` for a wrong field, and for a profile of another control.
+    """
+    tables = read_toml(text, source)
+    machine = tables.get("machine", {})
+    named = machine.get("controller", control) if isinstance(machine, dict) else control
+    if named != control:
+        raise UsageError(f"{source}: machine.controller", expected=control, found=repr(named), remedy="name the profile of this control")
+    return convert(tables.get(SECTION, {}), ProgramSection, source, SECTION)
+
+
+def program_template(defaults: Signals, decimals: int) -> str:
+    """Return the section as commented TOML that shows the control's defaults."""
+    lines = [f"# {name} = {json.dumps(getattr(defaults, name))}" for name in _TEXTS]
+    return TEMPLATE.format(decimals=decimals) + "\n".join(lines) + "\n"

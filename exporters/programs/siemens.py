@@ -1,0 +1,56 @@
+"""Siemens SINUMERIK 840D, 840D sl, 828D, ONE: metric part program."""
+
+from exporters.programs.dialect import Dialect, Job
+from exporters.programs.signals import Signals
+
+
+class Siemens(Dialect):
+    """Part program in machine coordinates (``SUPA`` suppresses every offset of its block).
+
+    The data words ``$A_DBW[n]`` lie in the area shared with the PLC (DB4900 on 828D: function manual 6FC5397-0BP40-2BA0, 14.5.1.5) and are
+    written while blocks are prepared; ``STOPRE`` holds that back until the axes have arrived.
+    """
+
+    control = "siemens"
+    title = "Siemens SINUMERIK"
+    decimals = 4
+    closing = ("M30",)
+    signals = Signals(
+        begin="STOPRE\n$A_DBW[4]=0\n$A_DBW[0]={setup}",
+        stand="STOPRE\n$A_DBW[0]={setup}\n$A_DBW[2]={count}\n$A_DBW[4]=1",
+        leave="STOPRE\n$A_DBW[4]=0",
+        wait="STOPRE\nWHILE $A_DBW[6]<>{count}\nSTOPRE\nENDWHILE",
+        end="STOPRE\n$A_DBW[0]=0",
+    )
+    needs = (
+        "plc: $A_DBW words 0 setup, 2 stop counter, 4 stopped (gate it with exact stop fine), 6 captured with handshake",
+        "the builder says whether these words are free",
+    )
+
+    def file_name(self, job: Job) -> str:
+        """Return the name of the main program."""
+        return f"STEP_{job.word.upper()}.MPF"
+
+    def comment(self, text: str) -> str:
+        """Return a comment block."""
+        return f"; {text}"
+
+    def start(self) -> list[str]:
+        """Return known modes, no tool offset, and the halt with its question on the screen."""
+        return [
+            "G71 G90 G94 G17 G40 G60 G601",
+            "D0",
+            "M5",
+            'MSG("Mirror on, beam returns, way to the first stop free?")',
+            "M0",
+            "MSG()",
+        ]
+
+    def move(self, position: tuple[str, str, str], feed: str) -> str:
+        """Return a move without any offset."""
+        x, y, z = position
+        return f"G1 SUPA X{x} Y{y} Z{z} F{feed}"
+
+    def dwell(self, seconds: str) -> list[str]:
+        """Return the dwell in seconds."""
+        return [f"G4 F{seconds}"]

@@ -1,0 +1,68 @@
+"""How a program tells the PLC where it stands: texts in the control's language, one machine's choice.
+
+Which output, data word or M function is free is known to the machine's builder alone. The defaults are the plainest means
+of each control; a machine that needs others states them as texts with placeholders.
+"""
+
+import string
+from dataclasses import dataclass, fields
+
+from solver.errors import UsageError
+
+LONGEST_TEXT = 1000
+PLACEHOLDERS = {"begin": {"setup"}, "stand": {"setup", "count"}, "leave": {"setup", "count"},
+                "wait": {"setup", "count"}, "end": set[str]()}  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signals:
+    """The blocks that talk to the PLC; several blocks stand on several lines, an empty text sends nothing.
+
+    ``begin``: the program has started, setup number known; ``stopped`` off, whatever an aborted program left. ``stand``: in position
+    and dwelling, so ``stopped`` is on and the counter new. ``leave``: ``stopped`` off before the next move. ``wait``: only with the
+    handshake, hold until the PLC shows ``captured`` equal to the counter. ``end``: setup number 0. Placeholders ``{setup}`` and
+    ``{count}`` are whole numbers.
+    """
+
+    begin: str
+    stand: str
+    leave: str
+    wait: str
+    end: str
+
+    def __post_init__(self) -> None:
+        """Raise ``UsageError`` for a placeholder that the text cannot have."""
+        for item in fields(self):
+            known = PLACEHOLDERS[item.name]
+            _refuse_unprintable(f"program.{item.name}", getattr(self, item.name))
+            for name in _placeholders(f"program.{item.name}", getattr(self, item.name)):
+                if name not in known:
+                    raise UsageError(
+                        f"program.{item.name}",
+                        expected="only " + " and ".join(f"{{{each}}}" for each in sorted(known)) if known else "no placeholder",
+                        found=f"{{{name}}}",
+                    )
+
+    def blocks(self, which: str, *, setup: int, count: int = 0) -> list[str]:
+        """Return the blocks of one field with the numbers filled in."""
+        text: str = getattr(self, which)
+        return text.format(setup=setup, count=count).splitlines()
+
+
+def _placeholders(where: str, text: str) -> list[str]:
+    expected = "text with {setup} and {count}"
+    try:
+        found = [(name, spec, conversion) for _, name, spec, conversion in string.Formatter().parse(text) if name is not None]
+    except ValueError as error:
+        raise UsageError(where, expected=expected, found=f"{text!r}: {error}") from error
+    for name, spec, conversion in found:
+        if spec or conversion:  # a width of millions of digits is one as well
+            raise UsageError(where, expected=expected, found=f"{{{name}}} with a form of its own", remedy="leave out what follows the name")
+    return [name for name, _, _ in found]
+
+
+def _refuse_unprintable(where: str, text: str) -> None:
+    """Refuse what an NC program cannot hold, and texts that stand at every stop and would make it endless."""
+    if len(text) > LONGEST_TEXT or any(letter != "\n" and not (letter.isascii() and letter.isprintable()) for letter in text):
+        expected = f"printable ASCII characters and line ends, at most {LONGEST_TEXT}"
+        raise UsageError(where, expected=expected, found=repr(text[:60]))
