@@ -1,0 +1,137 @@
+"""From arrival times to sample times.
+
+An instrument's samples are evenly spaced; their arrival is not. Every arrival is the time of the sample plus a delay that is
+never below some minimum, so the line under all points (counter, arrival) is the instrument's own clock, late by that
+minimum delay. A least-squares line would be late by the mean delay, which behind a 16 ms USB timer is ten milliseconds
+(reference: lower envelope against dejittering, Graham scan over the points, touching the hull at the mean counter).
+"""
+
+from collections import deque
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+BIN_NS = 250_000_000
+"""One point, the least delayed, is kept for every quarter of a second."""
+MEMORY_BINS = 480
+"""Two minutes of points: long against the jitter, short against the thermal drift of a quartz."""
+FREE_SLOPE_SPAN_NS = 10_000_000_000
+"""Below ten seconds the rate told by the instrument is better than the slope of the points."""
+SKIP_BINS = 8
+"""Two seconds of points that are all late by most of a sample period are a silent skip, not jitter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Line:
+    """``time = origin_ns + period_ns * (counter - origin_counter)``."""
+
+    origin_counter: int
+    origin_ns: float
+    period_ns: float
+
+    def at(self, counter: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return the times of samples in nanoseconds of the host's monotonic clock, shape like ``counter``."""
+        times: NDArray[np.float64] = self.origin_ns + self.period_ns * (counter - self.origin_counter).astype(np.float64)
+        return times
+
+
+def lower_line(counters: NDArray[np.float64], arrivals: NDArray[np.float64]) -> tuple[float, float]:
+    """Return (offset, slope) of the line below all points that has the least mean distance to them.
+
+    It is the edge of the lower convex hull above which the mean counter lies. Needs two points, counters ascending.
+    """
+    hull: list[int] = []
+    for index in range(len(counters)):
+        while len(hull) > 1 and _turns_up(counters, arrivals, hull[-2], hull[-1], index):
+            hull.pop()
+        hull.append(index)
+    mean = float(np.mean(counters))
+    right = min(int(np.searchsorted(counters[hull], mean, side="right")), len(hull) - 1)
+    a, b = hull[right - 1], hull[right]
+    slope = (arrivals[b] - arrivals[a]) / (counters[b] - counters[a])
+    return float(arrivals[a] - slope * counters[a]), float(slope)
+
+
+def _turns_up(x: NDArray[np.float64], y: NDArray[np.float64], a: int, b: int, c: int) -> bool:
+    return bool((y[b] - y[a]) * (x[c] - x[a]) >= (y[c] - y[a]) * (x[b] - x[a]))
+
+
+class SampleClock:
+    """The clock of one segment of a stream: no gap of unknown length, no change of rate.
+
+    ``rate_hz`` is what the instrument or its data sheet says (None: unknown); ``latency_s`` is the known delay inside the instrument;
+    ``gaps_visible`` that a lost sample is counted. Where it is not, the clock watches for silent skips.
+    """
+
+    def __init__(self, rate_hz: float | None, latency_s: float = 0.0, *, gaps_visible: bool = True) -> None:
+        self._latency_ns = latency_s * 1e9
+        self._gaps_visible = gaps_visible
+        self._points: deque[tuple[int, int]] = deque(maxlen=MEMORY_BINS)
+        self._bin = -1
+        self._line: Line | None = None
+        self._period_ns = 1e9 / rate_hz if rate_hz else None
+
+    def add(self, counter: int, arrival_ns: int) -> bool:
+        """Take the last sample of a chunk. Returns False where a silent skip was seen: the points before it are forgotten."""
+        if self._points and counter <= self._points[-1][0]:
+            return True
+        number = arrival_ns // BIN_NS
+        if number != self._bin or not self._points:
+            self._bin = number
+            self._points.append((counter, arrival_ns))
+            self._line = None
+            return not self._skipped()
+        if self._delay(counter, arrival_ns) < self._delay(*self._points[-1]):
+            self._points[-1] = (counter, arrival_ns)
+            self._line = None
+        return True
+
+    def times_ns(self, counter: NDArray[np.int64]) -> NDArray[np.float64]:
+        """Return sample times, shape like ``counter``. Needs at least one point."""
+        return self.line().at(counter)
+
+    def line(self) -> Line:
+        """Return the line under the points kept."""
+        if self._line is None:
+            self._line = self._fit(list(self._points))
+        return self._line
+
+    def _delay(self, counter: int, arrival_ns: int) -> float:
+        """Return the arrival's lateness up to a constant."""
+        first_counter, first_ns = self._points[0]
+        return (arrival_ns - first_ns) - self._period() * (counter - first_counter)
+
+    def _period(self) -> float:
+        if self._period_ns is not None:
+            return self._period_ns
+        (first_counter, first_ns), (last_counter, last_ns) = self._points[0], self._points[-1]
+        return (last_ns - first_ns) / max(last_counter - first_counter, 1)
+
+    def _fit(self, points: list[tuple[int, int]]) -> Line:
+        origin_counter, origin_ns = points[0]
+        counters = np.array([point[0] - origin_counter for point in points], dtype=np.float64)
+        arrivals = np.array([point[1] - origin_ns for point in points], dtype=np.float64)
+        free = arrivals[-1] > FREE_SLOPE_SPAN_NS or self._period_ns is None
+        if free and len(points) > 1:
+            offset, slope = lower_line(counters, arrivals)
+        else:
+            slope = self._period()
+            offset = float(np.min(arrivals - slope * counters))
+        return Line(origin_counter, origin_ns + offset - self._latency_ns, slope)
+
+    def _skipped(self) -> bool:
+        """Tell whether the last two seconds are all late by most of a sample, and if so keep only them.
+
+        An instrument that drops a sample without counting it makes every later sample late by one period.
+        """
+        if self._gaps_visible or self._period_ns is None or len(self._points) < 3 * SKIP_BINS:
+            return False
+        points = list(self._points)
+        line = self._fit(points[:-SKIP_BINS])
+        late = [arrival - line.at(np.array([counter]))[0] - self._latency_ns for counter, arrival in points[-SKIP_BINS:]]
+        if min(late) < 0.8 * self._period_ns:
+            return False
+        self._points = deque(points[-SKIP_BINS:], maxlen=MEMORY_BINS)
+        self._line = None
+        return True

@@ -1,0 +1,20 @@
+"""Refusing settings that cannot be meant, by the name they have in the survey file."""
+
+from solver.errors import UsageError
+
+
+def require(condition: bool, field: str, expected: str, found: object) -> None:
+    """Raise UsageError for ``field`` (``laser.sign``) unless ``condition`` holds."""
+    if not condition:
+        raise UsageError(f"survey: {field}", expected=expected, found=repr(found))
+
+
+def require_sign(sign: int) -> None:
+    """Raise UsageError unless ``sign`` is +1 or -1."""
+    require(sign in (1, -1), "laser.sign", "1 or -1", sign)
+
+
+def require_interferometer(wavelength_nm: float, optics: int) -> None:
+    """Raise UsageError unless the laser and its optics are possible: 632.99 nm family to near infrared; 1, 2 or 4 fold."""
+    require(300 < wavelength_nm < 2000, "laser.wavelength_nm", "a vacuum wavelength from 300 to 2000 nm", wavelength_nm)
+    require(optics in (1, 2, 4), "laser.optics", "1, 2 or 4", optics)

@@ -1,0 +1,114 @@
+"""Following an instrument's sample counter: wraps, gaps, duplicates and restarts."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+LONGEST_GAP = 10_000_000
+"""Samples; hours at any known rate. A longer step forward is another count, not a gap."""
+
+
+@dataclass(frozen=True, slots=True)
+class Wrap:
+    """A counter that runs from ``low`` to ``high`` and begins again; at most ``reach`` steps are believed across the end."""
+
+    low: int
+    high: int
+    reach: int
+
+    def across(self, previous: int, current: int) -> int | None:
+        """Return the steps from ``previous`` to the smaller ``current`` over the end, None where they cannot be that."""
+        if previous > self.high or current < self.low:
+            return None
+        steps = current - previous + self.high - self.low + 1
+        return steps if 0 < steps <= self.reach else None
+
+
+@dataclass(frozen=True, slots=True)
+class Break:
+    """An irregular step of the counter before row ``row``; ``missing`` counts the samples lost in a gap."""
+
+    code: Literal["gap", "duplicate", "restart"]
+    row: int
+    text: str
+    missing: int | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Unwrapped:
+    """``counter`` (rows kept,) grows strictly; ``keep`` (rows,) is False for duplicates; ``breaks`` are in row order, a run of
+    duplicates remarked once."""
+
+    counter: NDArray[np.int64]
+    keep: NDArray[np.bool_]
+    breaks: tuple[Break, ...]
+
+
+class CounterTrack:
+    """Unwraps the counter of one stream.
+
+    After a restart the count goes on by one: how long the instrument was away is not known, so a clock must begin anew.
+    """
+
+    def __init__(self, wraps: Sequence[Wrap]) -> None:
+        self._wraps = tuple(wraps)
+        self._raw: int | None = None
+        self._count: int | None = None
+        self._repeating = False
+
+    def forget(self) -> None:
+        """Take whatever comes next as the step after the last sample, without a remark."""
+        self._raw = None
+
+    def goes_on(self, raw: NDArray[np.int64]) -> bool:
+        """Tell whether rows ``raw``, shape (rows,), at least one, count on by ones from the last row followed; follows nothing."""
+        return self._raw is not None and not self._repeating and int(raw[0]) == self._raw + 1 and bool((raw[1:] - raw[:-1] == 1).all())
+
+    def follow(self, raw: NDArray[np.int64], *, restarted: bool = False) -> Unwrapped:
+        """Return the unwrapped counter of rows ``raw``, shape (rows,), at least one.
+
+        ``restarted`` says that the instrument greeted before the first row: it began anew unless the count simply goes on.
+        """
+        if self._count is None:
+            self._count = int(raw[0]) - 1
+        previous = int(raw[0]) - 1 if self._raw is None else self._raw
+        steps = np.empty(len(raw), dtype=np.int64)
+        steps[0] = raw[0] - previous
+        np.subtract(raw[1:], raw[:-1], out=steps[1:])
+        breaks: list[Break] = []
+        if restarted and self._raw is not None and (steps[0] != 1 or raw[0] == 0):
+            breaks.append(_restart(0, previous, int(raw[0])))
+            steps[0] = 1
+        for row in (steps != 1).nonzero()[0].tolist():
+            repeating = self._repeating if row == 0 else steps[row - 1] == 0
+            steps[row], remark = self._judge(row, int(raw[row - 1]) if row else previous, int(raw[row]))
+            if remark and not (repeating and remark.code == "duplicate"):
+                breaks.append(remark)
+        self._repeating = bool(steps[-1] == 0)
+        counter = steps.cumsum()
+        counter += self._count
+        self._raw, self._count = int(raw[-1]), int(counter[-1])
+        keep = steps != 0
+        return Unwrapped(counter[keep], keep, tuple(breaks))
+
+    def _judge(self, row: int, previous: int, current: int) -> tuple[int, Break | None]:
+        """Return the true step to ``current`` and what is wrong with it."""
+        if current == previous:
+            return 0, Break("duplicate", row, f"count {current} came again")
+        step: int | None = current - previous
+        if current < previous:
+            over_the_end = (wrap.across(previous, current) for wrap in self._wraps)
+            step = next((steps for steps in over_the_end if steps is not None), None)
+        if step is None or step > LONGEST_GAP:
+            return 1, _restart(row, previous, current)
+        missing = step - 1
+        if missing:
+            return step, Break("gap", row, f"{missing} samples missing between counts {previous} and {current}", missing)
+        return step, None
+
+
+def _restart(row: int, previous: int, current: int) -> Break:
+    return Break("restart", row, f"the count went from {previous} to {current}: the instrument began anew")

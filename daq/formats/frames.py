@@ -1,0 +1,80 @@
+"""Cutting a stream of bytes into binary frames of fixed size, and finding the way back after garbage."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Frames = NDArray[np.uint8]
+"""Whole frames, shape (frames, size)."""
+
+JUNK_CAP = 4096
+"""Bytes without a frame after which a remark is made even if no frame ever comes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Junk:
+    """``count`` bytes that belong to no frame."""
+
+    count: int
+
+
+class FrameBuffer:
+    """Holds the half frame at the end of a stream.
+
+    A frame begins with ``sync``, has ``size`` bytes and satisfies ``valid`` (shape (size,) bytes -> whether it is whole). After a
+    bad frame the search goes on one byte further, so that a sync inside the values costs no good frame.
+    """
+
+    def __init__(self, sync: bytes, size: int, valid: Callable[[bytes], bool]) -> None:
+        self._sync = sync
+        self._size = size
+        self._valid = valid
+        self._held = b""
+        self._junk = 0
+
+    def clear(self) -> None:
+        """Forget the half frame."""
+        self._held = b""
+
+    def feed(self, chunk: bytes) -> Iterator[Frames | Junk]:
+        """Yield the frames that ``chunk`` completes, and how much lay between them; to be consumed whole."""
+        data = self._held + chunk
+        at = 0
+        while True:
+            start = at
+            while len(data) - at >= self._size and self._is_frame(data[at : at + self._size]):
+                at += self._size
+            if at > start:
+                yield from self._report(0)
+                yield np.frombuffer(data, dtype=np.uint8, count=at - start, offset=start).reshape(-1, self._size)
+            if self._may_begin(data[at:]):
+                break
+            after = self._next_sync(data, at + 1)
+            self._junk += after - at
+            yield from self._report(JUNK_CAP)
+            at = after
+        self._held = data[at:]
+
+    def _is_frame(self, frame: bytes) -> bool:
+        return frame.startswith(self._sync) and self._valid(frame)
+
+    def _may_begin(self, rest: bytes) -> bool:
+        """Tell whether ``rest`` is nothing or the beginning of a frame still to come."""
+        return len(rest) < self._size and rest[: len(self._sync)] == self._sync[: len(rest)]
+
+    def _next_sync(self, data: bytes, start: int) -> int:
+        """Return where the next sync may begin, at the end of ``data`` at the latest."""
+        found = data.find(self._sync, start)
+        if found >= 0:
+            return found
+        tail = max(start, len(data) - len(self._sync) + 1)
+        return next((at for at in range(tail, len(data)) if self._sync.startswith(data[at:])), len(data))
+
+    def _report(self, cap: int) -> Iterator[Junk]:
+        """Yield the junk so far: in portions of ``cap``, or what there is where ``cap`` is 0."""
+        while self._junk and self._junk >= cap:
+            portion = cap or self._junk
+            self._junk -= portion
+            yield Junk(portion)

@@ -1,0 +1,66 @@
+"""Cutting a stream of bytes into lines, with a stated limit for what never ends."""
+
+_QUOTED_BYTES = 40
+
+
+class LineBuffer:
+    """Holds the half line at the end of a stream.
+
+    ``cap`` is the longest line in bytes, terminator not counted. A line beyond it is handed out cut off (but still longer
+    than ``cap``, so that its reader refuses it) as soon as it is too long; the rest of it is dropped. Nothing grows without
+    limit on a wrong baud rate.
+    """
+
+    def __init__(self, cap: int, terminator: bytes = b"\n") -> None:
+        self.cap = cap
+        self._terminator = terminator
+        self._parts: list[bytes] = []
+        self._held = 0
+        self._skipping = False
+
+    def feed(self, chunk: bytes) -> bytes:
+        """Return the lines that ``chunk`` completes, each with its terminator; empty when there is none."""
+        if self._skipping:
+            _, found, chunk = chunk.partition(self._terminator)
+            if not found:
+                return b""
+            self._skipping = False
+        cut = chunk.rfind(self._terminator) + 1
+        complete = b""
+        if cut:
+            complete = self._take() + chunk[:cut]
+        self._hold(chunk[cut:])
+        if self._held > self.cap:
+            complete += self._take() + self._terminator
+            self._skipping = True
+        return complete
+
+    def preview(self, chunk: bytes) -> bytes:
+        """Return what `feed` would return, taking nothing; empty also where the line under way is to be dropped or is too long."""
+        cut = chunk.rfind(self._terminator) + 1
+        if self._skipping or len(chunk) - cut > self.cap:
+            return b""
+        return b"".join(self._parts) + chunk[:cut] if cut else b""
+
+    def skip_line(self) -> None:
+        """Drop everything up to the next terminator: the line under way is not whole."""
+        self._take()
+        self._skipping = True
+
+    def _hold(self, rest: bytes) -> None:
+        if rest:
+            self._parts.append(rest)
+            self._held += len(rest)
+
+    def _take(self) -> bytes:
+        held = b"".join(self._parts)
+        self._parts.clear()
+        self._held = 0
+        return held
+
+
+def quote(raw: bytes) -> str:
+    """Return the beginning of ``raw`` for a person to read, whatever the bytes are."""
+    text = raw[:_QUOTED_BYTES].decode("ascii", errors="backslashreplace")
+    printable = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
+    return f'"{printable}"' + ("..." if len(raw) > _QUOTED_BYTES else "")

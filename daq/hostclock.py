@@ -1,0 +1,64 @@
+"""The clock of this computer that stamps everything, and the time of day beside it.
+
+Stamps are CLOCK_BOOTTIME: nobody can set it, and unlike CLOCK_MONOTONIC it goes on while the computer sleeps (clock_gettime(2)). So a
+computer that slept and a process that was stopped leave the same trace in a log: time without samples. The time of day is an offset,
+written beside the stamps and never into them.
+"""
+
+import time
+from dataclasses import dataclass
+
+LOOKS = 5
+"""Of so many looks at both clocks the quickest counts: the others may have been held up in between."""
+STEP_S = 0.5
+"""A time of day that goes on by so much more or less than the host's clock was set; a network's clock is followed far more slowly."""
+
+
+def now_ns() -> int:
+    """Return the host's clock."""
+    return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
+
+def stamp_ns() -> int:
+    """Return the host's clock in whole microseconds, as arrival times are recorded."""
+    return now_ns() // 1_000 * 1_000
+
+
+def wall_offset_ns() -> int:
+    """Return the time of day minus the host's clock, now."""
+    looks = [(now_ns(), time.time_ns(), now_ns()) for _ in range(LOOKS)]
+    before_ns, wall_ns, after_ns = min(looks, key=lambda look: look[2] - look[0])
+    return wall_ns - (before_ns + after_ns) // 2
+
+
+@dataclass(frozen=True, slots=True)
+class Look:
+    """What happened between two looks: by how much the time of day was set (0: it was not), how long they lay apart, and how much of
+    that the computer slept.
+    """
+
+    set_by_s: float
+    apart_s: float
+    asleep_s: float
+
+
+class ClockWatch:
+    """Looks at the clocks now and then."""
+
+    def __init__(self) -> None:
+        self._seen_ns = now_ns()
+        self._offset_ns = wall_offset_ns()
+        self._asleep_ns = _asleep_ns()
+
+    def look(self) -> Look:
+        """Return what happened since the last look."""
+        seen_ns, offset_ns, asleep_ns = now_ns(), wall_offset_ns(), _asleep_ns()
+        moved_s = (offset_ns - self._offset_ns) * 1e-9
+        look = Look(moved_s if abs(moved_s) > STEP_S else 0.0, (seen_ns - self._seen_ns) * 1e-9, (asleep_ns - self._asleep_ns) * 1e-9)
+        self._seen_ns, self._offset_ns, self._asleep_ns = seen_ns, offset_ns, asleep_ns
+        return look
+
+
+def _asleep_ns() -> int:
+    """Return how long the computer has slept since it was started."""
+    return now_ns() - time.monotonic_ns()

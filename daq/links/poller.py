@@ -1,0 +1,106 @@
+"""Polling the machine on a fixed schedule, as a session that a Reconnector keeps up."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+import structlog
+
+from daq.events import ModbusBlock, ReadRange
+from daq.links.modbus import ModbusLink, ModbusSettings, open_link
+from daq.links.modbus_errors import RefusedRequestError, SilentDeviceError, StaleAnswerError
+from daq.links.reconnect import Report, heed_cancellation
+
+_log = structlog.get_logger(__name__)
+
+SILENT_POLLS_TO_RECONNECT = 3
+REFUSED_WAIT_S = 1.0
+"""A device that refuses everything is asked again at this pace: its program may still be starting."""
+
+
+class ModbusPoller:
+    """Reads the ranges every ``period_s`` and hands over each block, in the event loop.
+
+    The schedule is that of the first poll; polls that are due while one is under way are left out, never queued.
+    """
+
+    def __init__(
+        self, settings: ModbusSettings, ranges: Sequence[ReadRange], period_s: float, on_block: Callable[[ModbusBlock], None]
+    ) -> None:
+        self._settings = settings
+        self._ranges = tuple(ranges)
+        self._period_s = period_s
+        self._on_block = on_block
+        self._pending: tuple[int, int] | None = None
+        self._rest: asyncio.Future[None] | None = None
+
+    async def session(self, report: Report) -> None:
+        """Connect and poll until the device is lost or silent three times in a row. Raises DeviceError."""
+        link = await open_link(self._settings, self._ranges)
+        try:
+            await self._poll(link, report)
+        finally:
+            link.close()
+
+    def write_soon(self, address: int, value: int) -> None:
+        """Write one holding register at once, or as soon as there is a connection and no poll is under way; the latest value wins."""
+        self._pending = (address, value)
+        _end(self._rest)
+
+    async def _poll(self, link: ModbusLink, report: Report) -> None:
+        clock = asyncio.get_running_loop().time
+        due = clock()
+        failures = 0
+        while True:
+            try:
+                await self._until(due, link)
+                await self._write_pending(link)
+                self._on_block(await link.read())
+            except (SilentDeviceError, StaleAnswerError) as error:
+                failures += 1
+                if failures == SILENT_POLLS_TO_RECONNECT:
+                    raise
+                report("silent", str(error))
+            except RefusedRequestError as error:
+                report("silent", str(error))
+                await asyncio.sleep(REFUSED_WAIT_S)
+            else:
+                failures = 0
+                report("connected", _describe(link, self._settings))
+            due += self._period_s * max(1, -((due - clock()) // self._period_s))
+
+    async def _until(self, due: float, link: ModbusLink) -> None:
+        """Sleep until a poll is due; write meanwhile what is wanted."""
+        heed_cancellation()
+        loop = asyncio.get_running_loop()
+        while loop.time() < due:
+            if self._pending is not None:
+                await self._write_pending(link)
+                continue
+            self._rest = loop.create_future()
+            timer = loop.call_at(due, _end, self._rest)
+            try:
+                await self._rest
+            finally:
+                timer.cancel()
+
+    async def _write_pending(self, link: ModbusLink) -> None:
+        """Write what waits. What the device refuses is not tried again: polling goes on without it."""
+        pending = self._pending
+        if pending is None:
+            return
+        try:
+            await link.write_register(*pending)
+        except RefusedRequestError as error:
+            _log.warning("write-refused", detail=str(error))
+        if self._pending is pending:
+            self._pending = None
+
+
+def _end(rest: asyncio.Future[None] | None) -> None:
+    if rest is not None and not rest.done():
+        rest.set_result(None)
+
+
+def _describe(link: ModbusLink, settings: ModbusSettings) -> str:
+    """Return the address, and what is refused of the block."""
+    return "; ".join([settings.address, *(str(error) for error in link.refusals.values())])

@@ -1,0 +1,91 @@
+"""Keeping a link: one object for serial lines and Modbus.
+
+A session is a coroutine function: it opens its device, works until the device is lost, closes it, and ends by raising DeviceError.
+Any other exception is a fault of this program and ends the reconnector too, so that no worker dies unseen.
+"""
+
+import asyncio
+from collections.abc import Awaitable, Callable
+
+import structlog
+
+from daq.status import LinkState
+from solver.errors import DeviceError
+
+FIRST_WAIT_S = 0.1
+WAIT_GROWTH = 2.0
+LONGEST_WAIT_S = 1.0
+"""With the time that an attempt takes, a device is back within two seconds of its return."""
+STEADY_AFTER_S = 5.0
+"""A session that ends sooner does not make the next wait short again."""
+
+Report = Callable[[LinkState, str], None]
+"""Takes the state of a link and a detail for a person."""
+Session = Callable[[Report], Awaitable[None]]
+
+_log = structlog.get_logger(__name__)
+
+
+class Reconnector:
+    """Runs session after session of one link.
+
+    ``on_state`` is called at every change of state, in the event loop; the first failure is logged as a warning, those that follow
+    at debug level, until the link is there again.
+    """
+
+    def __init__(self, name: str, session: Session, on_state: Report) -> None:
+        self._name = name
+        self._session = session
+        self._on_state = on_state
+        self._warned = False
+        self.state: LinkState = "connecting"
+
+    async def run(self) -> None:
+        """Keep the link until cancelled. Raises what is not a DeviceError."""
+        clock = asyncio.get_running_loop().time
+        self._on_state("connecting", "")
+        wait_s = FIRST_WAIT_S
+        while True:
+            began = clock()
+            try:
+                await self._session(self._report)
+            except DeviceError as error:
+                self._lost(str(error))
+            else:
+                self._lost("the session ended")
+            heed_cancellation()
+            if clock() - began > STEADY_AFTER_S:
+                wait_s = FIRST_WAIT_S
+            await asyncio.sleep(wait_s)
+            wait_s = min(wait_s * WAIT_GROWTH, LONGEST_WAIT_S)
+
+    def _report(self, state: LinkState, detail: str) -> None:
+        if state == self.state:
+            return
+        self.state = state
+        if state == "connected":
+            self._warned = False
+            _log.info("link-connected", link=self._name, detail=detail)
+        else:
+            self._complain(f"link-{state}", detail)
+        self._on_state(state, detail)
+
+    def _lost(self, detail: str) -> None:
+        if self.state == "lost":
+            self._complain("link-lost", detail)
+        self._report("lost", detail)
+
+    def _complain(self, event: str, detail: str) -> None:
+        """Warn once; the same trouble again is for debugging."""
+        say = _log.debug if self._warned else _log.warning
+        self._warned = True
+        say(event, link=self._name, detail=detail)
+
+
+def heed_cancellation() -> None:
+    """End here where this task was told to end while an answer came: before Python 3.12 `asyncio.wait_for`, in which the client
+    waits, then returns the answer and forgets the order, and the daemon would never stop.
+    """
+    task = asyncio.current_task()
+    if task is not None and task.cancelling():
+        raise asyncio.CancelledError

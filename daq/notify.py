@@ -1,0 +1,47 @@
+"""Word to systemd (sd_notify(3)): ready, what the daemon is doing, and that it is alive. Silent where nobody listens."""
+
+import os
+import socket
+
+
+class Notifier:
+    """Sends datagrams to the socket that systemd names in NOTIFY_SOCKET; does nothing without one."""
+
+    def __init__(self) -> None:
+        self._address = os.environ.get("NOTIFY_SOCKET", "")
+        self._said = ""
+
+    @property
+    def watchdog_s(self) -> float | None:
+        """Return within how many seconds systemd wants a sign of life (sd_watchdog_enabled(3)), or None."""
+        wanted = os.environ.get("WATCHDOG_USEC", "")
+        meant_for = os.environ.get("WATCHDOG_PID", str(os.getpid()))
+        return int(wanted) * 1e-6 if wanted.isdigit() and meant_for == str(os.getpid()) else None
+
+    def ready(self) -> None:
+        """Say that the daemon is up."""
+        self._send("READY=1")
+
+    def status(self, text: str) -> None:
+        """Say in words what the daemon does; said again only when it changes."""
+        if text != self._said:
+            self._said = text
+            self._send(f"STATUS={text}")
+
+    def alive(self) -> None:
+        """Feed the watchdog. Call it only after every worker has shown that it lives."""
+        self._send("WATCHDOG=1")
+
+    def stopping(self) -> None:
+        """Say that the daemon is finishing."""
+        self._send("STOPPING=1")
+
+    def _send(self, message: str) -> None:
+        if not self._address:
+            return
+        address = "\0" + self._address[1:] if self._address.startswith("@") else self._address
+        with socket.socket(socket.AF_UNIX, socket.SOCK_DGRAM | socket.SOCK_CLOEXEC) as sock:
+            try:
+                sock.sendto(message.encode(), address)
+            except OSError:
+                self._address = ""

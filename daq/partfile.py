@@ -1,0 +1,91 @@
+"""A file that is written while it is recorded: ``<name>.part`` until it is whole, and never in the place of another."""
+
+import errno
+import os
+from pathlib import Path
+
+PART_SUFFIX = ".part"
+_NO_HARD_LINKS = (errno.EPERM, errno.ENOTSUP, errno.EOPNOTSUPP, errno.EMLINK)
+
+
+class PartFile:
+    """Takes bytes into memory and drains them to disk when told.
+
+    The writer above never sees the disk fail: what a full disk refuses stays here, to be drained when there is space again, so
+    that no record is torn in the middle of the file. Not safe for use from two threads.
+    """
+
+    def __init__(self, path: Path, suffix: str = PART_SUFFIX) -> None:
+        """Create ``path`` with the suffix; raises FileExistsError where it or ``path`` exists already."""
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path))
+        self.path = path
+        self.part = path.with_name(path.name + suffix)
+        self._descriptor = os.open(self.part, os.O_WRONLY | os.O_CREAT | os.O_EXCL | os.O_CLOEXEC, 0o644)
+        self._waiting = bytearray()
+        self._written = 0
+
+    def write(self, data: bytes) -> int:
+        """Take bytes; they are on disk after `drain`."""
+        self._waiting += data
+        return len(data)
+
+    def tell(self) -> int:
+        """Return the place of the next byte in the file."""
+        return self._written + len(self._waiting)
+
+    def flush(self) -> None:
+        """Do nothing: the owner decides when to drain."""
+
+    @property
+    def waiting(self) -> int:
+        """Return how many bytes are not on disk yet."""
+        return len(self._waiting)
+
+    def drain(self) -> None:
+        """Hand all bytes to the operating system. Raises OSError; what was not taken stays for the next call."""
+        while self._waiting:
+            count = os.write(self._descriptor, self._waiting)
+            del self._waiting[:count]
+            self._written += count
+
+    def sync(self) -> None:
+        """Wait until the bytes drained so far would survive a power failure."""
+        os.fdatasync(self._descriptor)
+
+    def publish(self) -> None:
+        """Give the whole file its name. Raises FileExistsError when another has it: the part then stays.
+
+        May be called again after another OSError.
+        """
+        os.fsync(self._descriptor)
+        if self.part.exists():
+            self._rename()
+        _sync_folder(self.path.parent)
+
+    def _rename(self) -> None:
+        if self.path.exists() and self.path.samefile(self.part):
+            self.part.unlink()
+            return
+        try:
+            os.link(self.part, self.path)
+            self.part.unlink()
+        except OSError as error:
+            if error.errno not in _NO_HARD_LINKS:
+                raise
+            self.path.touch(exist_ok=False)
+            self.part.replace(self.path)
+
+    def close(self) -> None:
+        """Let go of the file as it is."""
+        if self._descriptor >= 0:
+            os.close(self._descriptor)
+            self._descriptor = -1
+
+
+def _sync_folder(folder: Path) -> None:
+    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

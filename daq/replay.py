@@ -1,0 +1,116 @@
+"""The same survey again from its logs: the live run's code on the live run's input."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from daq.bundle import bundle_from_run
+from daq.capture import Capture
+from daq.logs import LogEnd, must_be_there, open_log
+from daq.logstart import start_of
+from daq.outcomes import Outcome
+from daq.partfile import PART_SUFFIX
+from daq.passes import PassBook
+from daq.stops import CapturedStop
+from daq.survey import parse_survey
+from daq.survey_models import Survey
+from solver.errors import DataError
+from solver.findings import Finding
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedLog:
+    """One log: its file, its outcomes in order, and how it ended."""
+
+    path: Path
+    outcomes: tuple[Outcome, ...]
+    end: LogEnd | None
+
+
+@dataclass(frozen=True, slots=True)
+class Replayed:
+    """A survey from its logs: the survey file as recorded, passes as they came together, findings in order."""
+
+    survey: Survey
+    survey_text: str
+    files: dict[str, bytes]
+    run: dict[str, str]
+    book: PassBook
+    logs: tuple[ReplayedLog, ...]
+    findings: tuple[Finding, ...]
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Return the logs of a folder in the order of their numbers.
+
+    Of a damaged log and its mended copy (``0001.recovered.mcap``) the copy counts; a log that was cut off (``.part``) counts while no
+    mended one stands beside it.
+    """
+    found = {path.name: path for path in folder.iterdir() if path.name.endswith((".mcap", ".mcap.part"))}
+    replaced = {name.replace(".recovered.mcap", ".mcap") for name in found if name.endswith(".recovered.mcap")}
+    replaced |= {f"{name}.part" for name in found if name.endswith(".mcap")}
+    return [found[name] for name in sorted(found) if name not in replaced]
+
+
+def begun_logs(folder: Path) -> list[Path]:
+    """Return the logs of a folder, without those that were cut off before anything stood in them: a kill or a full disk at their start."""
+    return [path for path in logs_in(folder) if path.suffix != PART_SUFFIX or _begun(path)]
+
+
+def _begun(path: Path) -> bool:
+    try:
+        open_log(path)
+    except DataError:
+        return False
+    return True
+
+
+def find_logs(paths: Sequence[Path]) -> list[Path]:
+    """Return the logs that the paths name: files as they are, folders by the logs in them.
+
+    Raises UsageError for a path where nothing is, DataError where there is no log.
+    """
+    for path in paths:
+        must_be_there(path)
+    logs = [log for path in paths for log in (begun_logs(path) if path.is_dir() else [path])]
+    if not logs:
+        named = ", ".join(str(path) for path in paths)
+        remedy = "name the folder of one survey, as `stepdiag run` made it"
+        raise DataError(named, expected="at least one log (*.mcap)", found="none", remedy=remedy)
+    return logs
+
+
+def replay(paths: Sequence[Path]) -> Replayed:
+    """Return what the logs of one survey say, in the order given.
+
+    Raises DataError for a log that is not ours or that belongs to another survey file.
+    """
+    opened = [open_log(path) for path in paths]
+    text = opened[0].header.survey_text
+    for log in opened:
+        if log.header.survey_text != text:
+            raise DataError(
+                str(log.path), expected=f"the survey file of {opened[0].path.name}", found="another one", remedy="replay each survey alone"
+            )
+    survey = parse_survey(text, f"{opened[0].path.name}: survey.toml")
+    book = PassBook(survey)
+    replayed = []
+    for log in opened:
+        capture = Capture(survey, start_of(log.header.run, str(log.path)))
+        outcomes: list[Outcome] = []
+        for event in log.events():
+            if capture.ended is None:
+                outcomes.extend(capture.feed(event))
+        outcomes.extend(capture.finish())
+        book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
+        replayed.append(ReplayedLog(log.path, tuple(outcomes), log.end))
+    findings = tuple(each for one in replayed for each in one.outcomes if isinstance(each, Finding))
+    return Replayed(
+        survey,
+        text,
+        bundle_from_run(opened[0].header.run, str(opened[0].path)),
+        dict(opened[-1].header.run),
+        book,
+        tuple(replayed),
+        findings,
+    )

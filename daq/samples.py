@@ -1,0 +1,111 @@
+"""What every wire format hands over: samples in columns, and remarks about the stream.
+
+Columns, not objects: a decoder works on blocks of lines and the synchroniser on arrays, which is what lets one core
+follow a hundred thousand samples a second.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import IntFlag
+from typing import Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+
+class Flag(IntFlag):
+    """What is wrong with a sample; 0 is a good one."""
+
+    BEAM_LOST = 1
+    HEAD_ERROR = 2
+    SLEW = 4
+    PHASE_ERROR = 8
+    WEAK_BEAM = 16
+    SATURATED = 32
+    OUT_OF_RANGE = 64
+    DEVICE_ERROR = 128
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Notice:
+    """A remark of the stream at sample ``index`` of its batch (the sample before which it stands).
+
+    ``value`` depends on the code: samples missing for ``gap``, hertz for ``rate``, the text for ``debug``.
+    """
+
+    code: Literal["banner", "debug", "garbage", "gap", "rate", "restart", "device", "environment", "duplicate"]
+    index: int
+    text: str
+    value: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Samples:
+    """A batch of samples, one row each; every column has shape (count,).
+
+    ``counter`` is the instrument's own count, unwrapped, so that differences are sample periods. A polled instrument
+    has no counter: the host numbers the answers. ``position_mm`` grows as configured by the laser's sign and is NaN where there
+    is none. ``beam`` is the signal strength from 0 to 1, NaN where unknown. ``flags`` holds `Flag` bits. ``arrival_ns`` is the
+    arrival stamp of the chunk that completed the sample. ``channels`` holds what a 4-DOF head sends, shape (count, k).
+    """
+
+    counter: NDArray[np.int64]
+    position_mm: NDArray[np.float64]
+    beam: NDArray[np.float64]
+    flags: NDArray[np.uint16]
+    arrival_ns: NDArray[np.int64]
+    channels: NDArray[np.float64] | None = None
+    notices: tuple[Notice, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.counter)
+
+    def after(self, count: int) -> "Samples":
+        """Return the samples without the first ``count`` of them, and without remarks."""
+        return Samples(
+            counter=self.counter[count:],
+            position_mm=self.position_mm[count:],
+            beam=self.beam[count:],
+            flags=self.flags[count:],
+            arrival_ns=self.arrival_ns[count:],
+            channels=None if self.channels is None else self.channels[count:],
+        )
+
+
+class Decoder(Protocol):
+    """One object a stream. Any split of the same bytes gives the same samples, arrival stamps apart."""
+
+    nominal_rate_hz: float | None
+    """The rate as last told by the instrument or its data sheet; None where it is unknown."""
+    gaps_visible: bool
+    """Whether a lost sample leaves a gap in the counter."""
+    latency_s: float
+    """Known delay inside the instrument: subtracted from sample times."""
+
+    def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
+        """Return the samples that ``chunk`` completes. Never raises on the content of the bytes: garbage is a notice."""
+        ...
+
+    def resync(self) -> None:
+        """Forget the half line or frame: the stream was interrupted."""
+        ...
+
+
+@runtime_checkable
+class SteadyDecoder(Decoder, Protocol):
+    """A decoder that takes many chunks in little more time than one, as long as nothing but plain samples is in them."""
+
+    def feed_steady(self, chunks: Sequence[tuple[bytes, int]]) -> Samples | None:
+        """Return the samples that the chunks (bytes, arrival in ns) complete, each stamped with the arrival of its own chunk.
+
+        None, and nothing taken, unless they would be the same from `feed` chunk by chunk, without a flag and without a change in how
+        lines are read.
+        """
+        ...
+
+
+class PolledDecoder(Decoder, Protocol):
+    """A decoder for an instrument that answers requests; the link sends ``request`` and feeds the answer."""
+
+    request: bytes
+    poll_interval_s: float

@@ -1,0 +1,151 @@
+"""What the daemon says of itself at any moment: one immutable snapshot, for the page, ``status`` and systemd.
+
+`StatusSource` is the whole door between the daemon and those who look at it: the page knows nothing else.
+"""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal, Protocol
+
+import msgspec
+
+Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
+LinkState = Literal["connecting", "connected", "silent", "lost"]
+CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name"]
+
+
+class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """A link in words: ``age_s`` is the time since it last gave anything, None when it never did."""
+
+    state: LinkState
+    address: str
+    age_s: float | None
+    detail: str = ""
+
+
+class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """How far one setup is."""
+
+    name: str
+    passes_wanted: int
+    passes_done: int
+    stops_wanted: int
+    stops_done: int
+    state: Literal["to-do", "running", "done", "again"]
+    reason: str = ""
+    doubt: str = ""
+    """Which stops are kept although they may be off, and why."""
+
+
+class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """A captured stop: deviation = reading - nominal along the beam, relative to the first stop of the pass."""
+
+    setup: str
+    pass_number: int
+    stop: int
+    position_mm: tuple[float, float, float]
+    reading_mm: float
+    deviation_um: float
+    u_um: float
+    doubtful: str = ""
+
+
+class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
+    code: str
+    severity: str
+    text: str
+
+
+class PredictionStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """The volumetric error of the finished survey, rms over the volume, rigid motion removed; None after where nothing was exported."""
+
+    rms_before_um: float
+    rms_after_um: float | None
+
+
+class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
+    """Everything a person may want to see. Ages are in seconds so that a reader's clock does not matter."""
+
+    sequence: int
+    wall_time: str
+    survey: str
+    machine: str
+    operator: str = ""
+    workpiece: str = ""
+    phase: Phase
+    expects_setup: str
+    """The setup that comes next or runs now; empty when all are in."""
+    expects_pass: int = 1
+    """The pass that comes next or runs now, from 1; even passes return."""
+    expects_stop: int
+    stops_in_pass: int
+    program: str = ""
+    """The NC program of the setup expected, as a person calls it at the control (``O8002``); empty where unknown."""
+    moving_axis: str
+    """The axis that moves to the stop now awaited: x, y, z, or empty."""
+    reading_mm: float | None
+    reading_age_s: float | None
+    beam: float | None
+    """Beam strength: 0 none, 1 full; None where the instrument does not say it."""
+    beam_lost: bool
+    stopped: bool | None
+    stop_count: int | None
+    alarm: bool | None = None
+    """The machine's alarm signal; None where it is not wired."""
+    commanded_mm: tuple[float, float, float] | None = None
+    laser: LinkStatus
+    plc: LinkStatus
+    head: LinkStatus | None
+    """The 4-DOF head, where one is configured."""
+    air_temperature_c: float | None
+    air_pressure_hpa: float | None
+    relative_humidity_percent: float | None
+    material_temperature_c: float | None
+    tilt_mrad: tuple[float, float] | None
+    """Mirror tilt of the running pass, estimated from its first steps; None before three steps of each axis."""
+    setups: tuple[SetupStatus, ...]
+    stops: tuple[StopStatus, ...]
+    """The stops of the running pass and of the pass before it in the same setup."""
+    findings: tuple[FindingStatus, ...]
+    seconds_left: float | None
+    origin_mm: tuple[float, float, float]
+    size_mm: tuple[float, float, float]
+    increments: int
+    result_ready: bool
+    prediction: PredictionStatus | None = None
+    recording: bool
+    message: str = ""
+
+
+class Download(msgspec.Struct, frozen=True, kw_only=True):
+    """A finished file that a person may fetch. ``name`` is unique, without ``/``, and is what the page shows."""
+
+    name: str
+    path: Path
+    kind: Literal["report", "result", "export", "log", "figure"]
+    size_bytes: int
+    sha256: str = ""
+    """Empty where it is not known without reading the file."""
+
+
+class StatusSource(Protocol):
+    """What the daemon offers to the page. Every method is called from the daemon's own event loop."""
+
+    def snapshot(self) -> Snapshot:
+        """Return the present state; cheap, called up to ten times a second however many look on."""
+
+    async def changed(self, sequence: int) -> None:
+        """Return as soon as the snapshot's ``sequence`` is another than the one given; may be cancelled at any time."""
+
+    def result_file(self) -> Path | None:
+        """Return result.json of the last completed survey, or None."""
+
+    def downloads(self) -> Sequence[Download]:
+        """Return what may be fetched now; only these files leave the machine through the page."""
+
+    async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
+        """Do what a person with the token asks.
+
+        ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; the others take nothing.
+        Raises UsageError where the present state does not allow it, with what would.
+        """

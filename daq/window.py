@@ -1,0 +1,112 @@
+"""The mean of a standing laser and how sure it is."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.ma  # np.unique needs it: loaded with the program, not with the first stop, as is fft
+from numpy import fft
+from numpy.typing import NDArray
+
+OUTLIER_SIGMAS = 5.0
+BLOCKS = 256
+"""Autocorrelation is looked for on block means: a window of any length costs the same."""
+RESOLUTION_FLOOR_UM = 0.002
+"""Where every sample of a window reads the same, the standard deviation says nothing: one or two nanometres are the least step of
+the finest instrument we know."""
+MAD_TO_SIGMA = 1.4826
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Window:
+    """Statistics of the samples of one stop.
+
+    ``u_um`` is the standard uncertainty of the mean, autocorrelation and resolution included; ``scatter_um`` the standard
+    deviation of the samples; ``slope_um_s`` the trend, ``u_slope_um_s`` how surely it is known (one standard deviation).
+    """
+
+    mean_mm: float
+    u_um: float
+    scatter_um: float
+    slope_um_s: float
+    u_slope_um_s: float
+    used: int
+    rejected: int
+    duration_s: float
+
+
+def summarise(time_s: NDArray[np.float64], position_mm: NDArray[np.float64]) -> Window:
+    """Return the statistics of samples taken at ``time_s`` (seconds, ascending), both shape (n,), n at least 1.
+
+    Samples further than five robust standard deviations from the median are left out: single wrong lines must not move a stop.
+    """
+    centre = float(np.median(position_mm))
+    deviation_um = (position_mm - centre) * 1e3
+    keep = _inliers(deviation_um)
+    values, times = deviation_um[keep], time_s[keep]
+    mean = float(np.mean(values))
+    scatter = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
+    slope, u_slope = _trend(times, values)
+    inflation = _variance_inflation(values - mean)
+    resolution = _resolution_um(values)
+    return Window(
+        mean_mm=centre + mean * 1e-3,
+        u_um=float(np.hypot(scatter * np.sqrt(inflation / len(values)), resolution / np.sqrt(12.0))),
+        scatter_um=scatter,
+        slope_um_s=slope,
+        u_slope_um_s=u_slope,
+        used=len(values),
+        rejected=len(deviation_um) - len(values),
+        duration_s=float(time_s[-1] - time_s[0]),
+    )
+
+
+def _inliers(deviation_um: NDArray[np.float64]) -> NDArray[np.bool_]:
+    robust = MAD_TO_SIGMA * float(np.median(np.abs(deviation_um)))
+    floor = max(robust, _resolution_um(deviation_um))
+    keep: NDArray[np.bool_] = np.abs(deviation_um) <= OUTLIER_SIGMAS * floor
+    return keep
+
+
+def _resolution_um(values: NDArray[np.float64]) -> float:
+    """Return the smallest step between different values: the resolution of the instrument, as far as the window shows it."""
+    steps = np.diff(np.unique(values))
+    steps = steps[steps > RESOLUTION_FLOOR_UM]
+    if len(steps) == 0 or len(steps) > BLOCKS:
+        return RESOLUTION_FLOOR_UM
+    return float(np.min(steps))
+
+
+def _trend(time_s: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, float]:
+    """Return the least-squares slope and its standard uncertainty, correlation of the samples allowed for, per second."""
+    if len(values) < 3:
+        return 0.0, 0.0
+    centred = time_s - np.mean(time_s)
+    spread = float(centred @ centred)
+    if spread <= 0.0:
+        return 0.0, 0.0
+    slope = float(centred @ values) / spread
+    residual = values - np.mean(values) - slope * centred
+    variance = residual @ residual / (len(values) - 2) / spread
+    return slope, float(np.sqrt(variance * _variance_inflation(residual)))
+
+
+def _variance_inflation(residual: NDArray[np.float64]) -> float:
+    """Return by how much correlation raises the variance of the mean over that of independent samples, at least 1.
+
+    Samples in blocks, then the initial positive sequence of the blocks' autocorrelation (Geyer 1992): vibration and slow air both make
+    neighbours alike, and a mean over alike samples is worth fewer.
+    """
+    size = max(1, len(residual) // BLOCKS)
+    count = len(residual) // size
+    variance = float(np.mean(residual**2))
+    if count < 8 or variance == 0.0:
+        return 1.0
+    blocks = residual[: size * count].reshape(count, size).mean(axis=1)
+    spectrum = np.abs(fft.rfft(blocks, 2 * count)) ** 2
+    covariance = fft.irfft(spectrum)[:count] / count
+    if covariance[0] <= 0.0:
+        return 1.0
+    pairs = covariance[1 : count - 1 : 2] + covariance[2:count:2] if count > 2 else covariance[:0]
+    positive = int(np.argmax(pairs <= 0.0)) if np.any(pairs <= 0.0) else len(pairs)
+    total = covariance[0] + 2.0 * float(np.sum(pairs[:positive]))
+    return max(1.0, float(total) * size / variance)
