@@ -1,0 +1,1 @@
+"""What people touch: commands, the machinist's page, the report, the virtual machine, the demo."""

@@ -1,0 +1,182 @@
+"""The files the demo starts from: the virtual machine, the survey, and the profiles of two controls."""
+
+from pathlib import Path
+
+SIZE_MM = (500.0, 400.0, 300.0)
+INCREMENTS = 8
+SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
+PASSES = 2
+EOB = b"\n\r\r"
+"""FANUC's end of block as its files have it (controllers.md 2.6)."""
+
+_BENCH = """\
+# The virtual machine of the demo: what is true, and what the survey does not know.
+seed = {seed}
+time_scale = {scale}
+
+[volume]
+size_mm = [500.0, 400.0, 300.0]
+increments = {n}
+
+[program]
+setups = [{setups}]
+passes = {passes}
+feed_mm_min = 24000.0
+acceleration_mm_s2 = 4000.0
+dwell_s = 2.3
+overrun_mm = 2.0
+start = "command"
+pause_s = 1.0
+
+[machine]
+positioning_um = 9.0
+straightness_um = 9.0
+scale_um_m = 20.0
+squareness_urad = 20.0
+backlash_um = [0.6, 0.6, 0.6]
+
+[alignment]
+mirror_mrad = {mirror}
+beam_mrad = {mirror}
+
+[laser]
+format = "umd"
+optics = 1
+noise_um = 0.3
+"""
+
+_SURVEY = """\
+# The survey of the demo; `stepdiag init` writes a commented one to start from.
+[survey]
+name = "demo"
+machine = "virtual machine"
+
+[volume]
+size_mm = [500.0, 400.0, 300.0]
+increments = {n}
+
+[plan]
+setups = [{setups}]
+return_pass = true
+feed_mm_min = 24000.0
+dwell_s = 0.4
+overrun_mm = 2.0
+
+[machine]
+chain = "FXYZ"
+
+[laser]
+format = "umd"
+port = "{laser}"
+optics = 1
+
+[plc]
+host = "127.0.0.1"
+port = {port}
+poll_hz = 100.0
+
+[stop]
+settle_s = 0.03
+min_window_s = 0.08
+
+[page]
+enabled = false
+
+[[export]]
+controller = "siemens"
+profile = "siemens.toml"
+
+[[export]]
+controller = "fanuc"
+profile = "fanuc.toml"
+"""
+
+_AXES = """
+[axes.X]
+name = "{x}"
+step_mm = 25.0
+reference_mm = 0.0
+
+[axes.Y]
+name = "{y}"
+step_mm = 25.0
+reference_mm = 0.0
+
+[axes.Z]
+name = "{z}"
+step_mm = 25.0
+reference_mm = 0.0
+"""
+
+_MACHINE = """\
+[machine]
+name = "virtual machine"
+controller = "{controller}"
+measured_with = "off"
+{existing}
+
+[limits]
+slope_um_mm = 0.5
+"""
+
+_FANUC = """
+[fanuc]
+detection_unit_um = 1.0
+
+[fanuc.axes.X]
+number = 1
+reference_point = 1
+
+[fanuc.axes.Y]
+number = 2
+reference_point = 41
+
+[fanuc.axes.Z]
+number = 3
+reference_point = 81
+"""
+
+
+def write_bench(folder: Path, seed: int) -> Path:
+    """Write the virtual machine's file and return its path."""
+    return _write(folder / "machine.toml", _BENCH.format(seed=seed, n=INCREMENTS, setups=_quoted(), passes=PASSES, scale=10.0, mirror=0.2))
+
+
+def write_survey(folder: Path, plc_port: str, laser_link: str) -> Path:
+    """Write the survey file for devices at these addresses and return its path."""
+    return _write(folder / "survey.toml", _SURVEY.format(n=INCREMENTS, setups=_quoted(), laser=laser_link, port=plc_port))
+
+
+def write_profiles(folder: Path) -> None:
+    """Write the profiles of both controls, and what the FANUC control punches out before anything is compensated."""
+    siemens = _MACHINE.format(controller="siemens", existing="") + _AXES.format(x="AX1", y="AX2", z="AX3")
+    fanuc = _MACHINE.format(controller="fanuc", existing='existing = ["PITCH.TXT", "CNCPARAM.TXT"]') + _AXES.format(x="X", y="Y", z="Z")
+    (folder / "PITCH.TXT").write_bytes(_punch([f"N{10000 + point:05d}Q0P0" for point in range(1, 129)]))
+    (folder / "CNCPARAM.TXT").write_bytes(_punch(_parameters()))
+    _write(folder / "siemens.toml", siemens + "\n[siemens]\nmeasuring_system = 1\n")
+    _write(folder / "fanuc.toml", fanuc + _FANUC)
+
+
+def _parameters() -> list[str]:
+    """Return the compensation parameters of a FANUC control as it was delivered: switched on, no range set."""
+    axes = (1, 2, 3)
+    zero = "".join(f"A{axis}P0" for axis in axes)
+    return [
+        "N01020Q1" + "".join(f"A{axis}P{code}" for axis, code in zip(axes, (88, 89, 90), strict=True)),
+        *(f"N{number:05d}Q1{zero}" for number in (3620, 3621, 3622, 3623)),
+        "N03624Q1" + "".join(f"A{axis}P0.0" for axis in axes),
+    ]
+
+
+def _punch(lines: list[str]) -> bytes:
+    return EOB.join(line.encode("ascii") for line in ("%", "(CNCID=VIRTUAL)", *lines, "%")) + EOB
+
+
+def _quoted() -> str:
+    return ", ".join(f'"{setup}"' for setup in SETUPS)
+
+
+def _write(path: Path, text: str) -> Path:
+    with path.open("x", encoding="utf-8", newline="\n") as file:
+        file.write(text)
+    return path

@@ -1,0 +1,1 @@
+"""The machinist's page."""

@@ -1,0 +1,96 @@
+// What a person with the token may do. Without a token configured the page only shows.
+
+import { node, put } from "./draw.js";
+import { say, setupName } from "./words.js";
+
+const CONFIRM_MS = 4000;
+
+let token = sessionStorage.getItem("token") ?? "";
+let options = "";
+let armed = 0;
+let latest = null;
+
+const place = (id) => document.getElementById(id);
+
+export function forget() {
+  options = "";
+  put("answer", place("unlock").hidden ? "" : say("locked"));
+}
+
+export function open(commandsExist) {
+  if (!commandsExist) return;
+  place("read-only").hidden = true;
+  lock();
+  submit("unlock", () => unlock(place("token").value));
+  for (const name of ["start", "pause", "zero"]) place(name).addEventListener("click", () => order(name));
+  place("abort").addEventListener("click", abort);
+  submit("choose", () => order("choose-setup", { setup: place("choose-setup").value }));
+  submit("name", () => order("name", { operator: place("operator").value, workpiece: place("workpiece").value }));
+  if (token) unlock(token);
+}
+
+function submit(id, act) {
+  place(id).addEventListener("submit", (event) => {
+    event.preventDefault();
+    act();
+  });
+}
+
+export function update(snapshot) {
+  latest = snapshot;
+  for (const name of ["operator", "workpiece"]) {
+    const field = place(name);
+    if (document.activeElement !== field && field.dataset.known !== snapshot[name]) field.value = snapshot[name];
+    field.dataset.known = snapshot[name];
+  }
+  const names = snapshot.setups.map((setup) => setup.name);
+  if (names.join() === options) return;
+  options = names.join();
+  place("choose-setup").replaceChildren(...names.map((name) => node("option", { value: name }, setupName(name))));
+}
+
+function lock(words = say("locked")) {
+  token = "";
+  sessionStorage.removeItem("token");
+  place("unlock").hidden = false;
+  place("orders").hidden = true;
+  put("answer", words);
+}
+
+function post(address, body, given = token) {
+  const headers = { Authorization: `Bearer ${encodeURIComponent(given)}`, "Content-Type": "application/json" };
+  return fetch(address, { method: "POST", headers, body: JSON.stringify(body) });
+}
+
+async function unlock(given) {
+  const answer = await post("/access", {}, given).catch(() => null);
+  if (answer === null) return put("answer", say("disconnected"));
+  if (!answer.ok) return lock(say("wrong_token"));
+  token = given;
+  sessionStorage.setItem("token", given);
+  place("unlock").hidden = true;
+  place("orders").hidden = false;
+  place("token").value = "";
+  return put("answer", "");
+}
+
+async function order(name, given = {}) {
+  const answer = await post("/command", { name, arguments: given }).catch(() => null);
+  if (answer === null) return put("answer", say("disconnected"));
+  if (answer.status === 403) return lock(say("wrong_token"));
+  if (answer.ok) return put("answer", say("done"));
+  const { error } = await answer.json();
+  return put("answer", say("refused", { why: error }));
+}
+
+// Greasy hands press twice: the first press arms for four seconds.
+function abort() {
+  if (performance.now() < armed) {
+    armed = 0;
+    put("abort", say("abort"));
+    return order("abort-setup");
+  }
+  armed = performance.now() + CONFIRM_MS;
+  put("abort", say("confirm_abort", { setup: setupName(latest?.expects_setup ?? "") }));
+  return setTimeout(() => armed && performance.now() >= armed && put("abort", say("abort")), CONFIRM_MS + 50);
+}

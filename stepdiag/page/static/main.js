@@ -1,0 +1,82 @@
+// Boots the page: words, live stream, panels. Every panel is a module with update(snapshot).
+
+import * as align from "./align.js";
+import * as commands from "./commands.js";
+import * as deviations from "./deviations.js";
+import * as findings from "./findings.js";
+import * as now from "./now.js";
+import * as result from "./result.js";
+import * as stale from "./stale.js";
+import * as survey from "./survey.js";
+import { put } from "./draw.js";
+import { Stream } from "./stream.js";
+import { language, loadTexts, say } from "./words.js";
+
+const PANELS = [now, survey, align, deviations, findings, result, commands];
+const LOOK_MS = 100;
+const snapshot = {};
+
+function head() {
+  put("machine", snapshot.machine || "stepdiag");
+  put("survey-name", snapshot.survey ?? "");
+  put("people", [snapshot.operator, snapshot.workpiece].filter(Boolean).join(" · "));
+}
+
+function whole() {
+  return "sequence" in snapshot && "setups" in snapshot;
+}
+
+function update(kind) {
+  if (!whole()) return;
+  head();
+  for (const panel of PANELS) panel.update(snapshot, kind);
+}
+
+async function speak(wanted) {
+  await loadTexts(wanted);
+  localStorage.setItem("language", wanted);
+  for (const panel of PANELS) panel.forget?.();
+  update("survey");
+}
+
+function theme(wanted) {
+  document.documentElement.dataset.theme = wanted;
+  localStorage.setItem("theme", wanted);
+}
+
+function dark() {
+  const chosen = document.documentElement.dataset.theme;
+  return chosen ? chosen === "dark" : matchMedia("(prefers-color-scheme: dark)").matches;
+}
+
+async function about() {
+  const answer = await fetch("/about.json");
+  return answer.json();
+}
+
+async function boot() {
+  const facts = await about();
+  const chosen = localStorage.getItem("theme");
+  if (chosen) theme(chosen);
+  const remembered = localStorage.getItem("language");
+  await loadTexts(facts.languages.includes(remembered) ? remembered : facts.language);
+  document.getElementById("theme").addEventListener("click", () => theme(dark() ? "light" : "dark"));
+  const other = () => facts.languages.find((one) => one !== language);
+  document.getElementById("language").addEventListener("click", () => speak(other()));
+  commands.open(facts.commands);
+  const stream = new Stream((kind, news) => {
+    Object.assign(snapshot, news);
+    update(kind);
+  });
+  setInterval(() => look(stream), LOOK_MS);
+}
+
+// Show what is old as old, ten times a second, whether or not anything arrives.
+function look(stream) {
+  document.getElementById("offline").hidden = stream.live || !whole();
+  const chip = put("connection", say(stream.live ? "connected" : "link_connecting"));
+  chip.classList.toggle("good", stream.live);
+  if (whole()) stale.mark(snapshot, stream.age / 1000);
+}
+
+boot();

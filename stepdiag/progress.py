@@ -1,0 +1,24 @@
+"""Signs of life on standard error while something takes longer than a second; nothing where it is no terminal."""
+
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import TypeVar
+
+Item = TypeVar("Item")
+
+
+@contextmanager
+def working(doing: str) -> Iterator[None]:
+    """Show what is being done, and that it goes on, until the block ends."""
+    from rich.console import Console
+
+    with Console(stderr=True).status(doing):
+        yield
+
+
+def counted(items: Iterable[Item], doing: str, total: int) -> Iterator[Item]:
+    """Yield the items while a bar shows how many of ``total`` are done."""
+    from rich.console import Console
+    from rich.progress import track
+
+    yield from track(items, description=doing, total=total, console=Console(stderr=True), transient=True)

@@ -1,0 +1,1 @@
+"""The report a service engineer hands over."""

@@ -1,0 +1,132 @@
+"""The report as one HTML file that needs nothing else: no network, no other file, no clock."""
+
+import base64
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from importlib.resources import files
+
+import jinja2
+
+from solver import standards
+from solver.readings import Readings
+from solver.result import Result
+from stepdiag.report import measured, sections
+from stepdiag.report.exported import Exported
+from stepdiag.report.figure import Figure
+from stepdiag.report.figures import (
+    DENSE,
+    Correction,
+    budget_figures,
+    closure_figures,
+    field_figures,
+    field_statistics,
+    function_figures,
+    volumetric_errors,
+)
+from stepdiag.texts import Language, catalogue
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Report:
+    """The document and every figure in it."""
+
+    html: str
+    figures: tuple[Figure, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class VolumetricError:
+    """The volumetric error over a dense grid, rigid motion removed, in um; None after where nothing was exported."""
+
+    rms_before_um: float
+    largest_before_um: float
+    rms_after_um: float | None
+    largest_after_um: float | None
+
+    @property
+    def improvement(self) -> float | None:
+        """Return by how much the rms falls; None where it is not known or falls to nothing."""
+        return self.rms_before_um / self.rms_after_um if self.rms_after_um else None
+
+
+def volumetric_error(result: Result, correction: Correction | None) -> VolumetricError:
+    """Return the volumetric error before and, where a correction is given, predicted after."""
+    (rms, largest), *after = (field_statistics(field) for field in volumetric_errors(result, correction, DENSE))
+    return VolumetricError(
+        rms_before_um=rms,
+        largest_before_um=largest,
+        rms_after_um=after[0][0] if after else None,
+        largest_after_um=after[0][1] if after else None,
+    )
+
+
+def build_report(
+    result: Result, *, source: str, exported: Sequence[Exported] = (), readings: Readings | None = None, language: Language = "en"
+) -> Report:
+    """Return the report of a result; ``source`` names the result file in it.
+
+    With the readings it also shows what was measured and the diagonals by ISO 230-6. The prediction is drawn for the first export
+    whose tables are known. Same input, same bytes: nothing in it depends on the clock, the machine it runs on or the order of a set.
+    """
+    words = {**catalogue("common", language), **catalogue("report", language)}
+    correction = next((one.correction for one in exported if one.correction is not None), None)
+    layout = measured.layout_of(readings, result) if readings is not None else None
+    figures = {
+        "functions": function_figures(result, words),
+        "field": field_figures(result, correction, words),
+        "measured": measured.setup_figures(layout, words) if layout is not None else [],
+        "closure": closure_figures(result, words),
+        "budget": budget_figures(sections.budget_of(result), _units(result)),
+    }
+    tables = {
+        "machine": sections.machine_table(result, words),
+        "conditions": sections.conditions_table(result, readings, words),
+        "setups": sections.setups_table(result, words),
+        "squareness": sections.squareness_table(result, words),
+        "scale": sections.scale_table(result, words),
+        "diagonals": sections.diagonals_table(standards.diagonals(layout), words) if layout is not None else None,
+        "head": sections.head_table(result, words),
+        "fit": sections.fit_table(result),
+        "assumptions": sections.assumptions_table(result),
+    }
+    html = _template().render(
+        **_page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
+        unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
+        volumetric=volumetric_error(result, correction),
+    )  # fmt: skip
+    return Report(html=html, figures=tuple(figure for group in figures.values() for figure in group))
+
+
+def _page_parts() -> dict[str, str]:
+    """Return the document's one style sheet and one script, and the hashes by which its own policy admits them."""
+    style, script = _part("report.css"), _part("report.js")
+    return {"style": style, "style_hash": _source_hash(style), "script": script, "script_hash": _source_hash(script)}
+
+
+def _units(result: Result) -> dict[str, str]:
+    functions = {name: function.unit for name, function in result.errors.items()}
+    quantities = {name: quantity.unit for name, quantity in result.squareness.items()}
+    return {**functions, **quantities, **{f"scale {axis}": scale.unit for axis, scale in result.scale.items()}}
+
+
+def _part(name: str) -> str:
+    return files("stepdiag.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _source_hash(text: str) -> str:
+    """Return the hash by which the document's own policy admits its one script and its one style sheet."""
+    return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
+
+
+def _data_link(text: str) -> str:
+    """Return a CSV as a link that holds it."""
+    return "data:text/csv;charset=utf-8;base64," + base64.b64encode(text.encode()).decode()
+
+
+def _template() -> jinja2.Template:
+    """Return the template; everything is escaped but what this package drew itself."""
+    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    environment.filters["data_link"] = _data_link
+    environment.filters["shown"] = sections.shown
+    return environment.from_string(_part("template.html"))

@@ -1,0 +1,69 @@
+"""What was written for a control, as the report shows it: files with their hashes, and what their tables do to the tool."""
+
+import hashlib
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+
+from exporters import lattice
+from exporters.export import ExportReport
+from exporters.naming import RESTORE
+from exporters.profilefile import load_profile
+from exporters.registry import CONTROLLERS
+from exporters.tables import ControlFile, Table, mean_correction_um
+from exporters.verify import controller_of, read_files, verify_files
+from solver.result import Result
+from stepdiag.report.figures import Correction
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportedFile:
+    """A compensation file that belongs to the result."""
+
+    name: str
+    size_bytes: int
+    sha256: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Exported:
+    """What was written for a control: its files, and what its tables do to the tool (None where nothing in them is a table)."""
+
+    controller: str
+    files: tuple[ExportedFile, ...]
+    correction: Correction | None = None
+
+
+def exported_of(written: ExportReport) -> Exported:
+    """Return what an export wrote."""
+    listed = _listed(read_files([written.out_dir / name for name in written.files]))
+    return Exported(controller=written.controller, files=listed, correction=_of_tables(written.tables))
+
+
+def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> Exported:
+    """Return what stands in files: all are listed; those that a control knows, restore files left out, give the prediction.
+
+    Raises ``UsageError`` where a file cannot be read, ``DataError`` where tables are damaged or files of two controls are mixed.
+    """
+    files = read_files(paths)
+    tables = [file for file in files if _is_table(file) and not Path(file.name).stem.endswith(RESTORE)]
+    if not tables:
+        return Exported(controller="", files=_listed(files))
+    if len(tables) == 1 and lattice.recognises(tables[0]):
+        return Exported(controller=lattice.NAME, files=_listed(files), correction=lattice.parse(tables[0]).correction_um)
+    known = load_profile(profile, controller_of(tables), result.volume) if profile is not None else None
+    found = verify_files(result, tables, known)
+    return Exported(controller=found.controller, files=_listed(files), correction=_of_tables(found.tables))
+
+
+def _is_table(file: ControlFile) -> bool:
+    return lattice.recognises(file) or any(controller.recognises(file) for controller in CONTROLLERS.values())
+
+
+def _listed(files: Sequence[ControlFile]) -> tuple[ExportedFile, ...]:
+    return tuple(ExportedFile(name=one.name, size_bytes=len(one.data), sha256=hashlib.sha256(one.data).hexdigest()) for one in files)
+
+
+def _of_tables(tables: Sequence[Table]) -> Correction | None:
+    return partial(mean_correction_um, tables) if tables else None

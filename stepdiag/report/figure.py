@@ -1,0 +1,38 @@
+"""What every figure of the report is: a drawing, and its numbers as CSV."""
+
+import csv
+import io
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from solver.rounding import steady
+
+DECIMALS = 9
+"""Less than any instrument can tell; the last bits of a sum, which differ from processor to processor, do not show."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figure:
+    """A drawing (SVG) and the numbers behind it (CSV); ``name`` is the stem of the CSV file."""
+
+    name: str
+    title: str
+    drawing: str
+    table: str
+
+
+def csv_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
+    """Return CSV with LF line ends; numbers rounded to `DECIMALS`, NaN and None as empty fields."""
+    out = io.StringIO()
+    writer = csv.writer(out, lineterminator="\n")
+    writer.writerow(header)
+    for row in rows:
+        writer.writerow([_cell(value) for value in row])
+    return out.getvalue()
+
+
+def _cell(value: object) -> object:
+    if isinstance(value, float):
+        return "" if math.isnan(value) else steady(value, DECIMALS)
+    return "" if value is None else value

@@ -1,0 +1,42 @@
+"""What was measured, before any model: deviations of every setup."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from solver.layout import Layout, lay_out
+from solver.readings import Readings
+from solver.result import Result
+from solver.standards import way_mm
+from stepdiag.report import charts
+from stepdiag.report.charts import Series
+from stepdiag.report.figure import Figure, csv_table
+
+
+def layout_of(readings: Readings, result: Result) -> Layout:
+    """Return the readings with the geometry of the result's volume. Raises ``DataError`` where they belong to another survey."""
+    return lay_out(readings, "readings", result.volume)
+
+
+def setup_figures(layout: Layout, words: Mapping[str, str]) -> list[Figure]:
+    """Return a figure a setup: deviation over the way along the beam, one line a pass, return passes hung onto the outward ones."""
+    return [_setup_figure(layout, index, setup.name, words) for index, setup in enumerate(layout.setups)]
+
+
+def _setup_figure(layout: Layout, index: int, name: str, words: Mapping[str, str]) -> Figure:
+    rows = np.flatnonzero(layout.setup_index == index)
+    way = way_mm(layout, rows)
+    lines, far = [], 0.0
+    for number in np.unique(layout.pass_index[rows]).tolist():
+        mine = rows[layout.pass_index[rows] == number]
+        key = layout.passes[number]
+        deviation = layout.deviation_um[mine] + (0.0 if key.outward else far)
+        far = float(deviation[-1]) if key.outward else far
+        label = f"{key.number}: {words['outward' if key.outward else 'return']}"
+        lines.append(Series(label=label, x=way[np.isin(rows, mine)], y=deviation))
+    drawing = charts.line_chart(lines, label=name, x_label=words["way"], y_label=words["deviation"])
+    columns = np.column_stack([layout.stop[rows], way, layout.deviation_um[rows], layout.u_um[rows]]).tolist()
+    table = [(layout.passes[number].number, *row) for number, row in zip(layout.pass_index[rows].tolist(), columns, strict=True)]
+    return Figure(
+        name=f"setup-{name}", title=name, drawing=drawing, table=csv_table(["pass", "stop", "way_mm", "deviation_um", "u_um"], table)
+    )

@@ -1,0 +1,72 @@
+"""Writes the report: HTML, its figures as CSV, and a PDF where chromium is present."""
+
+import os
+import shutil
+import subprocess
+import tempfile
+from pathlib import Path
+
+from exporters.files import write_atomically
+from solver.errors import DeviceError
+from stepdiag.report.document import Report
+
+BROWSERS = ("chromium", "chromium-browser", "google-chrome")
+PRINT_TIMEOUT_S = 120.0
+
+
+def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
+    """Write the report and return what was written.
+
+    ``out`` ending in ``.html`` is the document itself (its figures' CSV are inside, as links); any other ``out`` is a folder that gets
+    ``report.html`` and ``figures/<name>.csv``. The PDF stands beside the HTML. DeviceError where a PDF is asked for and no
+    chromium is there or it fails.
+    """
+    alone = out.suffix.lower() in {".html", ".htm"}
+    document = out if alone else out / "report.html"
+    write_atomically(document, report.html.encode())
+    written = [document]
+    if not alone:
+        for figure in report.figures:
+            path = out / "figures" / f"{figure.name}.csv"
+            write_atomically(path, figure.table.encode())
+            written.append(path)
+    if pdf:
+        written.append(print_pdf(document))
+    return written
+
+
+def browser() -> str | None:
+    """Return the program that prints, or None."""
+    return next((found for name in BROWSERS if (found := shutil.which(name))), None)
+
+
+def print_pdf(document: Path) -> Path:
+    """Print an HTML file to the PDF beside it, offline, in a profile of its own; return its path."""
+    program = browser()
+    if program is None:
+        raise DeviceError(
+            "--pdf", expected="chromium", found="none on this machine", remedy="install chromium, or print the HTML from any browser"
+        )
+    target = document.with_suffix(".pdf")
+    with tempfile.TemporaryDirectory(prefix="stepdiag-print-") as profile:
+        draft = Path(profile) / "report.pdf"
+        command = [program, *_switches(profile), f"--print-to-pdf={draft}", document.resolve().as_uri()]
+        try:
+            done = subprocess.run(command, capture_output=True, timeout=PRINT_TIMEOUT_S, check=False)
+        except subprocess.TimeoutExpired as why:
+            raise DeviceError(
+                program, expected=f"a PDF within {PRINT_TIMEOUT_S:.0f} s", found="none", remedy="print the HTML from any browser"
+            ) from why
+        if not draft.is_file():
+            said = done.stderr.decode(errors="replace").strip().splitlines()
+            found = said[-1] if said else f"exit code {done.returncode}"
+            raise DeviceError(program, expected="a PDF", found=found, remedy="print the HTML from any browser")
+        write_atomically(target, draft.read_bytes())
+    return target
+
+
+def _switches(profile: str) -> list[str]:
+    """Return the switches that keep the browser headless and silent on the network; root gets no sandbox because there is none for it."""
+    quiet = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--no-first-run", "--disable-quic"]
+    sandbox = ["--no-sandbox"] if os.geteuid() == 0 else []
+    return ["--headless", "--disable-gpu", f"--user-data-dir={profile}", "--no-pdf-header-footer", *quiet, *sandbox]

@@ -1,0 +1,240 @@
+"""The tables of the report: what each section says, as rows of plain text that the template escapes."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from solver.findings import Finding
+from solver.iso230 import DiagonalFigures
+from solver.readings import Readings
+from solver.result import DISPLACEMENTS, ROTATIONS, Result
+from stepdiag.texts import Language, finding_advice
+
+COVERAGE = 2.0
+SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
+SURVEY_FACTS = ("machine", "survey", "operator", "workpiece")
+"""Entries of ``survey`` in the result that the report shows under these names."""
+DIAGONAL_FIGURES = {"E_up": "E↑", "R_up": "R↑", "A_up": "A↑", "E": "E", "B": "B", "M": "M", "R": "R", "A": "A"}
+"""The figures of ISO 230-2 by their names in `solver.iso230`, as the standard writes them."""
+MOST_ROWS = 200
+"""Rows of a table that a stranger's result may fill at most."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """A table: ``header`` may be empty; every cell is plain text."""
+
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Remark:
+    """A finding as the report shows it: the words of the solver, and what to do about it."""
+
+    severity: str
+    severity_word: str
+    code: str
+    text: str
+    advice: str
+
+
+def shown(value: object, decimals: int | None = None) -> str:
+    """Return a cell: numbers with a fixed count of decimals or four significant digits, lists joined, None as a dash."""
+    if value is None:
+        return "–"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, int | float):
+        text = f"{value:.{decimals}f}" if decimals is not None else f"{value:.4g}"
+        return text.replace("-", "−")
+    if isinstance(value, list | tuple):
+        return ", ".join(shown(item, decimals) for item in value[:MOST_ROWS])
+    if isinstance(value, dict):
+        return " ".join(f"{_readable(name)} {shown(item, decimals)}" for name, item in list(value.items())[:MOST_ROWS])
+    return str(value)
+
+
+def machine_table(result: Result, words: Mapping[str, str]) -> Table:
+    """Return what was measured, where, and how."""
+    facts = result.extra.get("survey")
+    known = facts if isinstance(facts, dict) else {}
+    rows = [(words[name], shown(known[name])) for name in SURVEY_FACTS if known.get(name)]
+    volume = result.volume
+    rows += [
+        (words["chain"], result.chain),
+        (words["origin"], " / ".join(shown(v) for v in volume.origin_mm) + " mm"),
+        (words["size"], " / ".join(shown(v) for v in volume.size_mm) + " mm"),
+        (words["increments"], str(volume.increments)),
+        (words["method"], result.method),
+        (words["software"], f"{result.software['name']} {result.software['version']}"),
+    ]
+    return Table(header=(), rows=rows)
+
+
+def conditions_table(result: Result, readings: Readings | None, words: Mapping[str, str]) -> Table:
+    """Return the conditions of the survey: what the result carries under ``conditions``, and what the readings say."""
+    conditions = result.extra.get("conditions")
+    flat = _leaves(conditions) if isinstance(conditions, dict) else []
+    rows = [(_readable(name), _from_to(value)) for name, value in flat[:MOST_ROWS]]
+    told = "material_temperature_c" in dict(flat)
+    if readings is not None and not told and np.isfinite(readings.temperature_c).any():
+        low, high = float(np.nanmin(readings.temperature_c)), float(np.nanmax(readings.temperature_c))
+        rows.append((f"{words['material_temperature']} / °C", _from_to([low, high])))
+    if readings is not None and np.isfinite(readings.time_s).any():
+        rows.append((words["duration"], f"{shown(float(np.ptp(readings.time_s[np.isfinite(readings.time_s)])) / 60, 1)} min"))
+    return Table(header=(), rows=rows)
+
+
+def _from_to(value: object) -> str:
+    """Return a least and a largest value as one range, anything else as it is."""
+    if isinstance(value, list) and len(value) == 2 and all(isinstance(item, int | float) for item in value):
+        low, high = (shown(item, 2) for item in value)
+        return low if low == high else f"{low} … {high}"
+    return shown(value)
+
+
+def setups_table(result: Result, words: Mapping[str, str]) -> Table:
+    """Return one row a setup: how it was driven, and how mirror, drift and repeatability stood."""
+    setups = {name: facts for name, facts in list(result.setups.items())[:MOST_ROWS] if isinstance(facts, dict)}
+    columns = [column for column in SETUP_COLUMNS if any(facts.get(column) is not None for facts in setups.values())]
+    rows = [(name, *(_setup_fact(facts.get(column)) for column in columns)) for name, facts in setups.items()]
+    return Table(header=(words["setup"], *map(_readable, columns)), rows=rows)
+
+
+def _setup_fact(value: object) -> str:
+    """Return one fact of a setup; of several drifts the largest, with its standard uncertainty."""
+    if isinstance(value, list) and value and isinstance(value[0], dict):
+        drifts = [drift for drift in value if isinstance(drift.get("total_um"), int | float)]
+        worst = max(drifts, key=lambda drift: abs(drift["total_um"]), default=None)
+        return shown(None) if worst is None else f"{shown(worst['total_um'], 2)} ± {shown(worst.get('u_um'), 2)} µm"
+    return shown(value, 3 if isinstance(value, float) else None)
+
+
+def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
+    """Return what hangs in a tree of mappings, each under its path."""
+    found: list[tuple[str, object]] = []
+    for name, value in facts.items():
+        if isinstance(value, dict):
+            found += _leaves(value, f"{prefix}{name} ")
+        else:
+            found.append((f"{prefix}{name}", value))
+    return found
+
+
+_UNITS = {"um": "µm", "urad": "µrad", "mrad": "mrad", "mm": "mm", "c": "°C", "hpa": "hPa", "percent": "%", "s": "s", "nm": "nm"}
+
+
+def _readable(name: str) -> str:
+    """Return ``mirror_tilt_mrad`` as ``mirror tilt / mrad``."""
+    head, _, unit = name.rpartition("_")
+    return f"{head.replace('_', ' ')} / {_UNITS[unit]}" if head and unit in _UNITS else name.replace("_", " ")
+
+
+def squareness_table(result: Result, words: Mapping[str, str]) -> Table:
+    """Return the three squarenesses with their expanded uncertainty."""
+    rows = []
+    for name, quantity in result.squareness.items():
+        missing = words["not_identified"] if quantity.value is None else ""
+        u = None if quantity.u is None else COVERAGE * quantity.u
+        rows.append((name, words[f"squareness_{name}"], missing or shown(quantity.value, 2), shown(u, 2), "µrad"))
+    return Table(header=(words["name"], words["between"], words["value"], words["expanded"], words["unit"]), rows=rows)
+
+
+def scale_table(result: Result, words: Mapping[str, str]) -> Table:
+    """Return the three scales with their expanded uncertainty."""
+    rows = []
+    for name, scale in result.scale.items():
+        u = None if scale.u is None else COVERAGE * scale.u
+        value = shown(scale.value, 2) if scale.identified else words["not_identified"]
+        rows.append((name, value, shown(u, 2), "µm/m"))
+    return Table(header=(words["axis"], words["value"], words["expanded"], words["unit"]), rows=rows)
+
+
+def diagonals_table(found: tuple[DiagonalFigures, tuple[Finding, ...]] | None, words: Mapping[str, str]) -> Table | None:
+    """Return the figures of ISO 230-6, one row a diagonal and the largest last, without the columns that nothing is known of."""
+    if found is None:
+        return None
+    figures, findings = found
+    known = {
+        name: symbol
+        for name, symbol in DIAGONAL_FIGURES.items()
+        if any(getattr(one, name) is not None for one in figures.diagonals.values())
+    }
+    rows = [(setup, *(shown(getattr(one, name), 2) for name in known)) for setup, one in figures.diagonals.items()]
+    largest = [max((v for one in figures.diagonals.values() if (v := getattr(one, name)) is not None), default=None) for name in known]
+    rows.append((words["largest"], *(shown(value, 2) for value in largest)))
+    rows += [(finding.text, *("" for _ in known)) for finding in findings]
+    return Table(header=(words["diagonal"], *(f"{symbol} / µm" for symbol in known.values())), rows=rows)
+
+
+HEAD_FIGURES = ("passes", "end_point_um", "least_squares_um", "minimum_zone_um", "u_um", "residual_um", "misclosure")
+
+
+def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
+    """Return the straightness that the 4-DOF head measured, one row a function, where the result says it (``head_straightness``)."""
+    report = result.extra.get("head_straightness")
+    if not isinstance(report, dict):
+        return None
+    measured = {name: facts for name, facts in report.items() if isinstance(facts, dict)}
+    rows = [(name, *(shown(facts.get(figure)) for figure in HEAD_FIGURES)) for name, facts in measured.items()]
+    return Table(header=(words["name"], *map(_readable, HEAD_FIGURES)), rows=rows) if rows else None
+
+
+def fit_table(result: Result) -> Table | None:
+    """Return how well the readings agree with the model, where the result says it (``fit``, ``scale_sum_um``)."""
+    fit = result.extra.get("fit")
+    rows = [(_readable(name), shown(value)) for name, value in _leaves(fit)] if isinstance(fit, dict) else []
+    total = result.extra.get("scale_sum_um")
+    if isinstance(total, dict):
+        rows += [(_readable(f"scale sum {name}_um"), shown(value)) for name, value in _leaves(total)]
+    return Table(header=(), rows=rows[:MOST_ROWS]) if rows else None
+
+
+def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
+    """Return in words everything that the data do not say: functions, squarenesses, scales."""
+    functions = [f"{name}" for name in (*DISPLACEMENTS, *ROTATIONS) if name in result.errors and result.errors[name].value is None]
+    angles = [name for name in ROTATIONS if name not in result.errors]
+    squareness = [f"{name} ({words[f'squareness_{name}']})" for name, q in result.squareness.items() if q.value is None]
+    scales = [f"{words['scale']} {name}" for name, scale in result.scale.items() if not scale.identified]
+    return [*scales, *squareness, *functions, *([f"{words['angles']}: {', '.join(angles)}"] if angles else [])]
+
+
+def remarks(result: Result, words: Mapping[str, str], language: Language) -> list[Remark]:
+    """Return the findings, the most serious first."""
+    order = {"error": 0, "warning": 1, "info": 2}
+    return [
+        Remark(
+            severity=one.severity,
+            severity_word=words[f"severity_{one.severity}"],
+            code=one.code,
+            text=one.text,
+            advice=finding_advice(one.code, language),
+        )
+        for one in sorted(result.findings, key=lambda finding: order[finding.severity])
+    ]
+
+
+def budget_of(result: Result) -> dict[str, dict[str, float]]:
+    """Return quantity -> source -> standard uncertainty where the result carries a budget (``budget.shares``), else nothing."""
+    shares = _part_of_budget(result, "shares")
+    tables = {name: _numbers(sources) for name, sources in list(shares.items())[:MOST_ROWS] if isinstance(sources, dict)}
+    return {name: sources for name, sources in tables.items() if sources}
+
+
+def assumptions_table(result: Result) -> Table | None:
+    """Return what each source of the budget assumes, where the result says it (``budget.assumptions``)."""
+    rows = [(source, shown(text)) for source, text in list(_part_of_budget(result, "assumptions").items())[:MOST_ROWS]]
+    return Table(header=(), rows=rows) if rows else None
+
+
+def _part_of_budget(result: Result, part: str) -> dict[str, Any]:
+    budget = result.extra.get("budget")
+    found = budget.get(part) if isinstance(budget, dict) else None
+    return found if isinstance(found, dict) else {}
+
+
+def _numbers(sources: Mapping[str, object]) -> dict[str, float]:
+    return {name: float(u) for name, u in sources.items() if isinstance(u, int | float) and not isinstance(u, bool)}

@@ -1,0 +1,48 @@
+"""SVG written by hand: every text escaped, every number rounded once, so that equal input gives equal bytes."""
+
+from collections.abc import Iterable
+from html import escape
+
+from solver.rounding import steady
+
+
+def number(value: float) -> str:
+    """Return a length or coordinate with at most two decimals and no trailing zeros."""
+    return f"{steady(value, 2):.2f}".rstrip("0").rstrip(".")
+
+
+def element(tag: str, *content: str, **attributes: str | float) -> str:
+    """Return one element.
+
+    ``content`` is markup already; attribute values are escaped. ``class_`` is written ``class`` and an underscore
+    in a name becomes a hyphen (``stroke_width``).
+    """
+    written = "".join(
+        f' {name.rstrip("_").replace("_", "-")}="{escape(value) if isinstance(value, str) else number(value)}"'
+        for name, value in attributes.items()
+    )
+    return f"<{tag}{written}>{''.join(content)}</{tag}>" if content else f"<{tag}{written}/>"
+
+
+def text(words: str, x: float, y: float, **attributes: str | float) -> str:
+    """Return a text element; ``words`` is escaped here."""
+    return element("text", escape(words), x=x, y=y, **attributes)
+
+
+def path(points: Iterable[tuple[float, float]], *, closed: bool = False) -> str:
+    """Return the ``d`` of a path through pixel coordinates."""
+    walked = "L".join(f"{number(x)} {number(y)}" for x, y in points)
+    return f"M{walked}{'Z' if closed else ''}"
+
+
+def drawing(width: float, height: float, label: str, *content: str) -> str:
+    """Return a whole drawing that scales with its place; ``label`` is what a screen reader says."""
+    return element(
+        "svg",
+        element("title", escape(label)),
+        *content,
+        viewBox=f"0 0 {number(width)} {number(height)}",
+        role="img",
+        class_="figure",
+        xmlns="http://www.w3.org/2000/svg",
+    )

@@ -1,0 +1,73 @@
+"""``python -m stepdiag.virtual --config FILE.toml [--directory DIR]``: the bench as a process of its own.
+
+It prints one JSON line when it is ready, with the addresses of its devices, and one for every event of the program. Commands come
+line by line on standard input: ``start`` begins the next setup, ``fault {...}`` injects a fault given as JSON,
+``quit`` ends it; SIGTERM and SIGINT end it too.
+"""
+
+import argparse
+import json
+import signal
+import sys
+import threading
+from collections.abc import Mapping
+from pathlib import Path
+
+import msgspec
+
+from stepdiag.virtual.bench import VirtualBench
+from stepdiag.virtual.config import BenchConfig, read_config
+from stepdiag.virtual.faults import Fault
+
+
+def main(arguments: list[str] | None = None) -> int:
+    """Run a bench until it is told to quit; return the exit code (2: wrong configuration)."""
+    options = _parse(arguments)
+    options.directory.mkdir(parents=True, exist_ok=True)
+    done = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: done.set())
+    try:
+        config = read_config(options.config) if options.config else BenchConfig()
+        bench = VirtualBench(config, options.directory, tell=_print)
+    except ValueError as error:
+        sys.stderr.write(f"{options.config}: {error}\n")
+        return 2
+    with bench:
+        _print({"event": "ready", **bench.addresses})
+        threading.Thread(target=_listen, args=(bench, done), name="commands", daemon=True).start()
+        done.wait()
+    return 0
+
+
+def _parse(arguments: list[str] | None) -> argparse.Namespace:
+    parser = argparse.ArgumentParser(prog="python -m stepdiag.virtual", description="A virtual machine, PLC and laser.")
+    parser.add_argument("--config", type=Path, help="TOML file; without it a machine with all defaults")
+    parser.add_argument("--directory", type=Path, default=Path(), help="where the links of the serial lines appear")
+    return parser.parse_args(arguments)
+
+
+def _listen(bench: VirtualBench, done: threading.Event) -> None:
+    """Obey standard input; its end is not an order."""
+    for line in sys.stdin:
+        command, _, rest = line.strip().partition(" ")
+        if command == "quit":
+            done.set()
+        elif command == "start":
+            bench.start_setup()
+        elif command == "fault":
+            try:
+                bench.inject(msgspec.json.decode(rest, type=Fault))
+            except msgspec.DecodeError as error:
+                _print({"event": "refused", "text": str(error)})
+        elif command:
+            _print({"event": "refused", "text": f"expected start, fault or quit, found {command!r}"})
+
+
+def _print(event: Mapping[str, str | int]) -> None:
+    sys.stdout.write(json.dumps(event) + "\n")
+    sys.stdout.flush()
+
+
+if __name__ == "__main__":
+    sys.exit(main())

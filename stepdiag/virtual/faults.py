@@ -1,0 +1,120 @@
+"""Scripted faults: what goes wrong, and when.
+
+    laser     beam-lost, laser-reset, laser-jump (value um), laser-silent, laser-unplug, laser-garbage (value bytes), laser-baud
+    head      head-blocked, head-silent, head-unplug, head-garbage (value bytes), head-baud
+    PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen, plc-reboot
+    program   stop-skipped, stop-unsignalled, count-missed, count-doubled, axis-order (text such as "yxz"),
+              program-aborted (value: stops to go back before it is restarted; its duration in machine seconds)
+
+A fault strikes once: when the program comes to its place, ``delay_s`` after it; without a place, that long after the bench started.
+"""
+
+import threading
+from typing import Literal
+
+import msgspec
+
+FaultKind = Literal[
+    "beam-lost",
+    "laser-reset",
+    "laser-jump",
+    "laser-silent",
+    "laser-unplug",
+    "laser-garbage",
+    "laser-baud",
+    "head-blocked",
+    "head-silent",
+    "head-unplug",
+    "head-garbage",
+    "head-baud",
+    "plc-silent",
+    "plc-late",
+    "plc-exception",
+    "plc-frozen",
+    "plc-reboot",
+    "stop-skipped",
+    "stop-unsignalled",
+    "count-missed",
+    "count-doubled",
+    "axis-order",
+    "program-aborted",
+]
+PROGRAM = frozenset({"stop-skipped", "stop-unsignalled", "count-missed", "count-doubled", "axis-order", "program-aborted"})
+
+
+class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """One fault. ``setup``, ``pass_number`` and ``stop`` name its place (None: any); times are wall seconds."""
+
+    kind: FaultKind
+    setup: str | None = None
+    pass_number: int | None = None
+    stop: int | None = None
+    phase: Literal["dwell", "move"] = "dwell"
+    delay_s: float = 0.0
+    duration_s: float = 0.5
+    value: float = 0.0
+    text: str = ""
+
+    @property
+    def placed(self) -> bool:
+        """Return whether the fault waits for a place in the program."""
+        return not (self.setup is None and self.pass_number is None and self.stop is None)
+
+    def is_at(self, setup: str, pass_number: int, stop: int) -> bool:
+        """Return whether this is the fault's place."""
+        wanted = ((self.setup, setup), (self.pass_number, pass_number), (self.stop, stop))
+        return self.placed and all(mine is None or mine == here for mine, here in wanted)
+
+
+class FaultBoard:
+    """Arms faults when their place is reached and tells the devices which are active. Safe to use from several threads."""
+
+    def __init__(self, faults: tuple[Fault, ...] = ()) -> None:
+        self._lock = threading.Lock()
+        self._waiting = [fault for fault in faults if fault.placed]
+        self._armed = [(fault.delay_s, fault) for fault in faults if not fault.placed]
+
+    def inject(self, fault: Fault, wall_s: float) -> None:
+        """Let a fault strike ``delay_s`` after ``wall_s``, or wait for its place if it has one."""
+        with self._lock:
+            if fault.placed:
+                self._waiting.append(fault)
+            else:
+                self._armed.append((wall_s + fault.delay_s, fault))
+
+    def reach(self, setup: str, pass_number: int, stop: int, phase: str, wall_s: float) -> None:
+        """Arm what waits for this place; the faults of the program itself wait until it takes them."""
+        with self._lock:
+            for fault in [f for f in self._waiting if f.kind not in PROGRAM and f.phase == phase and f.is_at(setup, pass_number, stop)]:
+                self._waiting.remove(fault)
+                self._armed.append((wall_s + fault.delay_s, fault))
+
+    def take(self, kind: FaultKind, setup: str, pass_number: int, stop: int) -> Fault | None:
+        """Return and use up a fault of the program itself at this place."""
+        with self._lock:
+            for fault in self._waiting:
+                if fault.kind == kind and fault.is_at(setup, pass_number, stop):
+                    self._waiting.remove(fault)
+                    return fault
+        return None
+
+    def active(self, kind: FaultKind, wall_s: float) -> Fault | None:
+        """Return the fault of that kind that lasts at ``wall_s``."""
+        with self._lock:
+            for start_s, fault in self._armed:
+                if fault.kind == kind and start_s <= wall_s < start_s + fault.duration_s:
+                    return fault
+        return None
+
+    def spans(self, kind: FaultKind) -> list[tuple[float, float]]:
+        """Return start and end of every armed fault of that kind, for devices that work in batches of samples."""
+        with self._lock:
+            return [(start_s, start_s + fault.duration_s) for start_s, fault in self._armed if fault.kind == kind]
+
+    def due(self, kind: FaultKind, wall_s: float) -> list[Fault]:
+        """Return and use up the faults of that kind that strike once, up to ``wall_s``."""
+        with self._lock:
+            struck = [entry for entry in self._armed if entry[1].kind == kind and entry[0] <= wall_s]
+            for entry in struck:
+                self._armed.remove(entry)
+        return [fault for _, fault in struck]

@@ -1,0 +1,105 @@
+"""A serial line made of a real pseudo-terminal, reached under a stable name as an udev link is."""
+
+import errno
+import fcntl
+import os
+import select
+import struct
+import termios
+import threading
+import time
+import tty
+from pathlib import Path
+
+_KERNEL_BUFFER = 4095
+_UNREAD_S = 0.25
+
+
+class SerialLine:
+    """The device's end of a pty; ``link`` is a symbolic link to the other end while it is plugged in.
+
+    Nobody reading is like a closed port: old bytes are thrown away, so that whoever opens it later sees the present. A
+    ``lossless`` line waits for its reader instead, for load tests.
+    """
+
+    def __init__(self, link: Path, *, lossless: bool = False) -> None:
+        self.link = link
+        self._lossless = lossless
+        self._master = -1
+        self._slave = -1
+        self._full_since_s: float | None = None
+        self._ended = threading.Event()
+        self.plug()
+
+    @property
+    def plugged(self) -> bool:
+        """Return whether the line exists at the moment."""
+        return self._master >= 0
+
+    def plug(self) -> None:
+        """Create the line and point the link to it."""
+        self._master, self._slave = os.openpty()
+        tty.setraw(self._slave)
+        os.set_blocking(self._master, False)
+        fresh = self.link.with_name(self.link.name + ".new")
+        fresh.unlink(missing_ok=True)
+        fresh.symlink_to(os.ttyname(self._slave))
+        fresh.replace(self.link)
+        self._full_since_s = None
+
+    def unplug(self) -> None:
+        """Take the line away: its reader sees a hang-up, the link is gone."""
+        if not self.plugged:
+            return
+        self.link.unlink(missing_ok=True)
+        os.close(self._slave)
+        os.close(self._master)
+        self._master = self._slave = -1
+
+    def end(self) -> None:
+        """Let nobody wait for a reader any more; may be called from another thread."""
+        self._ended.set()
+
+    def write(self, data: bytes) -> None:
+        """Send bytes; what does not fit is lost, unless the line is lossless."""
+        self._discard_unread()
+        rest = memoryview(data)
+        while rest and self.plugged:
+            try:
+                rest = rest[os.write(self._master, rest) :]
+            except BlockingIOError:
+                if not self._lossless or self._ended.is_set():
+                    return
+                select.select([], [self._master], [], 0.05)
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what came from the other side within ``timeout_s``, maybe nothing."""
+        if not self.plugged:
+            time.sleep(timeout_s)
+            return b""
+        try:
+            ready, _, _ = select.select([self._master], [], [], timeout_s)
+            return os.read(self._master, 4096) if ready else b""
+        except OSError as error:
+            if error.errno in (errno.EIO, errno.EAGAIN):
+                return b""
+            raise
+
+    def _discard_unread(self) -> None:
+        if self._lossless or not self.plugged:
+            return
+        if self._unread() < _KERNEL_BUFFER:
+            self._full_since_s = None
+            return
+        now = time.monotonic()
+        self._full_since_s = now if self._full_since_s is None else self._full_since_s
+        if now - self._full_since_s > _UNREAD_S:
+            for _ in range(64):
+                termios.tcflush(self._slave, termios.TCIFLUSH)
+                if not self._unread():
+                    break
+            self._full_since_s = None
+
+    def _unread(self) -> int:
+        waiting: int = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0"))[0]
+        return waiting

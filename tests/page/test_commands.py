@@ -1,0 +1,167 @@
+"""Who may command, what a refusal says, and what a browser is allowed to do with the page."""
+
+import http.client
+import json
+from pathlib import Path
+from urllib.parse import quote
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from solver.errors import UsageError
+from testkit.browser import Watched
+from testkit.played import Served, served
+
+pytestmark = pytest.mark.page
+TOKEN = "a token of the tests: äöü ☃"
+
+
+def ask(daemon: Served, method: str, path: str, body: bytes = b"", token: str | None = None) -> tuple[int, dict[str, str], bytes]:
+    """Return status, headers and body of one request."""
+    connection = http.client.HTTPConnection(daemon.address.removeprefix("http://"), timeout=10)
+    connection.request(method, path, body, {"Authorization": f"Bearer {quote(token)}"} if token is not None else {})
+    answer = connection.getresponse()
+    told = answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
+    connection.close()
+    return told
+
+
+def unlock(page: Page) -> None:
+    page.locator("#token").fill(TOKEN)
+    page.locator("#unlock button").click()
+    expect(page.locator("#orders")).to_be_visible()
+
+
+def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
+    """Start, pause, zero, abort (pressed twice), choose the next setup, name operator and workpiece."""
+    unlock(page)
+    answer = page.locator("#answer")
+    for name in ("start", "pause", "zero"):
+        page.locator(f"#{name}").click()
+        expect(answer).to_have_text("Done.")
+    page.locator("#abort").click()
+    expect(page.locator("#abort")).to_have_text("Press again to abort diagonal npp")
+    page.locator("#abort").click()
+    page.locator("#choose-setup").select_option("pnp")
+    page.locator("#choose button").click()
+    page.locator("#operator").fill("Night shift")
+    page.locator("#workpiece").fill("none")
+    page.locator("#name button").click()
+    expect(page.locator("#people")).to_have_text("Night shift · none")
+    assert daemon.do(lambda: list(daemon.survey.ordered)) == [
+        ("start", {}),
+        ("pause", {}),
+        ("zero", {}),
+        ("abort-setup", {}),
+        ("choose-setup", {"setup": "pnp"}),
+        ("name", {"operator": "Night shift", "workpiece": "none"}),
+    ]
+
+
+def test_a_refusal_says_why(watched: Watched, daemon: Served) -> None:
+    """What the daemon cannot do now is told in its words."""
+    page = watched.open(daemon.address)
+    unlock(page)
+    refusal = UsageError("start", expected="a survey that is paused", found="one that runs")
+    daemon.do(lambda: setattr(daemon.survey, "refusal", refusal))
+    page.locator("#start").click()
+    expect(page.locator("#answer")).to_have_text("Refused: start: expected a survey that is paused, found one that runs")
+    watched.complaints = [one for one in watched.complaints if "409" not in one]
+
+
+def test_a_wrong_token_opens_nothing(watched: Watched, daemon: Served) -> None:
+    """The orders stay hidden, and a request without the token does nothing."""
+    page = watched.open(daemon.address)
+    page.locator("#token").fill("guess")
+    page.locator("#unlock button").click()
+    expect(page.locator("#answer")).to_have_text("This is not the token.")
+    assert not page.locator("#orders").is_visible()
+    watched.complaints = [one for one in watched.complaints if "403" not in one]
+    body = json.dumps({"name": "start", "arguments": {}}).encode()
+    for token in (None, "", "guess", TOKEN + " ", TOKEN[:-1]):
+        assert ask(daemon, "POST", "/command", body, token)[0] == 403
+    assert daemon.do(lambda: daemon.survey.ordered) == []
+
+
+def test_without_a_token_configured_it_only_shows(tmp_path: Path, watched: Watched) -> None:
+    """Not even an empty token commands."""
+    with served(tmp_path) as daemon:
+        page = watched.open(daemon.address)
+        expect(page.locator("#read-only")).to_be_visible()
+        assert not page.locator("#unlock, #orders").first.is_visible()
+        for token in (None, "", "x"):
+            assert ask(daemon, "POST", "/command", b'{"name":"start"}', token)[0] == 403
+
+
+@pytest.mark.parametrize(
+    "body", [b"", b"{", b"[]", b'{"name":"reboot"}', b'{"name":"start","arguments":{"a":1}}', b'{"name":"start"}' + b" " * 5000, b"\xff"]
+)
+def test_a_command_that_is_none_is_refused(daemon: Served, body: bytes) -> None:
+    """Unknown names, wrong types, too much: 400 and nothing done."""
+    status, _, told = ask(daemon, "POST", "/command", body, TOKEN)
+    assert status == 400
+    assert "known are start" in json.loads(told)["error"]
+    assert daemon.do(lambda: daemon.survey.ordered) == []
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/download/..%2Fresult.json",
+        "/download/%2Fetc%2Fpasswd",
+        "/download/secret",
+        "/static/../app.py",
+        "/static/..%2f..%2fapp.py",
+        "/texts/fr.json",
+    ],
+)
+def test_only_what_is_listed_can_be_fetched(daemon: Served, path: str) -> None:
+    """A name that is not in the list of downloads does not exist, whatever it points at."""
+    (daemon.survey.folder / "secret").write_text("secret")
+    daemon.do(daemon.survey.complete)
+    status, _, body = ask(daemon, "GET", path)
+    assert status == 404
+    assert b"secret" not in body.replace(b"no such file", b"")
+
+
+def test_downloads_are_whole(daemon: Served) -> None:
+    """The list says name, kind and size, and the file comes byte for byte."""
+    assert json.loads(ask(daemon, "GET", "/downloads.json")[2]) == []
+    assert ask(daemon, "GET", "/result.json")[0] == 404
+    daemon.do(daemon.survey.complete)
+    listed = json.loads(ask(daemon, "GET", "/downloads.json")[2])
+    assert [one["kind"] for one in listed] == ["report", "result"]
+    status, headers, body = ask(daemon, "GET", "/download/result.json")
+    assert (status, len(body)) == (200, listed[1]["size_bytes"])
+    assert headers["content-disposition"].startswith("attachment")
+    assert body == (daemon.survey.folder / "result.json").read_bytes()
+
+
+@pytest.mark.parametrize("path", ["/", "/static/main.js", "/about.json", "/texts/de.json", "/nothing"])
+def test_the_policy_allows_nothing_from_elsewhere(daemon: Served, path: str) -> None:
+    """No inline script or style, no foreign address, no frame, on every answer."""
+    headers = ask(daemon, "GET", path)[1]
+    policy = headers["content-security-policy"]
+    assert policy.startswith("default-src 'none'; script-src 'self'; style-src 'self'")
+    assert "unsafe" not in policy
+    assert headers["x-content-type-options"] == "nosniff"
+
+
+def test_the_report_opens_in_a_sandbox(watched: Watched, daemon: Served) -> None:
+    """It is shown beside the page, draws and turns, and can reach neither the daemon nor the page's storage."""
+    daemon.do(daemon.survey.complete)
+    page = watched.open(daemon.address, path="/download/report.html")
+    expect(page.locator("h1")).to_have_text("Calibration report")
+    expect(page.locator("svg.turning")).to_have_count(1)
+    assert page.evaluate("origin") == "null"
+    first = page.locator("svg.turning path").nth(40)
+    before = first.get_attribute("d")
+    page.locator("svg.turning").focus()
+    page.keyboard.press("ArrowRight")
+    assert first.get_attribute("d") != before
+
+
+def test_a_taken_port_is_refused_by_name(daemon: Served, tmp_path: Path) -> None:
+    """The daemon says which address is taken, and what to do."""
+    with pytest.raises(ConnectionError, match=r"page\.port"), served(tmp_path, port=int(daemon.address.rpartition(":")[2])):
+        pass

@@ -1,0 +1,85 @@
+"""The page over `stepdiag run` beside the virtual machine: real processes, real Modbus, a real serial line, a real browser."""
+
+import os
+import signal
+import socket
+import time
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from testkit.browser import Watched, seconds_until
+from testkit.hall import daemon, hall, until
+
+pytestmark = [pytest.mark.page, pytest.mark.system]
+
+
+@pytest.fixture
+def real(browser: Browser):
+    """Opens the pages of a machine called ``virtual``; complaints fail the test."""
+    watching = Watched(browser, machine="virtual")
+    yield watching
+    watching.close()
+
+
+def free_port() -> int:
+    """Return a port that is free now."""
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        return probe.getsockname()[1]
+
+
+def fault(place, kind: str, duration_s: float) -> None:
+    """Let something go wrong at the virtual machine for a while."""
+    place.bench.say(f'fault {{"kind": "{kind}", "duration_s": {duration_s}}}')
+
+
+def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> None:
+    """Out and back along four diagonals: what to do first, stops as they come, then the result."""
+    port = free_port()
+    with hall(tmp_path, back=True, handshake=True, dwell=1.0, page=True, page_port=port) as place, daemon(place.survey) as process:
+        page = real.open(f"http://127.0.0.1:{port}")
+        expect(page.locator("#instruction")).to_contain_text("Turn the laser to diagonal ppp (from X low, Y low, Z low)")
+        expect(page.locator("#setups li")).to_have_count(4)
+        expect(page.locator("#reading")).not_to_have_text("–")
+        place.start_setups(stop_after=1)
+        expect(page.locator("#phase")).to_contain_text("stop", timeout=20_000)
+        expect(page.locator("#volume .stop").first).to_be_attached(timeout=20_000)
+        place.setups = place.setups[1:]
+        place.start_setups()
+        assert until(process, "survey-complete")[-1]["exit_code"] == 0
+        expect(page.locator("#result figure")).to_have_count(9, timeout=20_000)
+        expect(page.locator("#result")).to_contain_text("C0Y")
+        page.context.close()  # before the daemon ends, which the page would complain about
+
+
+@pytest.mark.parametrize(("kind", "link"), [("laser-unplug", "laser"), ("plc-silent", "plc")])
+def test_a_cable_that_is_pulled_is_seen_within_a_second(tmp_path: Path, real: Watched, kind: str, link: str) -> None:
+    """What came over it is old within a second of its last word, and young again by itself."""
+    port = free_port()
+    with hall(tmp_path, page=True, page_port=port) as place, daemon(place.survey):
+        page = real.open(f"http://127.0.0.1:{port}")
+        old = page.locator(f"[data-source={link}].stale").first
+        expect(page.locator(f"[data-link={link}]")).to_have_class("chip good")
+        fault(place, kind, 3.0)
+        assert seconds_until(lambda: old.count() == 1, page) < 1.2
+        assert seconds_until(lambda: old.count() == 0, page, limit_s=15.0) < 3.0 + 3.0
+
+
+def test_a_killed_daemon_comes_back_to_the_page(tmp_path: Path, real: Watched) -> None:
+    """kill -9: old within a second; once the daemon serves again the page is live within three, and shows the same survey."""
+    port = free_port()
+    real.daemon_may_be_away = True
+    with hall(tmp_path, page=True, page_port=port) as place:
+        with daemon(place.survey) as process:
+            page = real.open(f"http://127.0.0.1:{port}")
+            offline = page.locator("#offline")
+            os.kill(process.process.pid, signal.SIGKILL)
+            assert seconds_until(offline.is_visible, page) < 1.0
+            process.process.wait()
+        with daemon(place.survey):
+            served = time.monotonic()
+            seconds_until(lambda: not offline.is_visible(), page)
+            assert time.monotonic() - served < 3.0
+            expect(page.locator("#phase")).to_contain_text("Waiting for the NC program")

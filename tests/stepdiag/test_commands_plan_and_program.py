@@ -1,0 +1,118 @@
+"""``program`` and ``plan``: what a survey file becomes before the machine moves."""
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+
+from testkit.cli import stepdiag
+
+SURVEY = """\
+[survey]
+name = "small"
+machine = "test"
+[volume]
+size_mm = [200.0, 200.0, 200.0]
+increments = 2
+[plan]
+setups = ["ppp", "npp", "pnp", "ppn"]
+[[plan.beam_offset]]
+setup = "npp"
+offset_mm = [0.0, 0.0, 40.0]
+[laser]
+format = "umd"
+port = "/dev/null"
+"""
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> Path:
+    path = tmp_path / "survey.toml"
+    path.write_text(SURVEY, encoding="utf-8")
+    return path
+
+
+class TestProgram:
+    @pytest.mark.parametrize(
+        ("controller", "name", "block"),
+        [
+            ("siemens", "STEP_NPP.MPF", "$A_DBW[4]=1"),
+            ("fanuc", "O8002", "#1100=1"),
+            ("heidenhain", "STEP_NPP.H", "FN 19"),
+            ("linuxcnc", "step_npp.ngc", "M64 P0"),
+        ],
+    )
+    def test_writes_one_program_a_setup(self, survey, tmp_path, controller, name, block):
+        told = stepdiag("program", survey, "--controller", controller, "--out", tmp_path / "nc", "--json")
+        said = json.loads(told.out)
+        assert [each["setup"] for each in said["programs"]] == ["ppp", "npp", "pnp", "ppn", "npp+1"]
+        assert block in (tmp_path / "nc" / name).read_text(encoding="ascii")
+
+    def test_the_profile_states_the_machines_own_signals(self, survey, tmp_path):
+        """The questions about tables may still be open: they are not asked here."""
+        profile = tmp_path / "p.toml"
+        stepdiag("profile", "linuxcnc", "--out", profile)
+        text = profile.read_text(encoding="utf-8")
+        profile.write_text(text + '[program]\nstand = "M62 P7"\nleave = "M63 P7"\n', encoding="utf-8")
+        assert stepdiag("program", survey, "--controller", "linuxcnc", "--out", tmp_path / "nc", "--profile", profile).code == 0
+        program = (tmp_path / "nc" / "step_ppp.ngc").read_text(encoding="ascii")
+        assert "M62 P7" in program
+        assert "M68 E0 Q1" in program, "what the profile does not state is the control's default"
+
+    @pytest.mark.parametrize(
+        ("section", "refusal"),
+        [
+            ('[program]\nstnd = "M7"\n', "p.toml: program.stnd"),
+            ('[program]\nstand = "M{stop}"\n', "program.stand"),
+            ("[program]\ndecimals = 9\n", "p.toml: program.decimals"),
+            ('[machine]\ncontroller = "fanuc"\n', "p.toml: machine.controller"),
+        ],
+    )
+    def test_a_wrong_profile_is_refused_by_its_field(self, survey, tmp_path, section, refusal):
+        (tmp_path / "p.toml").write_text(section, encoding="utf-8")
+        arguments = ("--controller", "siemens", "--out", tmp_path / "nc", "--profile", tmp_path / "p.toml")
+        told = stepdiag("program", survey, *arguments)
+        assert told.code == 2
+        assert told.refusal.startswith(refusal)
+
+    def test_the_template_shows_the_controls_own_blocks(self, survey, tmp_path):
+        """Whoever takes the # away gets the same program as without the section."""
+        text = stepdiag("profile", "fanuc").out
+        section = re.sub(r"^# (?=\[|\w+ = )", "", text[text.index("# [program]") :], flags=re.MULTILINE)
+        (tmp_path / "p.toml").write_text(section, encoding="utf-8")
+        stepdiag("program", survey, "--controller", "fanuc", "--out", tmp_path / "a")
+        stepdiag("program", survey, "--controller", "fanuc", "--out", tmp_path / "b", "--profile", tmp_path / "p.toml")
+        body = [(tmp_path / folder / "O8001").read_bytes() for folder in "ab"]
+        assert body[0] == body[1]
+
+    def test_an_unknown_control_is_refused(self, survey, tmp_path):
+        told = stepdiag("program", survey, "--controller", "fagor", "--out", tmp_path / "nc")
+        assert told.code == 2
+        assert "fanuc, siemens, heidenhain, linuxcnc" in told.refusal
+
+
+class TestPlan:
+    def test_forecasts_and_ranks(self, survey):
+        said = json.loads(stepdiag("plan", survey, "--json").out)
+        assert [run["setup"] for run in said["forecast"]["runs"]] == ["ppp", "npp", "pnp", "ppn", "npp+1"]
+        assert said["forecast"]["runs"][-1]["beam_offset_mm"] == [0.0, 0.0, 40.0]
+        assert said["forecast"]["u"]["EXX"] > 0
+        assert said["forecast"]["u"]["X"] is None, "four diagonals cannot separate the three scales (theory 3)"
+        gains = [each["gain_um_per_minute"] for each in said["additions"]]
+        assert gains == sorted(gains, reverse=True)
+        assert said["additions"][0]["newly_identified"], "the scales are what is worth most"
+        assert said["best"] is None
+
+    def test_for_a_person(self, survey):
+        told = stepdiag("plan", survey, "--minutes", 125)
+        assert "forecast: U (k = 2)" in told.out
+        assert "a linear run along X" in told.out
+        assert "BEST SURVEY" in told.out
+
+    def test_says_when_nothing_fits(self, survey):
+        assert "No survey fits" in stepdiag("plan", survey, "--minutes", 10).out
+
+    @pytest.mark.parametrize("option", ["--minutes", "--target-um"])
+    def test_a_wish_below_zero_is_refused(self, survey, option):
+        assert (stepdiag("plan", survey, option, -1).code) == 2

@@ -1,0 +1,37 @@
+"""Where the process begins: the daemon's start goes past the command line, and says its refusals all the same."""
+
+import subprocess
+import sys
+
+import pytest
+
+BEGIN = """
+import sys
+from stepdiag.__main__ import main
+try:
+    main()
+finally:
+    sys.stderr.write("loaded: " + str("typer" in sys.modules))
+"""
+
+
+def began(*arguments):
+    """Run the program in a process; return how it ended, and whether the libraries of the command line were loaded."""
+    done = subprocess.run([sys.executable, "-c", BEGIN, *map(str, arguments)], capture_output=True, text=True, timeout=120, check=False)
+    return done.returncode, done.stderr
+
+
+@pytest.mark.parametrize(("arguments", "loaded"), [((), False), (("--verbose",), True)])
+def test_a_daemon_that_is_refused_leaves_with_the_code_of_the_cause(tmp_path, arguments, loaded):
+    """Both ways in: as systemd starts it, and as a person with an option does."""
+    code, said = began("run", tmp_path / "none.toml", *arguments)
+    assert code == 2
+    assert f"stepdiag: {tmp_path / 'none.toml'}: expected a survey file, found No such file or directory" in said
+    assert said.endswith(f"loaded: {loaded}")
+
+
+def test_everything_else_is_the_command_line(tmp_path):
+    code, said = began("info", tmp_path / "none.mcap")
+    assert code == 2
+    assert "none.mcap" in said
+    assert said.endswith("loaded: True")
