@@ -1,0 +1,131 @@
+"""What the daemon costs beside a machine: processor, memory, how true its arrival stamps are, log size, start."""
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.request
+from collections.abc import Sequence
+from pathlib import Path
+from threading import Event, Thread
+
+import numpy as np
+
+from benchmarks.stand import daemon, feeding, logged, running
+from benchmarks.table import Row
+from daq.events import Chunk
+
+RATE_HZ = 1000.0
+SETTLE_S = 3.0
+
+
+def rows(seconds: float) -> list[Row]:
+    """Return the rows of the daemon at a usual instrument, each part measured for ``seconds``."""
+    alone = at_rest(seconds)
+    with running("benchmarks.solving"):
+        solving = at_rest(seconds)
+    return [*alone.cost(), *solving.stamps("while another survey is solved"), *page(seconds), *starts()]
+
+
+class AtRest:
+    """One run of the daemon at 1,000 samples/s and 50 polls/s."""
+
+    def __init__(self, cpu_percent: float, resident_mb: float, delays_ms: np.ndarray, bytes_a_sample: float) -> None:
+        self.cpu_percent = cpu_percent
+        self.resident_mb = resident_mb
+        self.delays_ms = delays_ms
+        self.bytes_a_sample = bytes_a_sample
+
+    def cost(self) -> list[Row]:
+        """Return processor, memory and log size."""
+        return [
+            Row("1,000 samples/s, 50 polls/s: processor", f"{self.cpu_percent:.1f} % of a core", goal="4 %", met=self.cpu_percent <= 4),
+            Row("the same: resident memory", f"{self.resident_mb:.0f} MB", goal="70 MB", met=self.resident_mb <= 70),
+            Row("log of umd lines at rest", f"{self.bytes_a_sample:.1f} bytes a sample", goal="12", met=self.bytes_a_sample <= 12),
+            *self.stamps("alone"),
+        ]
+
+    def stamps(self, when: str) -> list[Row]:
+        """Return how late arrival stamps are."""
+        p50, p99 = np.percentile(self.delays_ms, [50, 99])
+        return [Row(f"arrival stamp, {when}", f"p99 {p99:.2f} ms", f"p50 {p50:.2f} ms", goal="p99 1 ms", met=bool(p99 < 1))]
+
+
+def at_rest(seconds: float) -> AtRest:
+    """Run the daemon beside a board that writes a line a millisecond."""
+    with tempfile.TemporaryDirectory() as name:
+        stamps = Path(name) / "stamps.npy"
+        with feeding(Path(name), RATE_HZ, every_s=0.001, stamps=stamps) as survey:
+            with daemon(survey) as (process, _):
+                time.sleep(SETTLE_S)
+                percent = process.percent_over(seconds)
+                resident = process.resident_mb()
+            size, _, chunks = logged(survey)
+        return AtRest(percent, resident, delays_ms(chunks, np.load(stamps)), size / sum(chunk.data.count(b"\n") for chunk in chunks))
+
+
+def delays_ms(chunks: Sequence[Chunk], written: np.ndarray) -> np.ndarray:
+    """Return by how much the stamp of each chunk is later than the writing of its last line."""
+    times = dict(written.tolist())
+    last = [(int(chunk.data.split(b"\r\n")[-2].split()[5]), chunk.arrival_ns) for chunk in chunks[1:] if chunk.data.count(b"\r\n") > 1]
+    return np.array([stamp - times[number] for number, stamp in last if number in times]) * 1e-6
+
+
+def page(seconds: float) -> list[Row]:
+    """Return what the page adds while one browser looks on."""
+    with tempfile.TemporaryDirectory() as name, feeding(Path(name), RATE_HZ, page=True, every_s=0.001) as survey:
+        port = survey.read_text().partition("[page]")[2].split("port = ")[1].split()[0]
+        with daemon(survey) as (process, _):
+            time.sleep(SETTLE_S)
+            before = process.percent_over(seconds)
+            with Viewer(f"http://127.0.0.1:{port}/stream"):
+                time.sleep(SETTLE_S)
+                added = process.percent_over(seconds) - before
+                resident = process.resident_mb()
+    return [Row("page: what one viewer adds", f"{added:.1f} % of a core, {resident:.0f} MB in all", goal="2 %", met=added <= 2)]
+
+
+class Viewer:
+    """Reads a stream of events in a thread until the block ends."""
+
+    def __init__(self, address: str) -> None:
+        self._address = address
+        self._done = Event()
+        self._thread = Thread(target=self._read, daemon=True)
+
+    def __enter__(self) -> None:
+        self._thread.start()
+
+    def __exit__(self, *_: object) -> None:
+        self._done.set()
+        self._thread.join(5)
+
+    def _read(self) -> None:
+        with urllib.request.urlopen(self._address, timeout=10) as stream:
+            while not self._done.is_set() and stream.readline():
+                pass
+
+
+def starts() -> list[Row]:
+    """Return how long the daemon and the command line take to start."""
+    with tempfile.TemporaryDirectory() as name, feeding(Path(name), RATE_HZ, page=True) as survey:
+        ready = []
+        for _ in range(5):
+            with daemon(survey) as (_, ready_s):
+                ready.append(ready_s)
+                time.sleep(0.2)
+    bare = statistics.median(command_s("-c", "pass") for _ in range(5))
+    help_s = statistics.median(command_s("-m", "stepdiag", "--help") for _ in range(5))
+    start = statistics.median(ready)
+    return [
+        Row("start of the daemon to READY", f"{start:.2f} s", f"bare Python {bare:.3f} s", f"{start / bare:.0f}", "1 s", start < 1),
+        Row("stepdiag --help", f"{help_s:.2f} s", f"bare Python {bare:.3f} s", f"{help_s / bare:.0f}", "0.25 s", help_s < 0.25),
+    ]
+
+
+def command_s(*arguments: str) -> float:
+    """Return how long a Python process takes."""
+    began = time.monotonic()
+    subprocess.run([sys.executable, *arguments], check=True, capture_output=True)
+    return time.monotonic() - began

@@ -1,0 +1,107 @@
+"""From the end of a stop's window to the handshake in the PLC's register, over a whole survey on the virtual machine."""
+
+import sys
+import tempfile
+import time
+from collections.abc import Sequence
+from pathlib import Path
+from unittest.mock import patch
+
+import numpy as np
+
+from benchmarks.stand import daemon
+from benchmarks.table import Row
+from daq.hostclock import now_ns
+from daq.rounds import noted_stops
+from stepdiag.virtual.bench import VirtualBench
+from stepdiag.virtual.config import read_config
+from stepdiag.virtual.plc import Plc
+
+POLL_HZ = 50.0
+BENCH = """
+time_scale = 10.0
+[volume]
+size_mm = [300.0, 200.0, 100.0]
+increments = 10
+[program]
+passes = 1
+feed_mm_min = 30000.0
+acceleration_mm_s2 = 4000.0
+dwell_s = 0.1
+start = "command"
+handshake = true
+[laser]
+optics = 1
+noise_um = 0.2
+"""
+SURVEY = """
+[survey]
+name = "bench"
+machine = "bench"
+[volume]
+size_mm = [300.0, 200.0, 100.0]
+increments = 10
+[plan]
+return_pass = false
+dwell_s = 0.6
+[laser]
+format = "umd"
+port = "{laser}"
+[plc]
+port = {plc}
+poll_hz = {poll_hz}
+[plc.handshake]
+enabled = true
+[stop]
+settle_s = 0.05
+min_window_s = 0.1
+max_scatter_um = 5.0
+[page]
+enabled = false
+"""
+
+
+def rows() -> list[Row]:
+    """Return the row of the handshake."""
+    late_ms = lateness_ms()
+    p50, p99 = np.percentile(late_ms, [50, 99])
+    goal = 1e3 / POLL_HZ + 5
+    return [Row("stop captured: window's end to handshake", f"p99 {p99:.1f} ms of {len(late_ms)} stops", f"p50 {p50:.1f} ms",
+                goal=f"one poll period + 5 ms: {goal:.0f} ms", met=bool(p99 < goal))]  # fmt: skip
+
+
+def lateness_ms() -> np.ndarray:
+    """Return for each stop of a survey the time from its window's end to its count in the register."""
+    written: dict[int, int] = {}
+
+    def write(plc: Plc, table: str, address: int, values: Sequence[int]) -> None:
+        written.setdefault(values[0], now_ns())
+        original(plc, table, address, values)
+
+    original = Plc.write
+    sys.setswitchinterval(0.0002)  # the machine's threads must not wait for each other: that is not the daemon's time
+    with tempfile.TemporaryDirectory() as name, patch.object(Plc, "write", write):
+        folder = Path(name)
+        (folder / "bench.toml").write_text(BENCH)
+        waiting: list[dict[str, str]] = []
+        with VirtualBench(read_config(folder / "bench.toml"), folder, tell=waiting.append) as bench:
+            survey = folder / "survey.toml"
+            places = bench.addresses
+            survey.write_text(SURVEY.format(laser=places["laser_link"], plc=places["plc_port"], poll_hz=POLL_HZ))
+            with daemon(survey):
+                _drive(bench, waiting)
+        stops = [stop for log in sorted((folder / "bench").rglob("*.mcap")) for stop in noted_stops(log)]
+    pairs = [(stop.window_to_ns, written[stop.stop_count]) for stop in stops if stop.stop_count in written]
+    return np.array([after - window for window, after in pairs]) * 1e-6
+
+
+def _drive(bench: VirtualBench, told: list[dict[str, str]]) -> None:
+    """Start every setup as soon as it waits, until the program is over."""
+    time.sleep(1.0)
+    begun, end = 0, time.monotonic() + 180
+    while not any(event["event"] == "finished" for event in told) and time.monotonic() < end:
+        if sum(event["event"] == "waiting" for event in told) > begun:
+            begun += 1
+            bench.start_setup()
+        time.sleep(0.05)
+    time.sleep(1.0)

@@ -1,0 +1,83 @@
+"""Whether memory stays flat over a day: the recording's own code on a simulated clock, in a process of its own."""
+
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+from benchmarks.bench_replay import BLOCK, SECOND_NS
+from benchmarks.stand import SURVEY
+from benchmarks.table import Row
+from daq.events import Chunk, ModbusBlock
+
+LINES_HZ, POLL_HZ = 200, 10
+"""Slower than at the machine, so that a day passes in minutes; every bound of the program is one of time or of number."""
+PASS_S, PAUSE_S = 3600, 10
+"""A pass an hour, each in a log of its own."""
+
+
+def rows(hours: float) -> list[Row]:
+    """Return the row of a long survey."""
+    command = [sys.executable, "-m", "benchmarks.bench_memory", str(hours)]
+    first, last, lasted = map(float, subprocess.run(command, check=True, capture_output=True, text=True).stdout.split())
+    grown = last - first
+    return [Row(f"memory over {hours:g} hours, simulated in {lasted:.0f} s", f"{last:.0f} MB, grown by {grown:.1f} MB",
+                f"first minutes: {first:.0f} MB", goal="within 5 MB", met=grown <= 5)]  # fmt: skip
+
+
+def resident_mb() -> float:
+    """Return the memory of this process that is resident now."""
+    return int(Path("/proc/self/status").read_text().partition("VmRSS:")[2].split()[0]) / 1024
+
+
+def simulate(hours: float, folder: Path) -> tuple[float, float]:
+    """Run session and recorder over so many hours; return the memory after the memory of the streams is full, and at the end."""
+    from daq.recorder import Recorder
+    from daq.session import Round, Session
+    from daq.survey import parse_survey
+
+    text = SURVEY.format(laser="/dev/ttyUSB0", plc_port=502, page="false", page_port=8420)
+    recorder = Recorder(lambda _: None)
+    begun = Round(folder / "0001", {"machine": "bench"})
+    session = Session(parse_survey(text, "bench"), text, begun, recorder, on_outcome=lambda _: None, wall_offset_ns=lambda: 10**18)
+    first = 0.0
+    for second in range(int(hours * 3600)):
+        _second(session, second)
+        while recorder.health.backlog_bytes > 1_000_000:
+            time.sleep(0.001)
+        if second == 600:
+            first = resident_mb()
+    last = resident_mb()
+    session.close("the end of the benchmark")
+    recorder.stop(60)
+    return first, last
+
+
+def _second(session, second: int) -> None:  # noqa: ANN001
+    begin = (second + 1) * SECOND_NS
+    step = SECOND_NS // POLL_HZ
+    per = LINES_HZ // POLL_HZ
+    for poll in range(POLL_HZ):
+        number = second * LINES_HZ + poll * per
+        lines = b"".join(b"100000 100000 %d 0 0 %d %d %d\r\n" % (1000 + at % 7, at, *_code(at)) for at in range(number, number + per))
+        at_ns = begin + poll * step
+        session.consume(Chunk("laser", at_ns, lines))
+        words = [second & 0xFFFF, 0, 2 * (second % PASS_S < PASS_S - PAUSE_S), 1, *[0] * 6, 2000, 2000, 10130, 500]
+        session.consume(ModbusBlock(at_ns + 1000, at_ns + 401_000, BLOCK, (b"".join(word.to_bytes(2, "big") for word in words),)))
+
+
+def _code(number: int) -> tuple[int, int]:
+    return {2: (8, LINES_HZ * 100), 3: (10, 6000)}.get(number % 32, (0, 0))
+
+
+def main() -> None:
+    """Simulate and print memory at the beginning, at the end, and how long it took."""
+    began = time.monotonic()
+    with tempfile.TemporaryDirectory() as name:
+        first, last = simulate(float(sys.argv[1]), Path(name))
+    sys.stdout.write(f"{first} {last} {time.monotonic() - began}\n")
+
+
+if __name__ == "__main__":
+    main()

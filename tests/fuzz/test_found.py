@@ -1,0 +1,382 @@
+"""What fuzzing and reading have found: each by the smallest input that showed it, with what a stranger is told now."""
+
+import base64
+import json
+import os
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from daq.bundle import bundle_from_run, read_bundle
+from daq.completion import complete
+from daq.headrecord import read_head_csv
+from daq.headtests import compare_curves, parse_curves
+from daq.log_codec import decode
+from daq.logs import open_log
+from daq.rounds import PREDICTION, latest_round, noted_stops, prediction_in, round_folders
+from daq.survey import load_survey, parse_survey
+from daq.topics import BLOCK_TOPIC, RAW_TOPICS
+from exporters import lattice
+from exporters.files import read_bytes
+from exporters.profilefile import load_profile, parse_profile
+from exporters.programs.signals import LONGEST_TEXT, Signals
+from exporters.registry import CONTROLLERS
+from exporters.settings import read_toml
+from exporters.tables import ControlFile
+from solver.angles import parse_angles
+from solver.errors import DataError, UsageError
+from solver.fourdof_commissioning import Standstill, signs_and_lever
+from solver.planner import Circumstances, forecast
+from solver.readings import parse_readings
+from solver.result import parse_result
+from solver.runs import Plan, Run
+from solver.solve import solve
+from solver.table import read_table
+from testkit.machines import EOB, MACHINES, profile_of, profile_text
+from testkit.results import VOLUME, made_result
+from testkit.strangers import page_order
+from testkit.strangers_logs import SURVEY, contents, log_of, recorded
+from testkit.surveys import Bench
+from testkit.timeline import survey_text
+
+HUGE = "9" * 5000
+"""More digits than Python turns into a number."""
+
+
+# settings: survey, profile, calibration
+
+
+@pytest.mark.parametrize(
+    ("text", "found"),
+    [
+        (f"a = {HUGE}", "integer string conversion"),
+        ("a = " + "[" * 5000, "recursion"),
+        ("a." * 100_000 + "b = 1", "names of at most 20 parts"),
+        ('"\\"". ' * 30 + "b = 1", "names of at most 20 parts"),
+    ],
+)
+def test_toml_that_takes_for_ever_or_breaks_the_reader_is_refused(text, found):
+    """A dotted name of 100,000 parts took minutes and gigabytes."""
+    with pytest.raises(UsageError, match=found):
+        read_toml(text, "stranger")
+
+
+def test_toml_of_many_dots_that_are_no_names_is_read():
+    text = "# " + "." * 500 + "\na.b.c = 1.5\nd = '" + "." * 500 + "'\n"
+    assert read_toml("\ufeff" + text, "mine")["a"] == {"b": {"c": 1.5}}
+
+
+@pytest.mark.parametrize("pattern", ["(?P<position>[[a])", "(?P<position>" * 500, "(?P<position>a{99999999999})"])
+def test_a_pattern_that_python_warns_of_or_cannot_hold_is_refused(pattern):
+    text = survey_text().replace("pattern = '(?P<counter>\\d+) (?P<position>-?\\d+\\.\\d+) (?P<beam>\\d\\.\\d+)'", f"pattern = '{pattern}'")
+    assert pattern in text
+    with pytest.raises(UsageError, match=r"laser\.line\.pattern"):
+        parse_survey(text, "stranger")
+
+
+def test_a_control_s_name_cannot_lead_out_of_the_folder():
+    """The replay of a stranger's log wrote REFUSED.txt wherever the log wanted."""
+    with pytest.raises(UsageError, match=r"export\[0\]\.controller"):
+        parse_survey(survey_text() + '[[export]]\ncontroller = "../../else"\nprofile = "p"\n', "stranger")
+
+
+def test_a_name_with_a_nul_is_no_file(tmp_path: Path):
+    with pytest.raises(UsageError, match="null byte"):
+        read_bytes(tmp_path / "a\x00b")
+
+
+def test_what_a_profile_names_is_a_file_and_no_pipe_that_never_speaks(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe")
+    text = profile_text("neutral", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean")
+    (tmp_path / "p.toml").write_text(text.replace("existing = []", 'existing = ["pipe"]'))
+    with pytest.raises(UsageError, match=r"^p\.toml: machine\.existing: expected a readable file pipe, found pipe, which is none$"):
+        load_profile(tmp_path / "p.toml", CONTROLLERS["neutral"], VOLUME)
+
+
+def profile(controller: str, old: str, new: str) -> object:
+    text = profile_text(controller, steps_mm=(100.0, 100.0, 50.0), references_mm=(-200.0, 0.0, -100.0), direction="mean")
+    assert old in text
+    return parse_profile(text.replace(old, new, 1), "stranger", CONTROLLERS[controller], VOLUME, MACHINES[controller].files)
+
+
+@pytest.mark.parametrize(
+    ("controller", "old", "new", "field"),
+    [
+        ("heidenhain", 'name = "AX1"', 'name = "../../AX1"', "axes.X.name"),
+        ("siemens", 'name = "AX1"', 'name = "Ä"', "axes.X.name"),
+        ("siemens", 'name = "AX1"', 'name = "X]=1\\nM30"', "axes.X.name"),
+        ("siemens", "X = 50", f"X = {10**12}", "siemens.eec_points.X"),
+        ("siemens", "X = 50", f"X = {10**400}", "siemens.eec_points.X"),
+        ("heidenhain", 'generation = "tnc640"', 'generation = "tnc640"\nassignment = "../C.CMA"', "heidenhain.assignment"),
+        ("neutral", "existing = []", 'existing = ["a\\u0000"]', "machine.existing"),
+        ("fanuc", "detection_unit_um = 1.0", "detection_unit_um = 1e-300", "fanuc.detection_unit_um"),
+        ("neutral", 'name = "test machine"', 'name = "a\\u0000"', "machine.name"),
+        ("fanuc", "reference_mm = -200.0", f"reference_mm = {10**30}", "axes.X.reference_mm"),
+    ],
+)
+def test_a_profile_that_writes_elsewhere_or_without_end_is_refused(controller, old, new, field):
+    with pytest.raises(UsageError, match=f"stranger: {field}: "):
+        profile(controller, old, new)
+
+
+@pytest.mark.parametrize("step", ["1e-9", "1e-300"])
+def test_a_step_that_gives_a_table_without_end_is_refused(step):
+    """200,000,000,001 points asked for 1.5 TB."""
+    with pytest.raises(UsageError, match=r"axes\.X\.step_mm: expected at most 20000 sections"):
+        profile("neutral", "step_mm = 100.0", f"step_mm = {step}").grid_mm("X")  # type: ignore[attr-defined]
+    with pytest.raises(UsageError, match="vertices"):
+        lattice.lattice_of(made_result(), float(step))
+
+
+@pytest.mark.parametrize("text", ["{setup:>999999999}", "{setup!r}", "{setup:{count}}", "A\x00", "Ä", "A" * (LONGEST_TEXT + 1)])
+def test_a_text_for_the_plc_that_breaks_the_program_is_refused(text):
+    with pytest.raises(UsageError, match=r"program\.stand"):
+        Signals(begin="", stand=text, leave="", wait="", end="")
+
+
+def test_too_much_beside_a_survey_is_refused_before_it_makes_a_log_that_nobody_can_read(tmp_path: Path):
+    names = [f"t{number}" for number in range(9)]
+    (tmp_path / "p.toml").write_text(f"[machine]\nexisting = {names}\n")
+    for name in names:
+        (tmp_path / name).write_bytes(bytes(4_000_000))
+    path = tmp_path / "survey.toml"
+    path.write_text(survey_text() + '[[export]]\ncontroller = "fanuc"\nprofile = "p.toml"\n')
+    with pytest.raises(UsageError, match="at most 32000000 bytes"):
+        read_bundle(path, load_survey(path))
+
+
+@pytest.mark.parametrize("size", [1_000_001])
+def test_a_calibration_or_a_profile_too_large_to_be_one_is_not_read(tmp_path: Path, size: int):
+    (tmp_path / "big.toml").write_bytes(b"#" * size)
+    with pytest.raises(UsageError, match="at most 1000000 bytes"):
+        load_profile(tmp_path / "big.toml", CONTROLLERS["neutral"], VOLUME)
+    (tmp_path / "survey.toml").write_text(
+        survey_text(
+            setups=("ppp", "fourdof-x"), signals='[head]\nformat = "tqd"\nport = "/dev/null1"\nid = "a"\ncalibration = "big.toml"\n'
+        )
+    )
+    with pytest.raises(UsageError, match="at most 1000000 bytes"):
+        load_survey(tmp_path / "survey.toml")
+
+
+# tables of controls
+
+
+@pytest.mark.parametrize(
+    ("controller", "name", "data", "found"),
+    [
+        ("beckhoff", "a.lis", "kopf.achs_nr 1\nkw.ssfk.interval 1\nkw.ssfk.unit 1\nkw.ssfk.kw_nr_max 999999999999\n", "as many"),
+        ("mitsubishi", "a.txt", "#4000 1\n#4001 AX1\n#4002 AX1\n#4003 1\n#4004 1\n#4005 999999999999\n#4006 1\n#4007 1\n", "5124"),
+        ("siemens", "a.INI", f"$AN_CEC[0,{HUGE}]=1\nM17\n", "line 1: expected at most 4096 characters"),
+        ("siemens", "a.INI", f"$AN_CEC[0,{'9' * 30}]=1\nM17\n", "a whole number that a control holds"),
+        ("linuxcnc", "screw_x.comp", "0 0 0\n1e308 0 0\n", "three numbers"),
+        ("neutral", "a.csv", "function,direction,position_mm,error_um\nEXX,0,0,0\nEXX,0,1e300,0\nend,,,\n", "line 3: expected a number"),
+    ],
+)  # fmt: skip
+def test_a_table_that_asks_for_everything_is_refused(controller, name, data, found):
+    with pytest.raises(DataError, match=found):
+        CONTROLLERS[controller].parse([ControlFile(name=name, data=data.encode())], profile_of(controller, VOLUME))
+
+
+@pytest.mark.parametrize("number", [HUGE, "9" * 400])
+def test_a_punch_file_with_endless_numbers_is_no_pitch_data(number):
+    lines = ["%", f"N1{number}Q0P0", f"N10001P{number}", "%"]
+    file = ControlFile(name="PITCH.TXT", data=EOB.join(line.encode() for line in lines) + EOB)
+    with pytest.raises(DataError, match="expected pitch data"):
+        CONTROLLERS["fanuc"].parse([file], profile_of("fanuc", VOLUME))
+
+
+def test_a_lattice_of_rows_that_never_meet_is_not_filled_up():
+    """Ten thousand rows of their own places would have been a lattice of 10^12 vertices."""
+    rows = "".join(f"{n},{n},{n},0,0,0\n" for n in range(10_000))
+    with pytest.raises(DataError, match="a complete lattice"):
+        lattice.parse(ControlFile(name="lattice.csv", data=f"{lattice.HEADER}\n{rows}".encode()))
+
+
+def test_remarks_that_never_end_cost_no_time():
+    with pytest.raises(DataError, match="a new key"):
+        CONTROLLERS["beckhoff"].parse([ControlFile(name="a.lis", data=b"kw." + b"/*" * 2000 + b"\n")], profile_of("beckhoff", VOLUME))
+
+
+# readings, angles, curves, results
+
+
+def test_a_header_of_very_many_columns_is_refused_at_once():
+    """Every name was counted for every name."""
+    with pytest.raises(DataError, match="twice"):
+        read_table("a," * 200_000 + "a\n1\n", "stranger", ("a",))
+
+
+@pytest.mark.parametrize("number", ["1e300", "-1e300", "9" * 400])
+def test_a_number_no_machine_has_is_refused(number):
+    with pytest.raises(DataError, match="line 2: reading_mm: expected a finite number"):
+        parse_readings(f"setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\nppp,1,0,0,0,0,{number}\n")
+
+
+@pytest.mark.parametrize(
+    "setups", [("ppp",), ("ppp", "npp", "pnp", "ppn"), ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")]
+)
+def test_a_survey_of_one_increment_is_solved(setups):
+    """A function between two nodes has no shape: the estimator looked for one."""
+    result = solve(Bench(increments=1).survey(setups))
+    assert all(not function.value[0] and len(function.value) == 2 for function in result.errors.values() if function.value is not None)
+    assert parse_result(result.to_json()).errors["EYX"].value.tolist() == [0.0, 0.0]
+
+
+def test_a_survey_of_one_increment_is_planned():
+    survey = Plan(volume=replace(VOLUME, increments=1), runs=tuple(Run(setup=name) for name in ("ppp", "npp", "pnp", "ppn")))
+    assert forecast(survey, Circumstances()).volumetric_um > 0
+
+
+def test_angles_that_lean_the_mirror_out_of_the_beam_are_refused():
+    """Every round of the adjustment leaned it further, until its numbers overflowed."""
+    readings = Bench(size_mm=(300.0, 200.0, 100.0), increments=2).survey()
+    angles = parse_angles("axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\nx,0,0,0,0,0.1\nx,100,1,24294967296,,0.1\nx,300,2,3,24,8.1\n")
+    with pytest.raises(DataError, match="a mirror leaning by at most 200 mrad"):
+        solve(readings, angles=angles)
+
+
+def test_curves_that_share_no_place_are_refused():
+    ours = parse_curves("position_mm,EYX_um\n0,1\n100,2\n", "ours")
+    for theirs in ("position_mm,EYX_um\n0,\n1,\n", "position_mm,EYX_um\n100,1\n100,2\n"):
+        with pytest.raises(DataError, match="two positions or more"):
+            compare_curves(ours, parse_curves(theirs, "theirs"))
+    with pytest.raises(DataError, match="two positions or more"):
+        compare_curves(parse_curves("position_mm,EYX_um\n50,1\n50,2\n", "theirs"), ours)
+
+
+@pytest.mark.parametrize("samples", [0, 1, 2])
+def test_a_wobble_of_hardly_a_sample_tells_no_sign(samples):
+    nothing = np.zeros(samples)
+    with pytest.raises(DataError, match="over 3 samples or more"):
+        signs_and_lever([Standstill(travel_mm=300.0, qd_um=nothing, psd1_urad=nothing, psd2_urad=nothing)])
+
+
+def test_a_clock_that_jumps_does_not_ask_for_an_interval_a_second():
+    text = "time_s,qd_x,qd_y,qd_sum\n0,0,0,1\n1,0,0,1\n900000000000,0,0,1\n"
+    with pytest.raises(DataError, match="samples in every 1 s"):
+        read_head_csv(text, "stranger").averaged(1.0)
+
+
+def changed(path: list[str], value: str) -> str:
+    """Return a result with one entry replaced by JSON as it stands."""
+    document = json.loads(made_result().to_json())
+    inner = document
+    for name in path[:-1]:
+        inner = inner[name]
+    inner[path[-1]] = "@"
+    return json.dumps(document).replace('"@"', value)
+
+
+@pytest.mark.parametrize(
+    ("path", "value", "found"),
+    [
+        (["volume", "increments"], HUGE, "integer string conversion"),
+        (["volume", "increments"], "9" * 400, "from 1 to 500"),
+        (["volume", "size_mm"], "[1, 1, " + "9" * 400 + "]", "a finite number"),
+        (["method"], '"\\ud800"', "surrogate"),
+        (["closure_um"], '{"x": [1e999]}', "closure_um.x.0.: expected a finite number"),
+        (["fit"], "[" * 50 + "]" * 50, "at most 20 levels"),
+        (["budget"], '{"shares": {"EXX": {"air": ' + "9" * 400 + "}}}", "a finite number"),
+        (["setups"], '{"ppp": 3}', "setups.ppp: expected an object"),
+    ],
+)
+def test_a_result_that_cannot_be_written_again_is_refused(path, value, found):
+    with pytest.raises(DataError, match=found):
+        parse_result(changed(path, value), "stranger")
+
+
+# logs
+
+
+def test_a_log_that_names_a_file_it_does_not_bring_costs_that_export_alone(tmp_path: Path):
+    """KeyError."""
+    text, run, *messages = contents(recorded()).split(b"\n")
+    left = {key: value for key, value in json.loads(run).items() if key != "file:p.toml"}
+    log = tmp_path / "0001.mcap"
+    log.write_bytes(log_of(b"\n".join([text, json.dumps(left).encode(), *messages])))
+    done = complete([log], tmp_path / "out")
+    assert done.refusals["neutral"] == "p.toml: expected a file that the survey names, in the log, found nothing"
+
+
+@pytest.mark.parametrize("note", [b"", b"[]", b"{}", b'{"window_from_mono_ns": "x"}', b"[" * 3000])
+def test_notes_that_no_recorder_wrote_are_refused(tmp_path: Path, note: bytes):
+    log = tmp_path / "0001.mcap"
+    log.write_bytes(log_of(contents(recorded()) + b"\n/machine/stop " + note))
+    with pytest.raises(DataError, match="captured stops as the recorder notes them"):
+        noted_stops(log)
+
+
+def test_a_log_that_was_cut_off_before_it_began_does_not_hold_up_the_survey(tmp_path: Path):
+    """A kill, or a full disk, before the first byte of a log: the daemon did not start again, and the survey was never solved."""
+    round_ = tmp_path / "0001"
+    round_.mkdir()
+    (round_ / "0001.mcap.part").write_bytes(b"")
+    begun = latest_round(tmp_path, SURVEY, {})
+    assert (begun.folder, begun.logs, begun.stops) == (round_, 1, ())
+    (round_ / "0002.mcap").write_bytes(recorded())
+    assert len(latest_round(tmp_path, SURVEY, {}).stops) == 4
+    assert complete([round_], tmp_path / "out").result.volume.increments == 1
+
+
+BYTES = {"time": {"sec": 1, "nsec": 2}, "t_mono_ns": "5000", "order": 0, "skip": [0], "run": [1], "after_us": [0], "data": ["x"]}
+BLOCKS = {**BYTES, "recv_us": [0], "answer_us": [0], "ranges": "holding 0 1", "data": ["0000"]}
+
+
+@pytest.mark.parametrize(
+    ("topic", "fields", "change"),
+    [
+        (RAW_TOPICS["laser"], BYTES, {"t_mono_ns": "9" * 30}),
+        (RAW_TOPICS["laser"], BYTES, {"t_mono_ns": "-1"}),
+        (RAW_TOPICS["laser"], BYTES, {"after_us": [2**60]}),
+        (BLOCK_TOPIC, BLOCKS, {"answer_us": [6]}),
+        (BLOCK_TOPIC, BLOCKS, {"ranges": "holding 0 1|holding 2 1"}),
+    ],
+)
+def test_events_at_times_that_no_clock_shows_or_answers_nobody_asked_for_are_damage(topic, fields, change):
+    assert decode(topic, json.dumps(fields).encode())
+    with pytest.raises(ValueError, match=r"no clock shows|answers to"):
+        decode(topic, json.dumps({**fields, **change}).encode())
+
+
+@pytest.mark.parametrize("text", ["Ä", "a", "@@@@"])
+def test_a_file_in_a_log_that_is_no_base64_is_refused(text):
+    assert bundle_from_run({"file:a": base64.b64encode(b"x").decode()}, "mine") == {"a": b"x"}
+    with pytest.raises(DataError, match="base64"):
+        bundle_from_run({"file:a": text}, "stranger")
+
+
+def test_a_log_with_a_survey_or_a_file_too_large_to_be_one_is_refused(tmp_path: Path):
+    log = tmp_path / "0001.mcap"
+    log.write_bytes(log_of(json.dumps(SURVEY + "#" * 1_000_000).encode()))
+    with pytest.raises(DataError, match="a survey file of at most 1000000 bytes"):
+        open_log(log)
+    with pytest.raises(DataError, match="mine: a: expected at most 4000000 bytes"):
+        bundle_from_run({"file:a": base64.b64encode(bytes(4_000_001)).decode()}, "mine")
+
+
+def test_a_setup_of_endless_number_is_none():
+    with pytest.raises(DataError, match="setup: expected one of"):
+        parse_readings(f"setup,stop,x_mm,y_mm,z_mm,reading_mm\nppp+{HUGE},0,0,0,0,0\n")
+
+
+def test_a_folder_named_by_half_a_digit_is_no_round(tmp_path: Path):
+    """To Python a superscript two is a digit, but no number."""
+    (tmp_path / "²").mkdir()
+    assert round_folders(tmp_path) == []
+
+
+@pytest.mark.parametrize("body", [b'{"name": "\xff"}', b'{"x": ' + b"[" * 2000])
+def test_an_order_that_is_no_text_is_not_understood(body: bytes):
+    """It was answered as a fault of the program."""
+    assert page_order(body) == [400, 403]
+
+
+@pytest.mark.parametrize("data", [b"", b"[]", b'{"x": ' + b"[" * 2000, b'{"rms_before_um": "x", "rms_after_um": 1}', b" " * 5000])
+def test_a_prediction_that_is_none_is_said_and_left_out(tmp_path: Path, data: bytes, capsys):
+    assert prediction_in(tmp_path) is None
+    (tmp_path / PREDICTION).write_bytes(data)
+    assert prediction_in(tmp_path) is None
+    assert "prediction-not-read" in capsys.readouterr().out

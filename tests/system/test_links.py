@@ -1,0 +1,173 @@
+"""The stale answer of Modbus RTU over a real pty slave, and links that are pulled out and put back."""
+
+import asyncio
+import itertools
+import struct
+import time
+
+import pytest
+from pymodbus.client import AsyncModbusSerialClient
+from pymodbus.exceptions import ModbusIOException
+
+from daq.events import ReadRange
+from daq.hostclock import now_ns
+from daq.links.modbus import RtuSettings, open_link
+from daq.links.modbus_errors import SilentDeviceError
+from daq.links.port import SerialSettings
+from daq.links.reconnect import Reconnector
+from daq.links.serial import SerialStream
+from testkit.slaves import Pty, rtu_slave, symlink, wait_until
+
+pytestmark = pytest.mark.system
+
+BLOCK = ReadRange("holding", 0, 10)
+LATE_ONCE_S = [0.0, 0.28]
+THEN_S = 0.12
+TIMEOUT_S = 0.2
+BEAT_S = 0.05
+
+
+@pytest.fixture
+def pty():
+    line = Pty()
+    yield line
+    line.close()
+
+
+class Machine:
+    """Registers that hold the millisecond at which the slave looked at them, so that an old answer shows."""
+
+    def __init__(self):
+        self.began_ns = now_ns()
+
+    def answer(self, pdu):
+        _, _, count = struct.unpack(">BHH", pdu)
+        now = (now_ns() - self.began_ns) // 1_000_000
+        return struct.pack(f">BB{count}H", 3, 2 * count, *[now] * count)
+
+    def age_ms(self, block):
+        """Milliseconds by which the registers are older than the request; negative where they are not."""
+        looked = struct.unpack(">10H", block.data[0])[0]
+        return (block.send_ns - self.began_ns) / 1e6 - looked
+
+
+def delays():
+    return itertools.chain(LATE_ONCE_S, itertools.repeat(THEN_S))
+
+
+def settings(pty):
+    return RtuSettings(port=pty.name, baud=115200, parity="N", timeout_s=TIMEOUT_S)
+
+
+def test_a_bare_client_hands_out_old_answers_for_ever_after_one_that_came_late(pty):
+    """The hazard itself, so that the next test is known to be able to fail: instruments 4.3."""
+    machine, ages = Machine(), []
+
+    async def run():
+        client = AsyncModbusSerialClient(pty.name, baudrate=115200, timeout=TIMEOUT_S, retries=0, reconnect_delay=0)
+        await client.connect()
+        await client.read_holding_registers(0, count=10)
+        with pytest.raises(ModbusIOException):
+            await client.read_holding_registers(0, count=10)
+        for _ in range(5):
+            await asyncio.sleep(BEAT_S)
+            asked_ms = (now_ns() - machine.began_ns) / 1e6
+            answer = await client.read_holding_registers(0, count=10)
+            ages.append(asked_ms - answer.registers[0])
+        client.close()
+
+    with rtu_slave(pty, machine.answer, delays()):
+        asyncio.run(run())
+    assert min(ages) > 0.8 * BEAT_S * 1000
+
+
+def test_an_answer_that_came_late_is_never_taken_for_the_next(pty):
+    """The same slave: every block was looked up after it was asked for."""
+    machine = Machine()
+
+    async def run():
+        link = await open_link(settings(pty), [BLOCK])
+        with pytest.raises(SilentDeviceError, match=r"baud rate, parity, wiring and unit id"):
+            await link.read()
+        blocks = []
+        for _ in range(5):
+            await asyncio.sleep(BEAT_S)
+            blocks.append(await link.read())
+        link.close()
+        return blocks
+
+    with rtu_slave(pty, machine.answer, delays()):
+        blocks = asyncio.run(run())
+    assert max(machine.age_ms(block) for block in blocks) <= 1
+
+
+def test_an_answer_later_than_any_wait_is_known_by_its_length(pty, monkeypatch):
+    """Waiting alone does not help against a slave that was away for longer."""
+    monkeypatch.setattr("daq.links.modbus.RTU_WORST_ANSWER_S", 0.05)
+    machine = Machine()
+
+    async def run():
+        link = await open_link(settings(pty), [BLOCK])
+        blocks = []
+        for _ in range(12):
+            try:
+                blocks.append(await link.read())
+            except ConnectionError:
+                continue
+        link.close()
+        return blocks
+
+    slow = itertools.chain([0.0, 0.7], itertools.repeat(0.03))
+    with rtu_slave(pty, machine.answer, slow):
+        blocks = asyncio.run(run())
+    assert len(blocks) > 3
+    assert max(machine.age_ms(block) for block in blocks) <= 1
+
+
+def test_a_cancelled_poll_leaves_no_answer_behind(pty):
+    machine = Machine()
+
+    async def run():
+        link = await open_link(settings(pty), [BLOCK])
+        await link.read()
+        with pytest.raises(TimeoutError):
+            await asyncio.wait_for(link.read(), 0.03)
+        block = await link.read()
+        link.close()
+        return block
+
+    with rtu_slave(pty, machine.answer, itertools.repeat(0.1)):
+        assert machine.age_ms(asyncio.run(run())) <= 1
+
+
+def test_a_line_pulled_out_is_read_again_within_two_seconds_of_its_return(tmp_path):
+    link, lines = tmp_path / "laser", [Pty(), Pty()]
+    symlink(link, lines[0].name)
+    heard, states, waited = [], [], []
+
+    def use():
+        wait_until(lambda: "connected" in states)
+        lines[0].write(b"before")
+        wait_until(lambda: b"".join(heard) == b"before")
+        link.unlink()
+        lines[0].close()
+        wait_until(lambda: states[-1] == "lost")
+        time.sleep(1.7)
+        symlink(link, lines[1].name)
+        began = time.monotonic()
+        wait_until(lambda: states[-1] == "connected")
+        waited.append(time.monotonic() - began)
+        lines[1].write(b"after")
+        wait_until(lambda: b"".join(heard) == b"beforeafter")
+
+    async def run():
+        stream = SerialStream(SerialSettings(port=str(link)), lambda data, _: heard.append(data))
+        task = asyncio.create_task(Reconnector("laser", stream.session, lambda state, _: states.append(state)).run())
+        await asyncio.to_thread(use)
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+    asyncio.run(run())
+    lines[1].close()
+    assert waited[0] < 2.0
+    assert states == ["connecting", "connected", "lost", "connected"]

@@ -1,0 +1,36 @@
+"""The unit as systemd itself judges it, without booting one."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+pytestmark = pytest.mark.system
+
+UNIT = Path(__file__).parents[2] / "systemd" / "stepdiag@.service"
+
+
+def analyze(*arguments):
+    """Run systemd-analyze; return (exit code, standard output, standard error)."""
+    done = subprocess.run(["systemd-analyze", *map(str, arguments)], capture_output=True, text=True, timeout=60, check=False)
+    return done.returncode, done.stdout, done.stderr
+
+
+def test_the_exposure_is_at_most_one_and_a_half():
+    code, said, _ = analyze("security", "--offline=true", "--threshold=15", UNIT)
+    assert code == 0, said.splitlines()[-1]
+
+
+def test_systemd_finds_nothing_wrong(tmp_path):
+    """``verify`` returns 0 even for a misspelt key: nothing may stand on standard error. The command is the one installed here."""
+    unit = tmp_path / UNIT.name
+    unit.write_text(UNIT.read_text().replace("/opt/stepdiag/", f"{sys.prefix}/"))
+    assert analyze("verify", unit) == (0, "", "")
+
+
+def test_a_misspelt_key_is_seen(tmp_path):
+    """The test above can fail."""
+    unit = tmp_path / UNIT.name
+    unit.write_text(UNIT.read_text().replace("/opt/stepdiag/", f"{sys.prefix}/").replace("WatchdogSec", "WatchDogSec"))
+    assert "WatchDogSec" in analyze("verify", unit)[2]
