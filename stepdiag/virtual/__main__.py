@@ -33,8 +33,9 @@ def main(arguments: list[str] | None = None) -> int:
     except ValueError as error:
         sys.stderr.write(f"{options.config}: {error}\n")
         return 2
+    # the devices can be reached from here on, and what the program does from here on is told after this line
+    _print({"event": "ready", **bench.addresses})
     with bench:
-        _print({"event": "ready", **bench.addresses})
         threading.Thread(target=_listen, args=(bench, done), name="commands", daemon=True).start()
         done.wait()
     return 0
