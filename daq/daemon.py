@@ -18,7 +18,7 @@ from daq.events import Event, LinkEvent, ModbusBlock
 from daq.figures import Tally
 from daq.finishing import Commands, Finisher
 from daq.handshake import Handshake
-from daq.hostclock import wall_offset_ns
+from daq.hostclock import now_ns, wall_offset_ns
 from daq.notify import Notifier
 from daq.outcomes import Ended, Outcome
 from daq.recorder import Recorder, RecorderHealth
@@ -27,6 +27,7 @@ from daq.session import Round, Session
 from daq.stops import CapturedStop
 from daq.supervision import Supervisor
 from daq.survey import load_survey, read_text
+from daq.topics import log_note
 from daq.wires import Wires
 from solver.errors import DeviceError
 from solver.findings import Finding
@@ -178,7 +179,9 @@ class Daemon:
             self._handshake.captured(stop)
 
     def _ended(self, ended: Ended) -> None:
-        _log.info("pass-ended", kind=ended.kind, reason=ended.reason)
+        """Say so once the stops of the pass are said: what was last taken must outlive this process first."""
+        note = log_note(now_ns(), "info", ended.reason, "daemon")
+        self._working.recorder.promise(note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended))
         if self._working.session.book.complete():
             self._loop.call_soon(self._complete)
 
@@ -232,6 +235,10 @@ class Daemon:
         if waits_for != self._told and not self._working.session.recording:
             _log.info("waiting", what=waits_for)
         self._told = waits_for
+
+
+def _say_ended(ended: Ended) -> None:
+    _log.info("pass-ended", kind=ended.kind, reason=ended.reason)
 
 
 def _unwritten(health: RecorderHealth) -> DeviceError:

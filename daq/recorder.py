@@ -63,7 +63,7 @@ class _Promise:
     """A note that somebody waits for: ``saved`` is called when it would outlive this process."""
 
     note: Note
-    saved: Callable[[], None]
+    saved: Callable[[], object]
 
 
 _Item = Event | Note | _Promise | _Begin | _End
@@ -86,7 +86,7 @@ class Recorder:
         self._on_change = on_change
         self._limit = backlog_bytes
         self._items: deque[tuple[int, _Item]] = deque()
-        self._promised: list[Callable[[], None]] = []
+        self._promised: list[Callable[[], object]] = []
         self._taken_bytes = 0
         self._done_bytes = 0
         self._lost_bytes = 0
@@ -142,11 +142,11 @@ class Recorder:
         if self._state != "dead" and self._backlog <= self._limit:
             self._put(1000, note)
 
-    def promise(self, note: Note, saved: Callable[[], None]) -> None:
-        """Take the note of a captured stop and write it at once, with all that came before it.
+    def promise(self, note: Note, saved: Callable[[], object]) -> None:
+        """Take the note of a captured stop, or of the end of its pass, and write it at once, with all that came before it.
 
-        ``saved`` is called, in the recorder's thread, when a killed process would not lose it any more: not before may anybody be told
-        that the stop is captured. A note that a full disk refuses is kept; one that a dead recorder cannot take is never saved.
+        ``saved`` is called, in the recorder's thread and in the order of the notes, when a killed process would not lose it any more: not
+        before may anybody be told of it. A note that a full disk refuses is kept; one that a dead recorder cannot take is never saved.
         """
         if self._state != "dead":
             self._put(1000, _Promise(note, saved))

@@ -26,6 +26,7 @@ def scrape(port):
 
 
 def test_the_figures_follow_the_survey(tmp_path):
+    """The end of a pass is said after its last stop, so what is asked for then counts all of them."""
     port = free_port()
     with hall(tmp_path, setups=("linear-x", "ppp")) as place:
         place.survey.write_text(f"{place.survey.read_text()}\n[metrics]\nenabled = true\nport = {port}\n")
