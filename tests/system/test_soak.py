@@ -15,7 +15,7 @@ import pytest
 from daq.replay import logs_in, replay
 from daq.rounds import mend, noted_stops
 from stepdiag.processes import talking
-from testkit.hall import daemon, hall, until
+from testkit.hall import daemon, go_first, hall, until
 
 KILLS = int(os.environ.get("STEPDIAG_SOAK_KILLS", "12"))
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300 + 5 * KILLS)]
@@ -30,6 +30,7 @@ def live_and_die(survey, seconds):
     """Run a daemon, kill it without a word after a while, and return what it had said."""
     said = []
     with talking((sys.executable, "-m", "stepdiag", "run", str(survey)), errors=True) as process:
+        go_first(process.process)
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if process.lines.empty():
