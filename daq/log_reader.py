@@ -20,7 +20,7 @@ from solver.errors import DataError
 
 MAX_RECORD_BYTES = 64_000_000
 MAX_CHUNK_BYTES = 64_000_000
-"""Limits far above what is ever written: chunks are of 16 KiB, the largest record is the index at the end."""
+"""Limits far above what is ever written: chunks are of 64 KiB, packed ones of a megabyte, the largest record is the index at the end."""
 
 
 class BrokenRecordError(Exception):

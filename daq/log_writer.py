@@ -1,7 +1,7 @@
 """Writing one log (MCAP): what stands at its start and end, batches of events, notes. No thread, no disk: bytes into a stream.
 
-Chunks of 16 KiB with zstd and CRCs: small enough that little is lost with the last one, and as dense as large ones (measured,
-acquisition.md B2). Messages are batched up to a fraction of a second, see `daq.log_codec`.
+Chunks of 64 KiB with zstd and CRCs. How much is lost with the last one is a matter of how often the recorder flushes; only a fast
+instrument fills one before, and there smaller ones cost a quarter more time. Messages are batched alike, see `daq.log_codec`.
 """
 
 import hashlib
@@ -24,8 +24,8 @@ RUN = "stepdiag.run"
 CLOCK = "stepdiag.clock"
 RUN_STOP = "stepdiag.run_stop"
 SURVEY_ATTACHMENT = "survey.toml"
-CHUNK_BYTES = 16_384
-BATCH_BYTES = 16_384
+CHUNK_BYTES = 65_536
+BATCH_BYTES = 65_536
 """What may wait in batches before they are written, whatever the time: about the length of their text."""
 
 ExitStatus = Literal["complete", "aborted", "interrupted"]

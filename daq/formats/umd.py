@@ -112,13 +112,13 @@ class UmdDecoder:
 
     def _goes_on(self, rows: Rows) -> bool:
         """Tell whether rows follow the last one, are of the configured axis, and bring no code that says anything new."""
-        coded = rows[rows[:, _CODE] != 0]
-        told = set(zip(coded[:, _CODE].tolist(), coded[:, _DATA].tolist(), strict=True))  # a board repeats a few of them all the time
-        return (
-            rows.shape[1] > self._columns[0]
-            and self._track.goes_on(rows[:, _SEQUENCE])
-            and all(self._board.knows(code, data) for code, data in told)
-        )
+        return rows.shape[1] > self._columns[0] and self._track.goes_on(rows[:, _SEQUENCE]) and not self._news(rows)
+
+    def _news(self, rows: Rows) -> list[int]:
+        """Return the rows with a code; none where no code says anything new: a board repeats a few of them all the time."""
+        coded = rows[:, _CODE].nonzero()[0]
+        told = set(zip(rows[coded, _CODE].tolist(), rows[coded, _DATA].tolist(), strict=True))
+        return [] if all(self._board.knows(code, data) for code, data in told) else coded.tolist()
 
     def _take_first_line(self, block: bytes, batch: Batch) -> bytes:
         """Take the line whose beginning was not seen; return the rest of the block."""
@@ -145,7 +145,7 @@ class UmdDecoder:
         """Add ``rows`` to the batch, cut where a code changes how lines are read."""
         first, base = 0, batch.count
         reading = self._board.reading
-        for row in rows[:, _CODE].nonzero()[0].tolist():
+        for row in self._news(rows):
             told = self._board.hear(int(rows[row, _CODE]), int(rows[row, _DATA]))
             if told is not None:
                 batch.notices.append(Notice(code=told.code, index=base + row, text=told.text, value=told.value))

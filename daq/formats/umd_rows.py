@@ -99,8 +99,7 @@ def uniform_rows(block: bytes) -> Rows | None:
 def _plain_signs(block: bytes) -> bool:
     """Tell whether every minus stands before a digit and after a separator."""
     characters = np.frombuffer(block, dtype=np.uint8)
-    at = (characters == _MINUS).nonzero()[0]
-    if not len(at):
-        return True
-    before = characters[at - 1]  # of the block's first byte: its last, a line feed
-    return bool(before.max() <= _BLANK) and bool(characters[at + 1].min() >= _ZERO)
+    minus = characters == _MINUS
+    after_none = minus[1:] & (characters[:-1] > _BLANK)
+    before_none = minus[:-1] & (characters[1:] < _ZERO)
+    return not (after_none | before_none).any()
