@@ -1,7 +1,7 @@
 """A serial port: its settings, opening it, and what to do when that fails.
 
-pyserial sets the line up; waiting and reading are one poll(2) and one read(2) here. Its own ``read`` makes four calls of them, each of
-which lets go of the interpreter and may wait for it, and costs twice the time.
+pyserial sets the line up; waiting and reading are one poll(2) and one read(2) here, and on a busy line the read(2) alone. Its own
+``read`` makes four calls of them, each of which lets go of the interpreter and may wait for it, and costs twice the time.
 """
 
 import errno
@@ -18,6 +18,8 @@ import serial
 from solver.errors import DeviceError
 
 LARGEST_READ = 65536
+_BUSY_WAIT_DS = 1
+"""How long (in tenths of a second, termios(3)) a read waits on a line that is expected to bring something at any moment."""
 _REMEDIES = {
     errno.ENOENT: "check that the device is plugged in and that the survey names its port (a stable name is under /dev/serial/by-id)",
     errno.EACCES: "give the user the right to the port (group dialout, or the udev rule that comes with the program)",
@@ -54,12 +56,13 @@ class OpenPort:
             self._serial.port = settings.port
             self._serial.open()
             self._serial.timeout = 0.0  # sets the line up once more: only then a port says that it does not take these settings
+            self._line = self._serial.fileno()
+            _let_reads_wait(self._line)
         except (OSError, ValueError, termios.error) as error:
             raise _refusal(settings.port, error) from error
         self.low_latency = _set_low_latency(self._serial)
         self._released = threading.Event()
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
-        self._line = self._serial.fileno()
         self._rung, self._either = select.poll(), select.poll()
         self._rung.register(self._bell, select.POLLIN)
         self._either.register(self._bell, select.POLLIN)
@@ -72,15 +75,20 @@ class OpenPort:
 
     def read(self, timeout_s: float) -> bytes:
         """Return what is there, waiting for the first byte at most ``timeout_s``; nothing where none came or somebody rang."""
+        ready = self._either.poll(timeout_s * 1e3)
+        data = self.read_on() if any(descriptor == self._line for descriptor, _ in ready) else b""
+        if ready and not data:
+            self._hear(ready)
+        return data
+
+    def read_on(self) -> bytes:
+        """Return what is there on a line that always brings something; nothing after a tenth of a second of silence. Nobody can ring."""
         try:
-            ready = self._either.poll(timeout_s * 1e3)
-            data = os.read(self._line, LARGEST_READ) if any(descriptor == self._line for descriptor, _ in ready) else b""
+            data = os.read(self._line, LARGEST_READ)
         except OSError as error:
             raise _loss(self.name, str(error)) from error
         if data:
             self.last_byte_s = time.monotonic()
-        elif ready:
-            self._hear(ready)
         return data
 
     def write(self, data: bytes) -> None:
@@ -121,6 +129,14 @@ class OpenPort:
         os.eventfd_read(self._bell)
         if self._released.is_set():
             os.eventfd_write(self._bell, 1)
+
+
+def _let_reads_wait(line: int) -> None:
+    """Have a read of an empty line wait, instead of failing at once as pyserial leaves it."""
+    attributes = termios.tcgetattr(line)
+    attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, _BUSY_WAIT_DS
+    termios.tcsetattr(line, termios.TCSANOW, attributes)
+    os.set_blocking(line, True)
 
 
 def _set_low_latency(port: serial.Serial) -> bool:

@@ -20,7 +20,7 @@ PLAIN_GAP_S, LOW_LATENCY_GAP_S = 0.02, 0.005
 GATHER_S = 0.02
 """What arrives within so long is one chunk: a chunk for each of a thousand lines a second would cost an eighth of a core."""
 BUSY_BYTES_PER_S = 100_000
-"""Above it the reader does not sleep while it gathers: a pty holds 4 KiB."""
+"""Above it the reader does not sleep while it gathers, nor asks whether there is something to read: a pty holds 4 KiB."""
 _READ_S = 0.02
 """The longest a read waits; after as long a silence what was gathered is handed over."""
 
@@ -54,7 +54,7 @@ class SerialStream:
         while port.wanted:
             if pace.sleeps:
                 port.pause(GATHER_S)
-            data, last_ns, reads = _gather(port, 0.0 if pace.sleeps else GATHER_S)
+            data, last_ns, reads = _gather(port, 0.0 if pace.sleeps else GATHER_S, busy=pace.busy)
             pace.note(len(data), reads)
             if data:
                 self._on_chunk(data, last_ns)
@@ -100,21 +100,21 @@ class PolledSerial:
 
 
 class _Pace:
-    """Whether to sleep before the next chunk: not on a busy line, nor on one so slow that nothing would come meanwhile."""
+    """Whether to sleep before the next chunk: not on a ``busy`` line, nor on one so slow that nothing would come meanwhile."""
 
     def __init__(self) -> None:
-        self.sleeps = False
+        self.sleeps = self.busy = False
         self._since_s = time.monotonic()
 
     def note(self, size: int, reads: int) -> None:
         """Take the size of a chunk and the number of reads that brought it."""
         now_s = time.monotonic()
-        busy = size > BUSY_BYTES_PER_S * (now_s - self._since_s)
+        self.busy = size > BUSY_BYTES_PER_S * (now_s - self._since_s)
         self._since_s = now_s
-        self.sleeps = reads > 1 and not busy
+        self.sleeps = reads > 1 and not self.busy
 
 
-def _gather(port: OpenPort, seconds: float) -> tuple[bytes, int, int]:
+def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, int]:
     """Return what is there and what comes within ``seconds``, the time of its last byte, and how many reads brought something.
 
     At least two reads: the first may find bytes that lay there for a while, the second waits for one that arrives. What came before the
@@ -122,7 +122,7 @@ def _gather(port: OpenPort, seconds: float) -> tuple[bytes, int, int]:
     """
     parts: list[bytes] = []
     size, last_ns, end_s = 0, 0, time.monotonic() + seconds
-    while data := _read(port, bool(parts)):
+    while data := _read(port, bool(parts), busy):
         last_ns = stamp_ns()
         parts.append(data)
         size += len(data)
@@ -131,10 +131,10 @@ def _gather(port: OpenPort, seconds: float) -> tuple[bytes, int, int]:
     return b"".join(parts), last_ns, len(parts)
 
 
-def _read(port: OpenPort, gathered: bool) -> bytes:
+def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
     """Return what a read gives; nothing where the line is lost and there are bytes to hand over first."""
     try:
-        return port.read(_READ_S)
+        return port.read_on() if busy else port.read(_READ_S)
     except DeviceError:
         if not gathered:
             raise

@@ -86,6 +86,37 @@ def test_a_chunk_is_what_came_within_a_hundredth_of_a_second_stamped_by_its_last
     assert late_ns[len(late_ns) // 2] < 2e6
 
 
+def test_a_busy_line_is_read_whole_and_its_silence_and_its_end_are_seen(pty):
+    """A megabyte at full speed, a silence, a single line again after it, and the cable."""
+    chunks, states = [], States()
+    block = bytes(range(256)) * 16
+
+    def heard():
+        return sum(len(data) for data, _ in chunks)
+
+    async def serve():
+        task = asyncio.create_task(SerialStream(settings(pty), lambda *chunk: chunks.append(chunk)).session(states))
+        await asyncio.to_thread(work)
+        pty.close()
+        await task
+
+    def work():
+        wait_until(lambda: states == ["connected"])
+        for _ in range(256):
+            pty.write(block)
+        wait_until(lambda: heard() == 256 * len(block))
+        time.sleep(0.3)
+        pty.write(b"last")
+        wait_until(lambda: heard() == 256 * len(block) + 4)
+        assert now_ns() - chunks[-1][1] < 100e6
+
+    with pytest.raises(DeviceError, match="it is gone"):
+        asyncio.run(serve())
+    assert b"".join(data for data, _ in chunks) == block * 256 + b"last"
+    assert len(chunks) < 200
+    assert not serial_threads()
+
+
 def test_who_is_in_a_hurry_gets_what_is_there(pty, monkeypatch):
     """Between two chunks the reader sleeps, here for an hour; it hands over at once what somebody waits for."""
     monkeypatch.setattr(serial, "GATHER_S", 3600.0)
@@ -162,6 +193,9 @@ def test_what_came_just_before_the_cable_was_pulled_is_handed_over():
             self.reads = iter([b"one", b"two"])
 
         def read(self, _timeout_s):
+            return self.read_on()
+
+        def read_on(self):
             if data := next(self.reads, b""):
                 return data
             raise DeviceError("serial port x", expected="a line", found="it is gone")
