@@ -26,8 +26,8 @@ SYNC_S = 1.0
 """A power failure loses at most this; a captured stop is synced at once."""
 RETRY_S = 0.5
 """How long after a refusal the disk is asked again."""
-WAKE_BYTES = 65_536
-"""The thread sleeps until this much waits or a flush is due: a thousand wake-ups a second would cost as much as the work."""
+WAKE_BYTES = 262_144
+"""The thread sleeps until this much waits or a flush is due: a wake-up costs as much as the work on ten kilobytes."""
 BACKLOG_BYTES = 16_000_000
 """What may wait for the disk: several seconds of the fastest instrument. Admitting begins again at half of it."""
 
