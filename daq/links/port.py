@@ -63,6 +63,7 @@ class OpenPort:
         self.low_latency = _set_low_latency(self._serial)
         self._released = threading.Event()
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._rang = False
         self._rung, self._either = select.poll(), select.poll()
         self._rung.register(self._bell, select.POLLIN)
         self._either.register(self._bell, select.POLLIN)
@@ -76,20 +77,19 @@ class OpenPort:
     def read(self, timeout_s: float) -> bytes:
         """Return what is there, waiting for the first byte at most ``timeout_s``; nothing where none came or somebody rang."""
         ready = self._either.poll(timeout_s * 1e3)
-        data = self.read_on() if any(descriptor == self._line for descriptor, _ in ready) else b""
+        data = self._take() if any(descriptor == self._line for descriptor, _ in ready) else b""
         if ready and not data:
             self._hear(ready)
         return data
 
     def read_on(self) -> bytes:
-        """Return what is there on a line that always brings something; nothing after a tenth of a second of silence. Nobody can ring."""
-        try:
-            data = os.read(self._line, LARGEST_READ)
-        except OSError as error:
-            raise _loss(self.name, str(error)) from error
-        if data:
-            self.last_byte_s = time.monotonic()
-        return data
+        """Return what comes next on a line that always brings something; nothing after a tenth of a second of silence, or where somebody
+        rang before.
+        """
+        if self._rang:
+            self._quiet()
+            return b""
+        return self._take()
 
     def write(self, data: bytes) -> None:
         """Send ``data`` and wait until it has left."""
@@ -109,6 +109,7 @@ class OpenPort:
         with self._closing:
             if self._serial.is_open:
                 os.eventfd_write(self._bell, 1)
+                self._rang = True
 
     def release(self) -> None:
         """Say that the port is not wanted any more; ends every pause and read from now on."""
@@ -122,13 +123,27 @@ class OpenPort:
                 self._serial.close()
                 os.close(self._bell)
 
+    def _take(self) -> bytes:
+        try:
+            data = os.read(self._line, LARGEST_READ)
+        except OSError as error:
+            raise _loss(self.name, str(error)) from error
+        if data:
+            self.last_byte_s = time.monotonic()
+        return data
+
     def _hear(self, ready: list[tuple[int, int]]) -> None:
-        """Quiet the bell, unless it rang for good; a line that was ready and gave nothing is none any more."""
+        """Quiet the bell; a line that was ready and gave nothing is none any more."""
         if any(descriptor == self._line for descriptor, _ in ready):
             raise _loss(self.name, "it hung up")
-        os.eventfd_read(self._bell)
-        if self._released.is_set():
-            os.eventfd_write(self._bell, 1)
+        self._quiet()
+
+    def _quiet(self) -> None:
+        """Quiet the bell, unless it rang for good."""
+        with self._closing:
+            self._rang = self._released.is_set()
+            if not self._rang:
+                os.eventfd_read(self._bell)
 
 
 def _let_reads_wait(line: int) -> None:
