@@ -8,6 +8,7 @@ import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
 from testkit.hall import daemon, hall, until
+from testkit.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
 
@@ -25,6 +26,7 @@ def scrape(port):
     return {(sample.name, *sample.labels.values()): sample.value for family in families for sample in family.samples}
 
 
+@on_a_steady_computer
 def test_the_figures_follow_the_survey(tmp_path):
     """The end of a pass is said after its last stop, so what is asked for then counts all of them."""
     port = free_port()

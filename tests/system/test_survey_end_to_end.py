@@ -10,6 +10,7 @@ import time
 import pytest
 
 from testkit.hall import daemon, hall, until
+from testkit.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
 
@@ -65,6 +66,7 @@ def assert_solved(place, folder="0001"):
     return result
 
 
+@on_a_steady_computer
 def test_a_survey_is_recorded_solved_exported_and_replayed_to_the_same_bytes(tmp_path):
     (tmp_path / "siemens.toml").write_text(PROFILE)
     with hall(tmp_path, back=True, exports=SIEMENS) as place:
