@@ -14,7 +14,7 @@ import numpy as np
 
 from benchmarks.stand import daemon, feeding, logged, running
 from benchmarks.table import Row
-from daq.events import Chunk
+from stepdiag.daq.records.events import Chunk
 
 RATE_HZ = 1000.0
 SETTLE_S = 3.0

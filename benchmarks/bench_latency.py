@@ -11,11 +11,11 @@ import numpy as np
 
 from benchmarks.stand import daemon
 from benchmarks.table import Row
-from daq.hostclock import now_ns
-from daq.rounds import noted_stops
-from stepdiag.virtual.bench import VirtualBench
-from stepdiag.virtual.config import read_config
-from stepdiag.virtual.plc import Plc
+from stepdiag.daq.recording.rounds import noted_stops
+from stepdiag.daq.timing.host_clock import now_ns
+from stepdiag.virtual.bench.bench import VirtualBench
+from stepdiag.virtual.bench.config import read_config
+from stepdiag.virtual.plc.plc import Plc
 
 POLL_HZ = 50.0
 BENCH = """

@@ -9,7 +9,7 @@ from pathlib import Path
 from benchmarks.bench_replay import BLOCK, SECOND_NS
 from benchmarks.stand import SURVEY
 from benchmarks.table import Row
-from daq.events import Chunk, ModbusBlock
+from stepdiag.daq.records.events import Chunk, ModbusBlock
 
 LINES_HZ, POLL_HZ = 200, 10
 """Slower than at the machine, so that a day passes in minutes; every bound of the program is one of time or of number."""
@@ -33,9 +33,9 @@ def resident_mb() -> float:
 
 def simulate(hours: float, folder: Path) -> tuple[float, float]:
     """Run session and recorder over so many hours; return the memory after the memory of the streams is full, and at the end."""
-    from daq.recorder import Recorder
-    from daq.session import Round, Session
-    from daq.survey import parse_survey
+    from stepdiag.daq.log.recorder import Recorder
+    from stepdiag.daq.recording.session import Round, Session
+    from stepdiag.daq.survey.file import parse_survey
 
     text = SURVEY.format(laser="/dev/ttyUSB0", plc_port=502, page="false", page_port=8420)
     recorder = Recorder(lambda _: None)

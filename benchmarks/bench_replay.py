@@ -12,10 +12,10 @@ import numpy as np
 
 from benchmarks.stand import SURVEY
 from benchmarks.table import Row
-from daq.events import Chunk, Event, ModbusBlock, ReadRange
-from daq.log_writer import LogHeader, LogWriter
-from daq.partfile import PartFile
-from stepdiag.virtual.lasers import BOARDS, UmdBoard
+from stepdiag.daq.log.part_file import PartFile
+from stepdiag.daq.log.writer import LogHeader, LogWriter
+from stepdiag.daq.records.events import Chunk, Event, ModbusBlock, ReadRange
+from stepdiag.virtual.instruments.lasers import BOARDS, UmdBoard
 
 RATE_HZ, POLL_HZ = 1000, 50
 LINES_A_CHUNK = 25
@@ -95,7 +95,7 @@ def floor(log: Path) -> None:
     """Read the log's messages and split the bytes of the laser into lines and fields."""
     from mcap.records import Message
 
-    from daq.log_reader import RecordReader
+    from stepdiag.daq.log.reader import RecordReader
 
     for record in RecordReader(log):
         if isinstance(record, Message):
@@ -111,7 +111,7 @@ def peak_mb() -> float:
 def main() -> None:
     """Do one thing and print its processor time and peak memory."""
     what, log = sys.argv[1], Path(sys.argv[2])
-    from daq.replay import replay
+    from stepdiag.daq.replay import replay
 
     began = time.process_time()
     if what == "floor":

@@ -11,12 +11,12 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.table import Row
-from solver.design import Design, Model, build_design
-from solver.estimate import estimate
-from solver.fit import fit
-from solver.geometry import BODY_DIAGONALS, LINEAR_RUNS, Volume
-from solver.layout import Layout, lay_out
-from solver.runs import Plan, Run, perfect_readings
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS, LINEAR_RUNS, Volume
+from stepdiag.solver.linear.fit import fit
+from stepdiag.solver.methods.estimate import estimate
+from stepdiag.solver.model.design import Design, Model, build_design
+from stepdiag.solver.model.layout import Layout, lay_out
+from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
 
 TRIALS = 200_000
 OFFSETS_MM = ((0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (0.0, 50.0, 0.0))

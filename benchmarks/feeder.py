@@ -17,9 +17,9 @@ from pathlib import Path
 
 import numpy as np
 
-from daq.hostclock import now_ns
-from stepdiag.virtual.lasers import BOARDS, UmdBoard
-from stepdiag.virtual.ports import SerialLine
+from stepdiag.daq.timing.host_clock import now_ns
+from stepdiag.virtual.base.ports import SerialLine
+from stepdiag.virtual.instruments.lasers import BOARDS, UmdBoard
 
 _HEADER = struct.Struct(">HHHB")
 NOISE_MM = 2e-5

@@ -1,11 +1,11 @@
 """``python -m benchmarks.solving``: a process that solves surveys until it is told to end, standing back as the daemon's child does."""
 
-from daq.giveway import give_way
+from stepdiag.daq.service.priority import give_way
 
 if __name__ == "__main__":
     give_way()
     from benchmarks.bench_solver import survey
-    from solver.estimate import estimate
+    from stepdiag.solver.methods.estimate import estimate
 
     layout = survey(30, beams=3)
     while True:

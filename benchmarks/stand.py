@@ -12,8 +12,8 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from daq.events import Chunk
-from daq.logs import open_log
+from stepdiag.daq.log.contents import open_log
+from stepdiag.daq.records.events import Chunk
 
 SURVEY = """
 [survey]

@@ -1,1 +1,5 @@
-"""From the wires to the stops: links, wire formats, clocks, synchroniser, log, replay, daemon."""
+"""The recording: from the wires to the stops.
+
+In: bytes of a laser and registers of a machine. Out: logs, passes, readings. Rooms, lowest first: records, timing, formats, links,
+survey, capture, passes, log, replay, recording, head, service. Imported by `stepdiag` only.
+"""

@@ -4,18 +4,18 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from daq.bundle import bundle_from_run
-from daq.capture import Capture
-from daq.logs import LogEnd, must_be_there, open_log
-from daq.logstart import start_of
-from daq.outcomes import Outcome
-from daq.partfile import PART_SUFFIX
-from daq.passes import PassBook
-from daq.stops import CapturedStop
-from daq.survey import parse_survey
-from daq.survey_models import Survey
-from solver.errors import DataError
-from solver.findings import Finding
+from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.log_start import start_of
+from stepdiag.daq.capture.outcome import Outcome
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.log.contents import LogEnd, must_be_there, open_log
+from stepdiag.daq.log.part_file import PART_SUFFIX
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.survey.bundle import bundle_from_run
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.daq.survey.models import Survey
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.findings import Finding
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,13 +12,13 @@ def main() -> None:
     """Run the daemon, or whatever else the command line asks for."""
     match sys.argv[1:]:
         case ["run", file] if not file.startswith("-"):
-            from stepdiag.exits import refusals_said
-            from stepdiag.service import record
+            from stepdiag.daemon.service import record
+            from stepdiag.terminal.exits import refusals_said
 
             with refusals_said():
                 record(Path(file))
         case _:
-            from stepdiag.cli import main as command_line
+            from stepdiag.cli.app import main as command_line
 
             command_line()
 

@@ -5,8 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.formats.counter import Break
-from daq.samples import Flag, Notice, Samples
+from stepdiag.daq.formats.counter import Break
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
 
 Columns = tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]]
 """Counter, position in mm, beam, flags; each of shape (rows,)."""

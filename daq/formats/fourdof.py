@@ -8,12 +8,12 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from daq.formats.batch import Batch, judge_beam, mark
-from daq.formats.checks import require
-from daq.formats.counter import CounterTrack, Wrap
-from daq.formats.frames import FrameBuffer, Frames, Junk
-from daq.formats.lines import LineBuffer, quote
-from daq.samples import Flag, Notice, Samples
+from stepdiag.daq.formats.batch import Batch, judge_beam, mark
+from stepdiag.daq.formats.checks import require
+from stepdiag.daq.formats.counter import CounterTrack, Wrap
+from stepdiag.daq.formats.frames import FrameBuffer, Frames, Junk
+from stepdiag.daq.formats.lines import LineBuffer, quote
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -65,7 +65,7 @@ class _Rows:
 
 
 class FourdofDecoder:
-    """Decoder of a 4-DOF head (`daq.samples.Decoder`).
+    """Decoder of a 4-DOF head (`daq.timing.samples.Decoder`).
 
     ``channels`` has shape (count, 9): x, y and sum of QD, PSD 1 and PSD 2 in the head's units. Positions are NaN. A frame whose CRC
     is wrong is garbage; a value that is no finite number is NaN and its sample flagged DEVICE_ERROR.

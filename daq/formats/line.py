@@ -10,12 +10,12 @@ from typing import Literal
 
 import numpy as np
 
-from daq.formats.batch import NOTHING, Batch, judge_beam
-from daq.formats.checks import require, require_interferometer, require_sign
-from daq.formats.counter import CounterTrack, Wrap
-from daq.formats.lines import LineBuffer, quote
-from daq.samples import Flag, Notice, Samples
-from solver.errors import UsageError
+from stepdiag.daq.formats.batch import NOTHING, Batch, judge_beam
+from stepdiag.daq.formats.checks import require, require_interferometer, require_sign
+from stepdiag.daq.formats.counter import CounterTrack, Wrap
+from stepdiag.daq.formats.lines import LineBuffer, quote
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.solver.errors import UsageError
 
 Unit = Literal["mm", "um", "nm", "inch", "counts"]
 
@@ -84,7 +84,7 @@ class _Row:
 
 
 class LineDecoder:
-    """Decoder of configured ASCII lines (`daq.samples.Decoder`).
+    """Decoder of configured ASCII lines (`daq.timing.samples.Decoder`).
 
     A line that does not match, or whose counter is no number, is a garbage notice. A matching line whose position is no number
     is a sample: NaN, flagged DEVICE_ERROR. The first line of a stream may be cut in front: its sample is flagged OUT_OF_RANGE.

@@ -6,10 +6,10 @@ from typing import Literal
 
 import numpy as np
 
-from daq.formats.batch import Batch
-from daq.formats.checks import require, require_sign
-from daq.formats.lines import quote
-from daq.samples import Flag, Notice, Samples
+from stepdiag.daq.formats.batch import Batch
+from stepdiag.daq.formats.checks import require, require_sign
+from stepdiag.daq.formats.lines import quote
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -48,7 +48,7 @@ _MM_PER_UNIT = {"mm": 1.0, "inch": 25.4}
 
 
 class NdDecoder:
-    """Decoder of an ND display (`daq.samples.PolledDecoder`).
+    """Decoder of an ND display (`daq.timing.samples.PolledDecoder`).
 
     An answer is STX, then one line for each axis, each ended by CR LF. NAK, or text in the place of the value, is a sample all
     the same: NaN, flagged DEVICE_ERROR, with a notice. The host numbers the answers; a lost answer is not seen here.

@@ -1,12 +1,12 @@
 """Wire formats by name."""
 
-from daq.formats.fourdof import FourdofDecoder, FourdofSettings
-from daq.formats.line import LineDecoder, LineSettings
-from daq.formats.nd import NdDecoder, NdSettings
-from daq.formats.tqd import TqdDecoder, TqdSettings
-from daq.formats.umd import UmdDecoder, UmdSettings
-from daq.samples import Decoder
-from solver.errors import UsageError
+from stepdiag.daq.formats.fourdof import FourdofDecoder, FourdofSettings
+from stepdiag.daq.formats.line import LineDecoder, LineSettings
+from stepdiag.daq.formats.nd import NdDecoder, NdSettings
+from stepdiag.daq.formats.tqd import TqdDecoder, TqdSettings
+from stepdiag.daq.formats.umd.decoder import UmdDecoder, UmdSettings
+from stepdiag.daq.timing.samples import Decoder
+from stepdiag.solver.errors import UsageError
 
 FormatSettings = UmdSettings | LineSettings | NdSettings | FourdofSettings | TqdSettings
 

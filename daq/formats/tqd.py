@@ -5,10 +5,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from daq.formats.batch import Batch, judge_beam, mark
-from daq.formats.checks import require
-from daq.formats.frames import FrameBuffer, Frames, Junk
-from daq.samples import Flag, Notice, Samples
+from stepdiag.daq.formats.batch import Batch, judge_beam, mark
+from stepdiag.daq.formats.checks import require
+from stepdiag.daq.formats.frames import FrameBuffer, Frames, Junk
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,7 +37,7 @@ _VOLTS_PER_COUNT = np.array([10.0, 10.0, 20.0]) / _FULL_SCALE
 
 
 class TqdDecoder:
-    """Decoder of a quadrant detector (`daq.samples.PolledDecoder`).
+    """Decoder of a quadrant detector (`daq.timing.samples.PolledDecoder`).
 
     ``channels`` has shape (count, 3): x difference, y difference and sum in volts, with the signs of the wire (the unit is known to
     send x inverted; the calibration of the head settles it). Positions are NaN. The host numbers the answers.

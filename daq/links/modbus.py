@@ -16,9 +16,9 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from daq.events import ModbusBlock, ReadRange, Table
-from daq.hostclock import stamp_ns
-from daq.links.modbus_errors import RefusedRequestError, lost, refusal, silence, stale, unreachable, unusable
+from stepdiag.daq.links.modbus_errors import RefusedRequestError, lost, refusal, silence, stale, unreachable, unusable
+from stepdiag.daq.records.events import ModbusBlock, ReadRange, Table
+from stepdiag.daq.timing.host_clock import stamp_ns
 
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
 

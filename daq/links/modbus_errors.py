@@ -8,7 +8,7 @@ DeviceError
     └── WrongUnitError     the gateway knows no such unit
 """
 
-from solver.errors import DeviceError
+from stepdiag.solver.errors import DeviceError
 
 
 class LostConnectionError(DeviceError):

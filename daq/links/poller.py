@@ -5,10 +5,10 @@ from collections.abc import Callable, Sequence
 
 import structlog
 
-from daq.events import ModbusBlock, ReadRange
-from daq.links.modbus import ModbusLink, ModbusSettings, open_link
-from daq.links.modbus_errors import RefusedRequestError, SilentDeviceError, StaleAnswerError
-from daq.links.reconnect import Report, heed_cancellation
+from stepdiag.daq.links.modbus import ModbusLink, ModbusSettings, open_link
+from stepdiag.daq.links.modbus_errors import RefusedRequestError, SilentDeviceError, StaleAnswerError
+from stepdiag.daq.links.reconnect import Report, heed_cancellation
+from stepdiag.daq.records.events import ModbusBlock, ReadRange
 
 _log = structlog.get_logger(__name__)
 

@@ -15,7 +15,7 @@ from typing import Literal
 
 import serial
 
-from solver.errors import DeviceError
+from stepdiag.solver.errors import DeviceError
 
 LARGEST_READ = 65536
 _BUSY_WAIT_DS = 1

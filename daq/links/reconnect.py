@@ -9,8 +9,8 @@ from collections.abc import Awaitable, Callable
 
 import structlog
 
-from daq.status import LinkState
-from solver.errors import DeviceError
+from stepdiag.daq.records.status import LinkState
+from stepdiag.solver.errors import DeviceError
 
 FIRST_WAIT_S = 0.1
 WAIT_GROWTH = 2.0

@@ -7,11 +7,11 @@ Python code is busy. A read takes all that is there in one call; reading lines w
 import time
 from collections.abc import Callable
 
-from daq.hostclock import stamp_ns
-from daq.links.port import LARGEST_READ, OpenPort, SerialSettings
-from daq.links.portthread import PortThread
-from daq.links.reconnect import Report
-from solver.errors import DeviceError
+from stepdiag.daq.links.port import LARGEST_READ, OpenPort, SerialSettings
+from stepdiag.daq.links.port_thread import PortThread
+from stepdiag.daq.links.reconnect import Report
+from stepdiag.daq.timing.host_clock import stamp_ns
+from stepdiag.solver.errors import DeviceError
 
 ANSWER_TIMEOUT_S = 0.5
 """How long a polled instrument may take for the first byte of its answer."""
@@ -25,7 +25,7 @@ _READ_S = 0.02
 """The longest a read waits; after as long a silence what was gathered is handed over."""
 
 OnChunk = Callable[[bytes, int], None]
-"""Takes bytes and their time (`daq.hostclock`, ns, whole microseconds). Called in the reading thread; an exception ends it."""
+"""Takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). Called in the reading thread; an exception ends it."""
 
 
 class SerialStream:

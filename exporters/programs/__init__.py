@@ -6,16 +6,9 @@ A program is a flat list of blocks: no loop, no subprogram and no calculated pos
 and searched. It states the setup and the stop to the PLC, which puts them into the Modbus block of contract 2.
 """
 
-from exporters.programs.programs import (
-    CONTROLS,
-    Program,
-    default_decimals,
-    default_signals,
-    nc_programs,
-    program_name,
-)
-from exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number
-from exporters.programs.signals import Signals
+from stepdiag.exporters.programs.programs import CONTROLS, Program, default_decimals, default_signals, nc_programs, program_name
+from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number
+from stepdiag.exporters.programs.signals import Signals
 
 __all__ = [
     "CONTROLS",

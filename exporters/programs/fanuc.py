@@ -1,7 +1,7 @@
 """Fanuc (16i/18i/21i, 0i, 30i family), custom macro B, metric."""
 
-from exporters.programs.dialect import Dialect, Job, plain
-from exporters.programs.signals import Signals
+from stepdiag.exporters.programs.dialect import Dialect, Job, plain
+from stepdiag.exporters.programs.signals import Signals
 
 
 class Fanuc(Dialect):

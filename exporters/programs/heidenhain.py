@@ -1,7 +1,7 @@
 """Heidenhain TNC (iTNC 530, TNC 620/640): conversational program, metric."""
 
-from exporters.programs.dialect import Dialect, Job
-from exporters.programs.signals import Signals
+from stepdiag.exporters.programs.dialect import Dialect, Job
+from stepdiag.exporters.programs.signals import Signals
 
 
 class Heidenhain(Dialect):

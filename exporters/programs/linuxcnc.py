@@ -1,7 +1,7 @@
 """LinuxCNC: RS274/NGC program, metric."""
 
-from exporters.programs.dialect import Dialect, Job
-from exporters.programs.signals import Signals
+from stepdiag.exporters.programs.dialect import Dialect, Job
+from stepdiag.exporters.programs.signals import Signals
 
 
 class LinuxCNC(Dialect):

@@ -4,14 +4,14 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
-from exporters.programs.dialect import Dialect, Job
-from exporters.programs.fanuc import Fanuc
-from exporters.programs.heidenhain import Heidenhain
-from exporters.programs.linuxcnc import LinuxCNC
-from exporters.programs.sequence import Sequence, check
-from exporters.programs.siemens import Siemens
-from exporters.programs.signals import Signals
-from solver.errors import UsageError
+from stepdiag.exporters.programs.dialect import Dialect, Job
+from stepdiag.exporters.programs.fanuc import Fanuc
+from stepdiag.exporters.programs.heidenhain import Heidenhain
+from stepdiag.exporters.programs.linuxcnc import LinuxCNC
+from stepdiag.exporters.programs.sequence import Sequence, check
+from stepdiag.exporters.programs.siemens import Siemens
+from stepdiag.exporters.programs.signals import Signals
+from stepdiag.solver.errors import UsageError
 
 _DIALECTS: Mapping[str, Dialect] = MappingProxyType(
     {dialect.control: dialect for dialect in (Fanuc(), Siemens(), Heidenhain(), LinuxCNC())}

@@ -9,9 +9,9 @@ from typing import Annotated
 
 import msgspec
 
-from exporters.programs.signals import Signals
-from exporters.settings import convert, read_toml
-from solver.errors import UsageError
+from stepdiag.exporters.files.settings import convert, read_toml
+from stepdiag.exporters.programs.signals import Signals
+from stepdiag.solver.errors import UsageError
 
 SECTION = "program"
 _TEXTS = tuple(item.name for item in fields(Signals))

@@ -1,7 +1,7 @@
 """Siemens SINUMERIK 840D, 840D sl, 828D, ONE: metric part program."""
 
-from exporters.programs.dialect import Dialect, Job
-from exporters.programs.signals import Signals
+from stepdiag.exporters.programs.dialect import Dialect, Job
+from stepdiag.exporters.programs.signals import Signals
 
 
 class Siemens(Dialect):

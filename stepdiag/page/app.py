@@ -1,6 +1,6 @@
 """The page as an application: the live stream, the texts, the downloads, and the commands of those who may.
 
-It reads from the daemon only what `daq.status.StatusSource` offers, and nothing it does can hold the daemon up.
+It reads from the daemon only what `daq.records.status.StatusSource` offers, and nothing it does can hold the daemon up.
 """
 
 from collections.abc import AsyncIterator
@@ -19,11 +19,11 @@ from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
-from daq.status import CommandName, Download, StatusSource
-from solver.errors import UsageError
+from stepdiag.daq.records.status import CommandName, Download, StatusSource
 from stepdiag.page.broadcast import Broadcaster
 from stepdiag.page.security import REPORT_POLICY, SecurityHeaders, may_command
-from stepdiag.texts import LANGUAGES, Language, catalogue
+from stepdiag.solver.errors import UsageError
+from stepdiag.texts.texts import LANGUAGES, Language, catalogue
 
 STATIC = Path(str(files("stepdiag.page") / "static"))
 LONGEST_COMMAND = 4096

@@ -6,7 +6,7 @@ from contextlib import suppress
 
 import msgspec
 
-from daq.status import Snapshot, StatusSource
+from stepdiag.daq.records.status import Snapshot, StatusSource
 
 SHORTEST_S = 0.1
 """No more than ten pictures a second."""

@@ -8,10 +8,10 @@ from collections.abc import AsyncIterator, Generator
 import uvicorn
 from starlette.applications import Starlette
 
-from daq.status import StatusSource
-from solver.errors import DeviceError
+from stepdiag.daq.records.status import StatusSource
 from stepdiag.page.app import create_app
-from stepdiag.texts import Language
+from stepdiag.solver.errors import DeviceError
+from stepdiag.texts.texts import Language
 
 BACKLOG = 64
 GRACE_S = 1.0

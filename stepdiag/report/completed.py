@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from daq.completion import Completed
-from daq.rounds import READINGS, RESULT
-from solver.readings import parse_readings
+from stepdiag.daq.recording.rounds import READINGS, RESULT
+from stepdiag.daq.service.completion import Completed
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_of
 from stepdiag.report.output import write_report
+from stepdiag.solver.readings.readings import parse_readings
 
 
 def write_completed_report(done: Completed) -> Path:

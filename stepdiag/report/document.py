@@ -8,9 +8,6 @@ from importlib.resources import files
 
 import jinja2
 
-from solver import standards
-from solver.readings import Readings
-from solver.result import Result
 from stepdiag.report import measured, sections
 from stepdiag.report.exported import Exported
 from stepdiag.report.figure import Figure
@@ -24,7 +21,10 @@ from stepdiag.report.figures import (
     function_figures,
     volumetric_errors,
 )
-from stepdiag.texts import Language, catalogue
+from stepdiag.solver.methods import standard_figures
+from stepdiag.solver.readings.readings import Readings
+from stepdiag.solver.result.result import Result
+from stepdiag.texts.texts import Language, catalogue
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,7 +85,7 @@ def build_report(
         "setups": sections.setups_table(result, words),
         "squareness": sections.squareness_table(result, words),
         "scale": sections.scale_table(result, words),
-        "diagonals": sections.diagonals_table(standards.diagonals(layout), words) if layout is not None else None,
+        "diagonals": sections.diagonals_table(standard_figures.diagonals(layout), words) if layout is not None else None,
         "head": sections.head_table(result, words),
         "fit": sections.fit_table(result),
         "assumptions": sections.assumptions_table(result),

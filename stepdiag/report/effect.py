@@ -4,7 +4,7 @@ from importlib.resources import files
 
 import numpy as np
 
-from exporters.verify import Figures, Prediction
+from stepdiag.exporters.safety.verify import Figures, Prediction
 from stepdiag.report import space, svg
 
 SUFFIXES = (".svg", ".html")

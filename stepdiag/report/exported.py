@@ -6,15 +6,16 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from exporters import lattice
-from exporters.export import ExportReport
-from exporters.naming import RESTORE
-from exporters.profilefile import load_profile
-from exporters.registry import CONTROLLERS
-from exporters.tables import ControlFile, Table, mean_correction_um
-from exporters.verify import controller_of, read_files, verify_files
-from solver.result import Result
+from stepdiag.exporters.export.export import ExportReport
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.naming import RESTORE
+from stepdiag.exporters.profiles.file import load_profile
+from stepdiag.exporters.profiles.registry import CONTROLLERS
+from stepdiag.exporters.safety.verify import controller_of, read_files, verify_files
+from stepdiag.exporters.tables import lattice
+from stepdiag.exporters.tables.tables import Table, mean_correction_um
 from stepdiag.report.figures import Correction
+from stepdiag.solver.result.result import Result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

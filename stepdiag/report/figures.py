@@ -4,12 +4,12 @@ from collections.abc import Callable
 
 import numpy as np
 
-from solver.field import error_field_um, without_rigid_motion
-from solver.geometry import Vector
-from solver.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.report import charts, space
 from stepdiag.report.charts import Series
 from stepdiag.report.figure import Figure, csv_table
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 
 Correction = Callable[[Vector], Vector]
 """From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N, 3) in um."""

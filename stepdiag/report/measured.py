@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from solver.layout import Layout, lay_out
-from solver.readings import Readings
-from solver.result import Result
-from solver.standards import way_mm
 from stepdiag.report import charts
 from stepdiag.report.charts import Series
 from stepdiag.report.figure import Figure, csv_table
+from stepdiag.solver.methods.standard_figures import way_mm
+from stepdiag.solver.model.layout import Layout, lay_out
+from stepdiag.solver.readings.readings import Readings
+from stepdiag.solver.result.result import Result
 
 
 def layout_of(readings: Readings, result: Result) -> Layout:

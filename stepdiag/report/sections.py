@@ -6,18 +6,18 @@ from typing import Any
 
 import numpy as np
 
-from solver.findings import Finding
-from solver.iso230 import DiagonalFigures
-from solver.readings import Readings
-from solver.result import DISPLACEMENTS, ROTATIONS, Result
-from stepdiag.texts import Language, finding_advice
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.readings.readings import Readings
+from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
+from stepdiag.solver.standards.iso230 import DiagonalFigures
+from stepdiag.texts.texts import Language, finding_advice
 
 COVERAGE = 2.0
 SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
 SURVEY_FACTS = ("machine", "survey", "operator", "workpiece")
 """Entries of ``survey`` in the result that the report shows under these names."""
 DIAGONAL_FIGURES = {"E_up": "E↑", "R_up": "R↑", "A_up": "A↑", "E": "E", "B": "B", "M": "M", "R": "R", "A": "A"}
-"""The figures of ISO 230-2 by their names in `solver.iso230`, as the standard writes them."""
+"""The figures of ISO 230-2 by their names in `solver.standards.iso230`, as the standard writes them."""
 MOST_ROWS = 200
 """Rows of a table that a stranger's result may fill at most."""
 

@@ -7,9 +7,9 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
-from solver.geometry import Volume
-from solver.rounding import steady
 from stepdiag.report import svg
+from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.result.rounding import steady
 
 Array = NDArray[np.float64]
 

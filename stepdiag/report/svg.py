@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from html import escape
 
-from solver.rounding import steady
+from stepdiag.solver.result.rounding import steady
 
 
 def number(value: float) -> str:

@@ -15,9 +15,9 @@ from pathlib import Path
 
 import msgspec
 
-from stepdiag.virtual.bench import VirtualBench
-from stepdiag.virtual.config import BenchConfig, read_config
-from stepdiag.virtual.faults import Fault
+from stepdiag.virtual.base.faults import Fault
+from stepdiag.virtual.bench.bench import VirtualBench
+from stepdiag.virtual.bench.config import BenchConfig, read_config
 
 
 def main(arguments: list[str] | None = None) -> int:

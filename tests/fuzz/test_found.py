@@ -9,31 +9,31 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from daq.bundle import bundle_from_run, read_bundle
-from daq.completion import complete
-from daq.headrecord import read_head_csv
-from daq.headtests import compare_curves, parse_curves
-from daq.log_codec import decode
-from daq.logs import open_log
-from daq.rounds import PREDICTION, latest_round, noted_stops, prediction_in, round_folders
-from daq.survey import load_survey, parse_survey
-from daq.topics import BLOCK_TOPIC, RAW_TOPICS
-from exporters import lattice
-from exporters.files import read_bytes
-from exporters.profilefile import load_profile, parse_profile
-from exporters.programs.signals import LONGEST_TEXT, Signals
-from exporters.registry import CONTROLLERS
-from exporters.settings import read_toml
-from exporters.tables import ControlFile
-from solver.angles import parse_angles
-from solver.errors import DataError, UsageError
-from solver.fourdof_commissioning import Standstill, signs_and_lever
-from solver.planner import Circumstances, forecast
-from solver.readings import parse_readings
-from solver.result import parse_result
-from solver.runs import Plan, Run
-from solver.solve import solve
-from solver.table import read_table
+from stepdiag.daq.head.commissioning import compare_curves, parse_curves
+from stepdiag.daq.head.record import read_head_csv
+from stepdiag.daq.log.codec import decode
+from stepdiag.daq.log.contents import open_log
+from stepdiag.daq.log.topics import BLOCK_TOPIC, RAW_TOPICS
+from stepdiag.daq.recording.rounds import PREDICTION, latest_round, noted_stops, prediction_in, round_folders
+from stepdiag.daq.service.completion import complete
+from stepdiag.daq.survey.bundle import bundle_from_run, read_bundle
+from stepdiag.daq.survey.file import load_survey, parse_survey
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.files import read_bytes
+from stepdiag.exporters.files.settings import read_toml
+from stepdiag.exporters.profiles.file import load_profile, parse_profile
+from stepdiag.exporters.profiles.registry import CONTROLLERS
+from stepdiag.exporters.programs.signals import LONGEST_TEXT, Signals
+from stepdiag.exporters.tables import lattice
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.fourdof.commissioning import Standstill, signs_and_lever
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.model.angles import parse_angles
+from stepdiag.solver.planning.planner import Circumstances, forecast
+from stepdiag.solver.planning.runs import Plan, Run
+from stepdiag.solver.readings.csv_table import read_table
+from stepdiag.solver.readings.readings import parse_readings
+from stepdiag.solver.result.result import parse_result
 from testkit.machines import EOB, MACHINES, profile_of, profile_text
 from testkit.results import VOLUME, made_result
 from testkit.strangers import page_order

@@ -8,7 +8,7 @@ from urllib.parse import quote
 import pytest
 from playwright.sync_api import Page, expect
 
-from solver.errors import UsageError
+from stepdiag.solver.errors import UsageError
 from testkit.browser import Watched
 from testkit.played import Served, served
 

@@ -3,7 +3,7 @@
 import pytest
 from playwright.sync_api import Page, expect
 
-from daq.status import FindingStatus, LinkStatus
+from stepdiag.daq.records.status import FindingStatus, LinkStatus
 from testkit.browser import Watched, violations
 from testkit.played import Served
 

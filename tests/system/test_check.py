@@ -9,8 +9,8 @@ from contextlib import closing, suppress
 
 import pytest
 
-from stepdiag.virtual.bench import VirtualBench
-from stepdiag.virtual.config import load_config
+from stepdiag.virtual.bench.bench import VirtualBench
+from stepdiag.virtual.bench.config import load_config
 
 pytestmark = pytest.mark.system
 

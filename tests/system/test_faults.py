@@ -6,9 +6,9 @@ import os
 import pytest
 from mcap.reader import make_reader
 
-from daq.daemon import Daemon
-from daq.logs import open_log
-from daq.replay import logs_in, replay
+from stepdiag.daq.log.contents import open_log
+from stepdiag.daq.replay import logs_in, replay
+from stepdiag.daq.service.daemon import Daemon
 from testkit.cli import stepdiag
 from testkit.hall import daemon, hall, until
 from testkit.steady import on_a_steady_computer

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 from mcap.records import Message
 
-from daq.log_reader import RecordReader
-from daq.replay import replay
-from daq.rounds import noted_stops
+from stepdiag.daq.log.reader import RecordReader
+from stepdiag.daq.recording.rounds import noted_stops
+from stepdiag.daq.replay import replay
 from testkit.cli import stepdiag
 from testkit.hall import STEPDIAG, daemon, hall, until
 from testkit.smalldisk import small_disk

@@ -9,15 +9,15 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from daq.headfile import parse_head_file
-from solver.errors import DeviceError
-from stepdiag.cli import app, build
-from stepdiag.virtual.clock import Clock
-from stepdiag.virtual.faults import FaultBoard
-from stepdiag.virtual.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
-from stepdiag.virtual.headwire import FourdofHead, QuadrantDetector
-from stepdiag.virtual.ports import SerialLine
-from stepdiag.virtual.talker import HEAD_CABLE, Talker
+from stepdiag.cli.app import app, build
+from stepdiag.daq.survey.head_file import parse_head_file
+from stepdiag.solver.errors import DeviceError
+from stepdiag.virtual.base.clock import Clock
+from stepdiag.virtual.base.faults import FaultBoard
+from stepdiag.virtual.base.ports import SerialLine
+from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
+from stepdiag.virtual.instruments.head_wire import FourdofHead, QuadrantDetector
+from stepdiag.virtual.instruments.talker import HEAD_CABLE, Talker
 from testkit.heads import survey_section, write_head_file
 from testkit.steady import on_a_steady_computer
 from testkit.timeline import survey_text
@@ -106,7 +106,7 @@ def test_a_live_calibration_asks_for_the_stage(tmp_path, monkeypatch):
         return str(said)
 
     monkeypatch.setattr("typer.prompt", answer)
-    monkeypatch.setattr("stepdiag.headsource.STAGE_S", 0.3)
+    monkeypatch.setattr("stepdiag.head.source.STAGE_S", 0.3)
     with talking_head(tmp_path, amplitude=0.0, stage=stage) as survey:
         said = fourdof("calibrate", "--run", f"qd.x={survey}", "--base", tmp_path / "head.toml", "--out", tmp_path / "new.toml", "--json")
     assert max(map(abs, json.loads(said)["qd.x"]["residual"])) < 1.5

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
-from daq.headtests import parse_curves
-from solver.angles import parse_angles
-from stepdiag.cli import app, build
-from stepdiag.virtual.building import build_machine
-from stepdiag.virtual.config import read_config
+from stepdiag.cli.app import app, build
+from stepdiag.daq.head.commissioning import parse_curves
+from stepdiag.solver.model.angles import parse_angles
+from stepdiag.virtual.bench.building import build_machine
+from stepdiag.virtual.bench.config import read_config
 from testkit.hall import daemon, hall, until
 from testkit.heads import survey_section, write_head_file
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from daq.archive import MARK
+from stepdiag.daq.recording.archive import MARK
 from testkit.hall import daemon, hall, until
 
 pytestmark = pytest.mark.system

@@ -9,13 +9,13 @@ import pytest
 from pymodbus.client import AsyncModbusSerialClient
 from pymodbus.exceptions import ModbusIOException
 
-from daq.events import ReadRange
-from daq.hostclock import now_ns
-from daq.links.modbus import RtuSettings, open_link
-from daq.links.modbus_errors import SilentDeviceError
-from daq.links.port import SerialSettings
-from daq.links.reconnect import Reconnector
-from daq.links.serial import SerialStream
+from stepdiag.daq.links.modbus import RtuSettings, open_link
+from stepdiag.daq.links.modbus_errors import SilentDeviceError
+from stepdiag.daq.links.port import SerialSettings
+from stepdiag.daq.links.reconnect import Reconnector
+from stepdiag.daq.links.serial import SerialStream
+from stepdiag.daq.records.events import ReadRange
+from stepdiag.daq.timing.host_clock import now_ns
 from testkit.slaves import Pty, rtu_slave, symlink, wait_until
 
 pytestmark = pytest.mark.system
@@ -103,7 +103,7 @@ def test_an_answer_that_came_late_is_never_taken_for_the_next(pty):
 
 def test_an_answer_later_than_any_wait_is_known_by_its_length(pty, monkeypatch):
     """Waiting alone does not help against a slave that was away for longer."""
-    monkeypatch.setattr("daq.links.modbus.RTU_WORST_ANSWER_S", 0.05)
+    monkeypatch.setattr("stepdiag.daq.links.modbus.RTU_WORST_ANSWER_S", 0.05)
     machine = Machine()
 
     async def run():

@@ -12,16 +12,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from exporters.curves import curves_of
-from exporters.linuxcnc import LinuxCnc
-from exporters.programs import Sequence, nc_programs, passes_of, setup_number
-from exporters.tables import total_correction_um
-from solver.geometry import Volume
-from solver.result import Function, parse_result
-from stepdiag.virtual.errorfunctions import Amplitudes, random_errors
-from stepdiag.virtual.machine import Machine
-from stepdiag.virtual.sequence import Box
-from stepdiag.virtual.setups import Alignment
+from stepdiag.exporters.linuxcnc.control import LinuxCnc
+from stepdiag.exporters.programs import Sequence, nc_programs, passes_of, setup_number
+from stepdiag.exporters.tables.curves import curves_of
+from stepdiag.exporters.tables.tables import total_correction_um
+from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.result.result import Function, parse_result
+from stepdiag.virtual.drive.sequence import Box
+from stepdiag.virtual.drive.setups import Alignment
+from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
+from stepdiag.virtual.physics.machine import Machine
 from testkit.linuxcnc_rig import Control, State, linuxcnc
 from testkit.linuxcnc_stand import LATENCY_S, Stand
 from testkit.machines import profile_of

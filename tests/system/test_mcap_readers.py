@@ -12,10 +12,10 @@ from typing import Any
 import pytest
 from mcap.reader import make_reader
 
-from daq.events import LinkEvent, Loss
-from daq.log_recovery import recover
-from daq.recorder import Recorder
-from daq.topics import CHANNELS
+from stepdiag.daq.log.recorder import Recorder
+from stepdiag.daq.log.recovery import recover
+from stepdiag.daq.log.topics import CHANNELS
+from stepdiag.daq.records.events import LinkEvent, Loss
 from testkit.recording import HEADER, START_NS, recording, with_notes, write_log
 
 pytestmark = pytest.mark.system

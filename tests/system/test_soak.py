@@ -12,9 +12,9 @@ import time
 
 import pytest
 
-from daq.replay import logs_in, replay
-from daq.rounds import mend, noted_stops
-from stepdiag.processes import talking
+from stepdiag.daq.recording.rounds import mend, noted_stops
+from stepdiag.daq.replay import logs_in, replay
+from stepdiag.demo.processes import talking
 from testkit.hall import daemon, go_first, hall, until
 
 KILLS = int(os.environ.get("STEPDIAG_SOAK_KILLS", "12"))

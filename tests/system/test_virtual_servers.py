@@ -10,9 +10,9 @@ import pytest
 import serial
 from pymodbus.client import ModbusSerialClient, ModbusTcpClient
 
-from stepdiag.virtual.bench import VirtualBench
-from stepdiag.virtual.config import load_config
-from stepdiag.virtual.faults import Fault
+from stepdiag.virtual.base.faults import Fault
+from stepdiag.virtual.bench.bench import VirtualBench
+from stepdiag.virtual.bench.config import load_config
 
 pytestmark = pytest.mark.system
 

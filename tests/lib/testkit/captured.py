@@ -1,8 +1,8 @@
 """Captured stops as a perfect survey would give them."""
 
-from daq.route import make_route
-from daq.stops import CapturedStop
-from daq.survey import parse_survey
+from stepdiag.daq.capture.route import make_route
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.survey.file import parse_survey
 from testkit.timeline import survey_text
 
 

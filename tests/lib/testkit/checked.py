@@ -1,7 +1,7 @@
 """Surveys for ``stepdiag check``, and an observation of one without any link."""
 
-from daq.survey import parse_survey
-from stepdiag.checking import Observation
+from stepdiag.checking.check import Observation
+from stepdiag.daq.survey.file import parse_survey
 
 LINE_SURVEY = """\
 [survey]

@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 from typer.testing import CliRunner
 
-from solver.errors import StepdiagError
-from stepdiag.cli import app, build
-from stepdiag.exits import EXIT_CODES
+from stepdiag.cli.app import app, build
+from stepdiag.solver.errors import StepdiagError
+from stepdiag.terminal.exits import EXIT_CODES
 
 
 class Told(NamedTuple):

@@ -7,7 +7,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepdiag.processes import Talker, talking
+from stepdiag.demo.processes import Talker, talking
 
 UNIT_NICE = -10
 """The unit's priority; the bench stands for hardware, which no busy computer holds up."""

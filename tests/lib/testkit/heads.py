@@ -2,7 +2,7 @@
 
 import math
 
-from daq.headfile import AxisTable, DetectorTable, HeadFile, HeadIdentity, LeverTable, render_head_file
+from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, HeadFile, HeadIdentity, LeverTable, render_head_file
 
 HEAD_ID = "4D-001"
 RADIUS_MM = 2.0
@@ -11,7 +11,7 @@ QD_PATH_MM = 60.0
 
 
 def head_file(**changes):
-    """Return the ideal calibration of `stepdiag.virtual.head.HeadOptics`: erf of a 2 mm spot, linear PSDs, lever = distance + 30 mm."""
+    """Return the ideal calibration of the virtual head's `HeadOptics`: erf of a 2 mm spot, linear PSDs, lever = distance + 30 mm."""
     quadrant = AxisTable(kind="erf", coefficients_um=(0.0, 1e3 * RADIUS_MM / math.sqrt(2.0)), low=-0.9, high=0.9, u_um=0.5)
     lateral = AxisTable(coefficients_um=(0.0, PSD_HALF_UM), low=-0.95, high=0.95, u_um=0.1)
     return HeadFile(

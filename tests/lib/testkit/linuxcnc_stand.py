@@ -13,17 +13,17 @@ from typing import Self
 
 import numpy as np
 
-from stepdiag.virtual.clock import Clock
-from stepdiag.virtual.faults import FaultBoard
-from stepdiag.virtual.lasers import BOARDS, UmdBoard
-from stepdiag.virtual.lasersource import Counter, TalkingLaser
-from stepdiag.virtual.machine import Machine, Setup
-from stepdiag.virtual.modbus import ILLEGAL_ADDRESS, ModbusError
-from stepdiag.virtual.modbusserver import Slave, TcpSlave
-from stepdiag.virtual.ports import SerialLine
-from stepdiag.virtual.sequence import Box
-from stepdiag.virtual.setups import Alignment, aligned_setup
-from stepdiag.virtual.talker import LASER_CABLE, Talker
+from stepdiag.virtual.base.clock import Clock
+from stepdiag.virtual.base.faults import FaultBoard
+from stepdiag.virtual.base.ports import SerialLine
+from stepdiag.virtual.drive.sequence import Box
+from stepdiag.virtual.drive.setups import Alignment, aligned_setup
+from stepdiag.virtual.instruments.laser_source import Counter, TalkingLaser
+from stepdiag.virtual.instruments.lasers import BOARDS, UmdBoard
+from stepdiag.virtual.instruments.talker import LASER_CABLE, Talker
+from stepdiag.virtual.physics.machine import Machine, Setup
+from stepdiag.virtual.plc.modbus import ILLEGAL_ADDRESS, ModbusError
+from stepdiag.virtual.plc.modbus_server import Slave, TcpSlave
 from testkit.linuxcnc_rig import Control, State
 
 CAPTURED_REGISTER = 100

@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-from exporters.profile import Profile
-from exporters.profilefile import parse_profile
-from exporters.registry import controller_named
-from solver.geometry import Volume
+from stepdiag.exporters.profiles.file import parse_profile
+from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.solver.geometry.volume import Volume
 
 EOB = b"\n\r\r"
 

@@ -4,9 +4,9 @@ from typing import Any
 
 import numpy as np
 
-from solver.findings import Finding
-from solver.geometry import Volume
-from solver.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 

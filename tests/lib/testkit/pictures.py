@@ -5,7 +5,7 @@ from pathlib import Path
 
 from playwright.sync_api import Page, expect, sync_playwright
 
-from daq.status import FindingStatus
+from stepdiag.daq.records.status import FindingStatus
 from testkit.browser import launch
 from testkit.played import Served, served
 

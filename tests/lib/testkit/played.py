@@ -10,12 +10,21 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from daq.status import CommandName, Download, FindingStatus, LinkStatus, PredictionStatus, SetupStatus, Snapshot, StopStatus
-from solver.errors import UsageError
-from solver.geometry import AXES, diagonal_stops_mm
+from stepdiag.daq.records.status import (
+    CommandName,
+    Download,
+    FindingStatus,
+    LinkStatus,
+    PredictionStatus,
+    SetupStatus,
+    Snapshot,
+    StopStatus,
+)
 from stepdiag.page.server import page_served
 from stepdiag.report.document import build_report
-from stepdiag.texts import Language
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.geometry.volume import AXES, diagonal_stops_mm
+from stepdiag.texts.texts import Language
 from testkit.madeup import VOLUME, made_up_result
 
 Answer = TypeVar("Answer")
@@ -23,7 +32,7 @@ SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x")
 
 
 class PlayedSurvey:
-    """Implements `daq.status.StatusSource`. Fed like the daemon is: `laser_speaks` and `plc_speaks` keep the links young."""
+    """Implements `daq.records.status.StatusSource`. Fed like the daemon is: `laser_speaks` and `plc_speaks` keep the links young."""
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from hypothesis import strategies as st
 
-from daq.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, ReadRange
-from daq.log_writer import LogHeader, LogWriter
-from daq.partfile import PartFile
-from daq.topics import Note, sample_note
+from stepdiag.daq.log.part_file import PartFile
+from stepdiag.daq.log.topics import Note, sample_note
+from stepdiag.daq.log.writer import LogHeader, LogWriter
+from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, ReadRange
 
 SECOND_NS = 1_000_000_000
 START_NS = 5_000 * SECOND_NS

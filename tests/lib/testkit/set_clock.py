@@ -30,6 +30,6 @@ time.clock_gettime_ns = lambda clock: wrong_ns() if clock == time.CLOCK_REALTIME
 time.clock_gettime = lambda clock: time.clock_gettime_ns(clock) * 1e-9
 dt.datetime = WrongTime
 
-from stepdiag.cli import main  # noqa: E402 - what it imports is to see the wrong time
+from stepdiag.cli.app import main  # noqa: E402 - what it imports is to see the wrong time
 
 main()

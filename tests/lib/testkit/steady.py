@@ -5,7 +5,7 @@ import threading
 import time
 from contextlib import contextmanager
 
-from solver.errors import DeviceError
+from stepdiag.solver.errors import DeviceError
 
 BEAT_S = 0.01
 SPARE_S = 0.1

@@ -12,43 +12,43 @@ from pathlib import Path
 import numpy as np
 from starlette.requests import Request
 
-from daq.bundle import read_bundle
-from daq.capture import Capture
-from daq.events import ModbusBlock
-from daq.formats.fourdof import FourdofSettings
-from daq.formats.line import LineSettings
-from daq.formats.nd import NdSettings
-from daq.formats.registry import make_decoder
-from daq.formats.tqd import TqdSettings
-from daq.formats.umd import UmdSettings
-from daq.headfile import parse_head_file, render_head_file
-from daq.headrecord import read_head_csv
-from daq.headtests import calibrate_axis, compare_curves, parse_curves, parse_stage_run, signs_of, stability_of
-from daq.log_codec import decode
-from daq.log_reader import DAMAGE
-from daq.passes import PassBook
-from daq.rounds import PREDICTION, prediction_in
-from daq.signals import CONTRACT_SIGNALS, SignalDecoder, SignalSpec, plan_reads
-from daq.stream import StreamBuffer
-from daq.survey import load_survey, parse_survey
-from daq.survey_template import template
-from daq.topics import RAW_TOPICS
-from exporters import lattice
-from exporters.export import export
-from exporters.verify import verify_files
-from solver.angles import parse_angles, render_angles
-from solver.errors import StepdiagError
-from solver.fourdof import motion
-from solver.layout import lay_out
-from solver.methods import METHODS
-from solver.readings import parse_readings, render_readings
-from solver.result import Result, parse_result
-from solver.solve import solve
-from solver.standards import standards_report
-from stepdiag.compare import compare, trend
-from stepdiag.driving import sequence_of
+from stepdiag.comparing.compare import compare, trend
+from stepdiag.daemon.driving import sequence_of
+from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.formats.fourdof import FourdofSettings
+from stepdiag.daq.formats.line import LineSettings
+from stepdiag.daq.formats.nd import NdSettings
+from stepdiag.daq.formats.registry import make_decoder
+from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder, SignalSpec, plan_reads
+from stepdiag.daq.formats.tqd import TqdSettings
+from stepdiag.daq.formats.umd.decoder import UmdSettings
+from stepdiag.daq.head.commissioning import calibrate_axis, compare_curves, parse_curves, parse_stage_run, signs_of, stability_of
+from stepdiag.daq.head.record import read_head_csv
+from stepdiag.daq.log.codec import decode
+from stepdiag.daq.log.reader import DAMAGE
+from stepdiag.daq.log.topics import RAW_TOPICS
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.recording.rounds import PREDICTION, prediction_in
+from stepdiag.daq.records.events import ModbusBlock
+from stepdiag.daq.survey.bundle import read_bundle
+from stepdiag.daq.survey.file import load_survey, parse_survey
+from stepdiag.daq.survey.head_file import parse_head_file, render_head_file
+from stepdiag.daq.survey.template import template
+from stepdiag.daq.timing.stream import StreamBuffer
+from stepdiag.exporters.export.export import export
+from stepdiag.exporters.safety.verify import verify_files
+from stepdiag.exporters.tables import lattice
 from stepdiag.page.app import Page
 from stepdiag.report.document import build_report
+from stepdiag.solver.errors import StepdiagError
+from stepdiag.solver.fourdof.head import motion
+from stepdiag.solver.methods.registry import METHODS
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.methods.standard_figures import standards_report
+from stepdiag.solver.model.angles import parse_angles, render_angles
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.readings.readings import parse_readings, render_readings
+from stepdiag.solver.result.result import Result, parse_result
 from testkit.heads import head_file, survey_section
 from testkit.results import made_result
 from testkit.strangers_base import Target, refusing, text_of

@@ -15,22 +15,22 @@ from pathlib import Path
 import msgspec
 from mcap.records import Channel, Message
 
-from daq.bundle import bundle_to_run
-from daq.capture import Capture
-from daq.completion import complete
-from daq.headrecord import head_of_log
-from daq.log_reader import RecordReader
-from daq.log_recovery import log_info, recover
-from daq.log_writer import LogHeader, LogWriter
-from daq.logs import open_log
-from daq.passes import PassBook
-from daq.replay import replay
-from daq.rounds import latest_round
-from daq.stops import CapturedStop
-from daq.survey import parse_survey
-from daq.topics import stop_note
-from solver.errors import StepdiagError
-from stepdiag.standing import standing_of
+from stepdiag.daemon.survey_state import standing_of
+from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.head.record import head_of_log
+from stepdiag.daq.log.contents import open_log
+from stepdiag.daq.log.reader import RecordReader
+from stepdiag.daq.log.recovery import log_info, recover
+from stepdiag.daq.log.topics import stop_note
+from stepdiag.daq.log.writer import LogHeader, LogWriter
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.recording.rounds import latest_round
+from stepdiag.daq.replay import replay
+from stepdiag.daq.service.completion import complete
+from stepdiag.daq.survey.bundle import bundle_to_run
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.solver.errors import StepdiagError
 from testkit.machines import profile_text
 from testkit.strangers_base import Target, refusing
 from testkit.timeline import Timeline, diagonal, survey_text

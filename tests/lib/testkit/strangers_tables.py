@@ -9,21 +9,21 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from exporters import lattice
-from exporters.controller import Controller
-from exporters.curves import curves_of
-from exporters.export import export
-from exporters.profile import Profile
-from exporters.profilefile import parse_profile
-from exporters.programs import CONTROLS, Sequence, default_signals, nc_programs
-from exporters.programs.settings import program_section
-from exporters.registry import CONTROLLERS
-from exporters.signrun import from_readings, read_sign_run
-from exporters.signtest import bump, verdict
-from exporters.tables import ControlFile
-from exporters.verify import verify_files
-from solver.errors import StepdiagError
-from solver.readings import parse_readings
+from stepdiag.exporters.export.export import export
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.profiles.file import parse_profile
+from stepdiag.exporters.profiles.registry import CONTROLLERS
+from stepdiag.exporters.programs import CONTROLS, Sequence, default_signals, nc_programs
+from stepdiag.exporters.programs.settings import program_section
+from stepdiag.exporters.safety.sign_run import from_readings, read_sign_run
+from stepdiag.exporters.safety.sign_test import bump, verdict
+from stepdiag.exporters.safety.verify import verify_files
+from stepdiag.exporters.tables import lattice
+from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.curves import curves_of
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.solver.errors import StepdiagError
+from stepdiag.solver.readings.readings import parse_readings
 from testkit.machines import MACHINES, profile_of, profile_text
 from testkit.results import VOLUME, made_result
 from testkit.strangers_base import Target, refusing, text_of

@@ -6,7 +6,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from daq.samples import Decoder, Samples
+from stepdiag.daq.timing.samples import Decoder, Samples
 
 
 def pieces(data: bytes, cuts: Iterable[int]) -> list[bytes]:

@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from solver.angles import KnownAngle
-from solver.readings import Readings, make_readings
-from stepdiag.virtual.errorfunctions import AXES, Amplitudes, ErrorSet, random_errors
-from stepdiag.virtual.machine import Machine
-from stepdiag.virtual.sequence import Box
-from stepdiag.virtual.setups import Alignment, Conditions, simulate_pass
-from stepdiag.virtual.truth import Truth
+from stepdiag.solver.model.angles import KnownAngle
+from stepdiag.solver.readings.readings import Readings, make_readings
+from stepdiag.virtual.drive.sequence import Box
+from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
+from stepdiag.virtual.physics.error_functions import AXES, Amplitudes, ErrorSet, random_errors
+from stepdiag.virtual.physics.machine import Machine
+from stepdiag.virtual.physics.truth import Truth
 
 DATA = Path(__file__).parents[2] / "data"
 DIAGONALS = ("ppp", "npp", "pnp", "ppn")

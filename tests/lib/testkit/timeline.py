@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from daq.events import Chunk, LinkEvent, ModbusBlock, ReadRange
+from stepdiag.daq.records.events import Chunk, LinkEvent, ModbusBlock, ReadRange
 
 SURVEY = """
 [survey]

@@ -1,9 +1,9 @@
 """The rule of every fault: a stop is right, or it is named as doubtful, or it is asked for again; never silently wrong."""
 
-from daq.replay import begun_logs, replay
-from stepdiag.virtual.building import alignment_of, build_box, build_machine
-from stepdiag.virtual.config import read_config
-from stepdiag.virtual.setups import simulate_pass
+from stepdiag.daq.replay import begun_logs, replay
+from stepdiag.virtual.bench.building import alignment_of, build_box, build_machine
+from stepdiag.virtual.bench.config import read_config
+from stepdiag.virtual.drive.setups import simulate_pass
 
 RIGHT_UM = 0.5
 """A stop is right within this: the noise is 0.2 um a sample, the machine swings out to below a tenth of a micrometre."""

@@ -1,0 +1,191 @@
+"""The one seam that live and replay share: bytes and register blocks in, stops and findings out.
+
+A capture belongs to one log and starts with it, from nothing but the survey and a `CaptureStart` that stands in the log. So the replay of a
+log is the same code on the same input, and gives the same stops to the last bit.
+"""
+
+from dataclasses import replace
+from typing import Literal
+
+from stepdiag.daq.capture.dwell import Dwell, DwellTracker
+from stepdiag.daq.capture.head_stop import QdView
+from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.outcome import Ended, Outcome
+from stepdiag.daq.capture.pass_start import PassFinder
+from stepdiag.daq.capture.stop import Placing, certain_window, unbroken_parts
+from stepdiag.daq.capture.stop_capture import StopTaker
+from stepdiag.daq.capture.stream_findings import StreamRemarks
+from stepdiag.daq.capture.walk import Walk
+from stepdiag.daq.formats.signals import SignalDecoder, Signals
+from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
+from stepdiag.daq.survey.file import head_decoder, laser_decoder
+from stepdiag.daq.survey.models import Survey
+from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.solver.findings import Finding
+
+SAMPLES_WAIT_NS = 500_000_000
+"""How long the samples of a closed dwell may take to arrive before it is judged without them."""
+PATIENCE = 10.0
+"""With the handshake, a stop that has not become steady after this many windows is taken as it is, and named doubtful."""
+
+
+class Capture:
+    """Follows one log. Feed it every event in order; it returns what each brought about."""
+
+    def __init__(self, survey: Survey, start: CaptureStart) -> None:
+        self._survey = survey
+        self.laser = StreamBuffer(laser_decoder(survey))
+        self.head = StreamBuffer(head_decoder(survey)) if survey.head is not None else None
+        self._streams: dict[Stream, StreamBuffer] = {"laser": self.laser}
+        if self.head is not None:
+            self._streams["head"] = self.head
+        self.signals: Signals | None = None
+        self.tracker = DwellTracker()
+        self.ended: Ended | None = None
+        self._decoder = SignalDecoder(survey.plc.signals)
+        self._remarks = StreamRemarks(self._streams)
+        self._finder = PassFinder(survey, start)
+        self._taker = StopTaker(survey.stop, self.laser, self.head, start)
+        self._pending: list[Dwell] = []
+        self._skip_open = start.skip_open_dwell
+        self._taken_from_ns = -1
+        self._heard_since_poll = False
+
+    @property
+    def walk(self) -> Walk | None:
+        """Return the pass that the machine drives; None before its first dwell."""
+        return self._finder.walk
+
+    @property
+    def machine_waits(self) -> bool:
+        """Tell whether the machine stands at a stop that is not captured yet, and goes on only when it is."""
+        dwell = self.tracker.open
+        return self._survey.plc.handshake.enabled and dwell is not None and dwell.from_ns != self._taken_from_ns
+
+    def feed(self, event: Event) -> list[Outcome]:
+        """Take one event; return the stops, findings and the end of the pass that it brought about, in order."""
+        outcomes: list[Outcome] = []
+        if isinstance(event, Chunk):
+            self._take_chunk(event)
+            now_ns = event.arrival_ns
+        elif isinstance(event, ModbusBlock):
+            self._take_block(event, outcomes)
+            now_ns = event.recv_ns
+        else:
+            self._take_remark(event, outcomes)
+            now_ns = event.time_ns
+        self._settle(now_ns, outcomes)
+        if self._survey.plc.handshake.enabled and not self._skip_open and not self._samples_follow(event):
+            self._take_early(outcomes)
+        self._remarks.listen_now_and_then(now_ns, outcomes)
+        return outcomes
+
+    def finish(self) -> list[Outcome]:
+        """Return what the dwells still waiting for samples give: the log has ended."""
+        outcomes: list[Outcome] = []
+        while self._pending:
+            self._take_dwell(self._pending.pop(0), outcomes)
+        self._remarks.listen(outcomes)
+        return outcomes
+
+    def left_over(self) -> tuple[Break, ...]:
+        """Return what became of the laser's count after the last stop: it is for the log that goes on with the pass."""
+        return self._taker.left_over()
+
+    def _take_chunk(self, chunk: Chunk) -> None:
+        buffer = self._streams.get(chunk.stream)
+        if buffer is not None:
+            buffer.feed(chunk.data, chunk.arrival_ns)
+
+    def _take_remark(self, event: LinkEvent | Loss, outcomes: list[Outcome]) -> None:
+        if isinstance(event, Loss):
+            self._remarks.listen(outcomes)
+            text = f"{event.events} events ({event.bytes} bytes) were not recorded: {event.reason}"
+            outcomes.append(Finding(code="recording-gap", severity="error", text=text))
+        elif event.link == "machine":
+            if event.state in ("silent", "lost"):
+                self.tracker.silent()
+        elif event.state == "lost" and event.link in self._streams:
+            self._streams[event.link].interrupted()
+
+    def _take_block(self, block: ModbusBlock, outcomes: list[Outcome]) -> None:
+        signals = self._decoder.decode(block)
+        self.signals = signals
+        if self._left_program(signals):
+            self._end_if_left(signals, outcomes)
+            signals = replace(signals, stopped=False)
+        closed = self.tracker.poll(signals, block.send_ns, block.recv_ns)
+        if self._skip_open:
+            self._skip_open = self.tracker.open is not None and closed is None
+            if self._skip_open:
+                return
+            if closed is not None:
+                closed = None
+        if closed is not None and closed.from_ns != self._taken_from_ns:
+            self._pending.append(closed)
+
+    def _left_program(self, signals: Signals) -> bool:
+        return signals.running is False or signals.setup == 0
+
+    def _end_if_left(self, signals: Signals, outcomes: list[Outcome]) -> None:
+        walk = self.walk
+        if walk is None or self.ended or self._pending or self.tracker.open is not None:
+            return
+        if walk.expected > 0 and walk.last is not None:
+            why = "the program no longer runs" if signals.running is False else "the machine left the setup"
+            self._end("aborted", f"{walk.name}: {why} after stop {walk.expected - 1} of {len(walk.route) - 1}", outcomes)
+
+    def _end(self, kind: Literal["complete", "aborted"], reason: str, outcomes: list[Outcome]) -> None:
+        self._remarks.listen(outcomes)
+        self.ended = Ended(kind, reason)
+        outcomes.append(self.ended)
+
+    def _samples_follow(self, event: Event) -> bool:
+        """Tell whether the samples up to this poll are worth waiting for: who spoke since the poll before soon speaks again."""
+        heard, polled = self._heard_since_poll, isinstance(event, ModbusBlock)
+        self._heard_since_poll = isinstance(event, Chunk) or (heard and not polled)
+        return heard and polled
+
+    def _take_early(self, outcomes: list[Outcome]) -> None:
+        """With the handshake the machine waits for us: take the stop as soon as a steady window of full length is in.
+
+        What is not here yet is not waited for, but for the chunk that follows each poll (`_samples_follow`).
+        """
+        dwell, rules = self.tracker.open, self._survey.stop
+        if dwell is None or dwell.from_ns == self._taken_from_ns or self._pending:
+            return
+        placing = self._placing(dwell.signals)
+        known = replace(dwell, to_ns=min(dwell.to_ns, int(max(placing.newest_ns(), dwell.from_ns))))
+        unbroken = unbroken_parts(placing, known)[-1]
+        certain_s = (unbroken.to_ns - unbroken.from_ns) * 1e-9 - rules.settle_s
+        if certain_s < rules.min_window_s:
+            return
+        taken = certain_window(placing, unbroken, rules)
+        if taken is not None and (not taken.doubtful or certain_s > PATIENCE * rules.min_window_s):
+            self._taken_from_ns = dwell.from_ns
+            self._take_dwell(known, outcomes)
+
+    def _settle(self, now_ns: int, outcomes: list[Outcome]) -> None:
+        while self._pending:
+            dwell = self._pending[0]
+            if self._placing(dwell.signals).newest_ns() < dwell.to_ns and now_ns - dwell.to_ns < SAMPLES_WAIT_NS:
+                return
+            self._pending.pop(0)
+            self._take_dwell(dwell, outcomes)
+
+    def _take_dwell(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
+        self._remarks.listen(outcomes)
+        found = self._finder.follow(dwell.signals)
+        if isinstance(found, Finding):
+            outcomes.append(found)
+        elif isinstance(found, Ended) and not self.ended:
+            self._end(found.kind, found.reason, outcomes)
+        if not isinstance(found, Walk) or self.ended:
+            return
+        self._taker.take(found, self._finder.turn, dwell, self._placing(dwell.signals), outcomes)
+        if found.ended and not self.ended:
+            self._end("complete", f"{found.name}: stop {len(found.route) - 1} has gone by", outcomes)
+
+    def _placing(self, signals: Signals) -> Placing:
+        """Return the stream that places a stop: the laser's, in a run of the 4-DOF head the head's own."""
+        return QdView(self.head) if self.head is not None and self._finder.is_head_run(signals) else self.laser

@@ -1,0 +1,122 @@
+"""From polls to dwells: what Modbus alone says about the machine standing still.
+
+The machine may already be moving again when a poll says that it stands, and it may have stood since just after the poll before.
+Certain is only the time between the answer to the first poll that saw it standing and the request of the last one.
+
+    state      observation   next       what happens
+    MOVING     moving        MOVING
+    MOVING     same          DWELLING   open       (first dwell, or the stop signal fell and rose without a new count)
+    MOVING     new           DWELLING   open
+    MOVING     silent        MOVING
+    DWELLING   moving        MOVING     close
+    DWELLING   same          DWELLING   extend
+    DWELLING   new           DWELLING   close, open
+    DWELLING   silent        BLIND
+    BLIND      moving        MOVING     close
+    BLIND      same          DWELLING   extend
+    BLIND      new           DWELLING   close, open
+    BLIND      silent        BLIND
+"""
+
+from dataclasses import dataclass, replace
+from enum import Enum
+from typing import Literal
+
+from stepdiag.daq.formats.signals import Signals
+
+POSITION_TOLERANCE_MM = 0.05
+"""Two commanded positions closer than this are the same stop: the register counts tenths of micrometres."""
+COUNT_MODULUS = 65536
+
+
+class State(Enum):
+    MOVING = "moving"
+    DWELLING = "dwelling"
+    BLIND = "blind"
+
+
+Observation = Literal["moving", "same", "new", "silent"]
+Action = Literal["open", "extend", "close"]
+
+TRANSITIONS: dict[tuple[State, Observation], tuple[State, tuple[Action, ...]]] = {
+    (State.MOVING, "moving"): (State.MOVING, ()),
+    (State.MOVING, "same"): (State.DWELLING, ("open",)),
+    (State.MOVING, "new"): (State.DWELLING, ("open",)),
+    (State.MOVING, "silent"): (State.MOVING, ()),
+    (State.DWELLING, "moving"): (State.MOVING, ("close",)),
+    (State.DWELLING, "same"): (State.DWELLING, ("extend",)),
+    (State.DWELLING, "new"): (State.DWELLING, ("close", "open")),
+    (State.DWELLING, "silent"): (State.BLIND, ()),
+    (State.BLIND, "moving"): (State.MOVING, ("close",)),
+    (State.BLIND, "same"): (State.DWELLING, ("extend",)),
+    (State.BLIND, "new"): (State.DWELLING, ("close", "open")),
+    (State.BLIND, "silent"): (State.BLIND, ()),
+}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Dwell:
+    """One standstill as Modbus saw it.
+
+    The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it cannot have stopped before
+    ``not_before_ns`` (the request of the last poll that saw it moving). ``signals`` are those of the first poll; ``blind`` tells that polls
+    failed in between.
+    """
+
+    from_ns: int
+    to_ns: int
+    not_before_ns: int | None
+    signals: Signals
+    polls: int = 1
+    blind: bool = False
+
+
+class DwellTracker:
+    """Follows the polls of one log. Returns dwells as they close; the open one can be looked at."""
+
+    def __init__(self) -> None:
+        self.state = State.MOVING
+        self.open: Dwell | None = None
+        self._last: Dwell | None = None
+        self._last_moving_ns: int | None = None
+
+    def poll(self, signals: Signals, send_ns: int, recv_ns: int) -> Dwell | None:
+        """Take one poll; return the dwell that it closed, if any."""
+        observation = self._observe(signals)
+        self.state, actions = TRANSITIONS[self.state, observation]
+        closed = None
+        for action in actions:
+            if action == "close":
+                closed, self._last, self.open = self.open, self.open, None
+            elif action == "open":
+                self.open = Dwell(from_ns=recv_ns, to_ns=recv_ns, not_before_ns=self._last_moving_ns, signals=signals)
+            elif self.open is not None:
+                self.open = replace(self.open, to_ns=max(send_ns, self.open.from_ns), polls=self.open.polls + 1)
+        if observation == "moving":
+            self._last_moving_ns = send_ns
+        return closed
+
+    def silent(self) -> None:
+        """Take note that a poll brought no answer."""
+        self.state, _ = TRANSITIONS[self.state, "silent"]
+        if self.open is not None:
+            self.open = replace(self.open, blind=True)
+
+    def _observe(self, signals: Signals) -> Observation:
+        if not signals.stopped:
+            return "moving"
+        reference = self.open or self._last
+        return "same" if reference is None or _same_stop(reference.signals, signals) else "new"
+
+
+def _same_stop(one: Signals, other: Signals) -> bool:
+    if one.stop_count != other.stop_count:
+        return False
+    if one.commanded_mm is None or other.commanded_mm is None:
+        return True
+    return all(abs(a - b) <= POSITION_TOLERANCE_MM for a, b in zip(one.commanded_mm, other.commanded_mm, strict=True))
+
+
+def count_steps(before: int, after: int) -> int:
+    """Return by how many stops a counter went on, over its wrap: 1 is the next stop, 0 the same, more than half the range is backwards."""
+    return (after - before) % COUNT_MODULUS

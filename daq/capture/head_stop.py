@@ -1,0 +1,67 @@
+"""A stop of a 4-DOF run, placed by the head's own stream: the laser may see nothing along this axis.
+
+The head is steady when its quadrant detector is. A slide that coasts in shows there as vibration, not as travel; that the machine
+stands at all is Modbus's word.
+"""
+
+import math
+
+import numpy as np
+
+from stepdiag.daq.capture.dwell import Dwell
+from stepdiag.daq.timing.samples import Flag
+from stepdiag.daq.timing.stream import Break, Span, StreamBuffer
+
+NOMINAL_QD_MM = 0.6
+"""Movement of the target at which the normalised QD would reach 1 along its first slope, for a spot of 2 mm radius (0.3 to 0.9 mm for
+1 to 3 mm). It only judges whether the signal is steady; measured is with the head's calibration."""
+TROUBLES: tuple[tuple[Flag, str, str], ...] = (
+    (Flag.BEAM_LOST, "fourdof-beam-blocked", "no light on a detector"),
+    (Flag.SATURATED, "fourdof-saturated", "a detector is at the end of its range"),
+    (Flag.OUT_OF_RANGE, "fourdof-out-of-range", "the spot is off its detector"),
+    (Flag.DEVICE_ERROR, "fourdof-device", "the head reports a fault of its own"),
+)
+
+
+class QdView:
+    """The head's stream seen as a length: ``position_mm`` is the livelier lateral movement of the target that the QD shows."""
+
+    def __init__(self, head: StreamBuffer) -> None:
+        self._head = head
+
+    @property
+    def breaks(self) -> list[Break]:
+        """Return the losses of light: what comes before one in a dwell is not used."""
+        return self._head.breaks
+
+    def newest_ns(self) -> float:
+        """Return the time of the newest sample; minus infinity before the first."""
+        return self._head.newest_ns()
+
+    def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
+        """Return the usable samples of a span of time; those without any light on the QD count as unusable."""
+        span = self._head.span(from_ns, to_ns, arrived_before_ns)
+        if span.channels is None or not len(span.channels):
+            return span
+        total = span.channels[:, 2]
+        lit = total > 0
+        lateral = NOMINAL_QD_MM * span.channels[lit][:, :2] / total[lit, None]
+        livelier = int(np.argmax(np.std(lateral, axis=0))) if len(lateral) else 0
+        return Span(
+            time_ns=span.time_ns[lit],
+            position_mm=lateral[:, livelier],
+            beam=span.beam[lit],
+            channels=span.channels[lit],
+            unusable=span.unusable + int(np.count_nonzero(~lit)),
+        )
+
+
+def troubles(head: StreamBuffer, dwell: Dwell) -> list[tuple[str, str]]:
+    """Return what was wrong with the head's samples in a dwell as (finding code, words)."""
+    flags = head.flags(dwell.from_ns, dwell.to_ns)
+    found = []
+    for flag, code, words in TROUBLES:
+        count = int(np.count_nonzero(flags & int(flag)))
+        if count:
+            found.append((code, f"{words} in {count} of {len(flags)} samples of the dwell"))
+    return found

@@ -1,0 +1,44 @@
+"""What a capture begins with: where the survey stood when its log began. It stands in the log, so that a replay begins alike."""
+
+from collections.abc import Mapping
+
+import msgspec
+
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.timing.stream import Break
+from stepdiag.solver.errors import DataError
+
+
+class PassHint(msgspec.Struct, frozen=True, kw_only=True):
+    """Where a setup stands when a log begins: the direction and the stop that come next, and what was read last.
+
+    ``turn`` is the last stop of the outward pass: a program that does not dwell there twice begins its return pass with it.
+    """
+
+    outward: bool = True
+    next_stop: int = 0
+    last_reading_mm: float | None = None
+    turn: CapturedStop | None = None
+    wanted: bool = True
+
+
+class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
+    """All that a capture needs from before its log: the setups in the order they are wanted, and the stop already taken.
+
+    ``wall_offset_ns`` added to the host's clock gives the time of day of the stops: as it was when the recording began, so that all stops
+    lie on one axis of time whoever sets the clock meanwhile. ``breaks`` are the losses of count since the last stop of the log before.
+    """
+
+    hints: dict[str, PassHint]
+    wall_offset_ns: int = 0
+    last_count: int | None = None
+    skip_open_dwell: bool = False
+    breaks: tuple[Break, ...] = ()
+
+
+def start_of(run: Mapping[str, str], source: str) -> CaptureStart:
+    """Return the capture's start from a log's ``stepdiag.run`` record. Raises DataError where it is missing or damaged."""
+    try:
+        return msgspec.json.decode(run["start"], type=CaptureStart)
+    except (KeyError, msgspec.DecodeError, RecursionError) as error:
+        raise DataError(source, expected="a start record in the metadata stepdiag.run", found=str(error)) from error

@@ -1,0 +1,18 @@
+"""What following a log brings about: stops, findings, and the end of its pass."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.solver.findings import Finding
+
+
+@dataclass(frozen=True, slots=True)
+class Ended:
+    """The pass of this log is over: every stop has gone by, or the program left it."""
+
+    kind: Literal["complete", "aborted"]
+    reason: str
+
+
+Outcome = CapturedStop | Finding | Ended

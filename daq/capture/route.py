@@ -1,0 +1,105 @@
+"""The stops that a pass must make, and what the laser must read between them."""
+
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
+
+STEP_TOLERANCE = 0.02
+STEP_TOLERANCE_MM = 0.02
+"""A step agrees with the geometry within two per cent and 20 um: twenty times a badly aligned mirror, a tenth of a wrong step."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Route:
+    """A pass: commanded stops in the order of travel, shape (k, 3), and the nominal reading at each, relative to the first, shape (k,)."""
+
+    setup: str
+    outward: bool
+    stops_mm: NDArray[np.float64]
+    nominal_mm: NDArray[np.float64]
+
+    def __len__(self) -> int:
+        return len(self.nominal_mm)
+
+    def axis_to(self, stop: int) -> str:
+        """Return the axis that moves to a stop: x, y, z; empty for the first."""
+        if stop == 0:
+            return ""
+        return AXES[int(np.argmax(np.abs(self.stops_mm[stop] - self.stops_mm[stop - 1])))]
+
+    def step_mm(self, from_stop: int, to_stop: int) -> float:
+        """Return the nominal change of the reading between two stops."""
+        return float(self.nominal_mm[to_stop] - self.nominal_mm[from_stop])
+
+    def find(self, position_mm: tuple[float, float, float], expected: int, tolerance_mm: float = 0.1) -> int | None:
+        """Return the stop at a commanded position, the one nearest to the expected stop; None where no stop is there."""
+        off = np.max(np.abs(self.stops_mm - np.asarray(position_mm)), axis=1)
+        places = np.flatnonzero(off <= tolerance_mm)
+        return int(places[np.argmin(np.abs(places - expected))]) if len(places) else None
+
+
+def base_setup(setup: str) -> str:
+    """Return the setup without the number of its beam offset: ``ppp+1`` is driven as ``ppp``."""
+    return setup.partition("+")[0]
+
+
+@lru_cache(maxsize=256)
+def make_route(volume: Volume, setup: str, axis_order: str, *, outward: bool) -> Route:
+    """Return the route of a pass, not to be written to. The return pass visits the stops of the outward one in reverse.
+
+    Kept, because page and status ask for the routes of all setups ten times a second.
+    """
+    base = base_setup(setup)
+    if base in BODY_DIAGONALS:
+        stops = diagonal_stops_mm(volume, base, axis_order)
+        along = diagonal_direction(volume, base)
+    else:
+        stops = linear_stops_mm(volume, base)
+        along = np.eye(3)[AXES.index(base[-1])]
+    if not outward:
+        stops = stops[::-1]
+    nominal = (stops - stops[0]) @ along
+    for column in (stops, nominal):
+        column.setflags(write=False)
+    return Route(setup=setup, outward=outward, stops_mm=stops, nominal_mm=nominal)
+
+
+def agrees(measured_mm: float, nominal_mm: float) -> bool:
+    """Tell whether a measured step is the nominal one, mirror tilt and machine errors allowed for."""
+    return abs(measured_mm - nominal_mm) <= STEP_TOLERANCE_MM + STEP_TOLERANCE * abs(nominal_mm)
+
+
+def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, absolute_mm: float) -> tuple[str, str]:
+    """Return what is wrong with a measured step as (finding code, words); an empty code where it agrees.
+
+    ``absolute_mm`` is the reading itself: a laser that was zeroed reads next to nothing.
+    """
+    nominal = route.step_mm(from_stop, to_stop)
+    if agrees(measured_mm, nominal):
+        return "", ""
+    found = f"the laser moved by {measured_mm:.3f} mm, the geometry wants {nominal:.3f} mm"
+    if agrees(measured_mm, -nominal):
+        return "wrong-laser-sign", f"{found}: the sign of the laser is the wrong way round"
+    if agrees(measured_mm, 0.0):
+        return "no-move", f"{found}: the machine did not move, or the stop was counted twice"
+    if to_stop + 1 < len(route) and agrees(measured_mm, route.step_mm(from_stop, to_stop + 1)):
+        return "missing-stop", f"{found}, and {route.step_mm(from_stop, to_stop + 1):.3f} mm to the stop after: a stop is missing"
+    if other := _other_axis(route, to_stop, measured_mm):
+        return "wrong-axis-order", f"{found}: that is a step of {other.upper()}, not of {route.axis_to(to_stop).upper()}"
+    if abs(absolute_mm) <= STEP_TOLERANCE_MM:
+        return "laser-reset", f"{found}: the laser was set to zero"
+    return "step-mismatch", found
+
+
+def _other_axis(route: Route, to_stop: int, measured_mm: float) -> str:
+    """Return the axis of a neighbouring step that the measured one agrees with; empty where there is none."""
+    own = route.axis_to(to_stop)
+    for stop in range(max(1, to_stop - 2), min(len(route), to_stop + 3)):
+        axis = route.axis_to(stop)
+        if axis != own and agrees(measured_mm, route.step_mm(stop - 1, stop)):
+            return axis
+    return ""

@@ -1,0 +1,157 @@
+"""From a dwell on a pass to its stop: which stop it is, what it reads, and whether the laser's count reaches back to the stop before."""
+
+import msgspec
+
+from stepdiag.daq.capture.dwell import Dwell
+from stepdiag.daq.capture.head_stop import troubles
+from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.outcome import Outcome
+from stepdiag.daq.capture.route import agrees
+from stepdiag.daq.capture.stop import CapturedStop, Placing, Taken, certain_windows, make_head_stop, make_stop, plateau_window
+from stepdiag.daq.capture.walk import BREAKS_COUNT, Walk
+from stepdiag.daq.survey.models import StopRules
+from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import FOURDOF_RUNS
+
+
+class StopTaker:
+    """Takes the stops of one log."""
+
+    def __init__(self, rules: StopRules, laser: StreamBuffer, head: StreamBuffer | None, start: CaptureStart) -> None:
+        self._rules = rules
+        self._laser = laser
+        self._head = head
+        self._wall_offset_ns = start.wall_offset_ns
+        self._before = start.breaks
+        self._breaks_seen = 0
+        self._looked_until_ns = 0.0
+
+    def take(self, walk: Walk, turn: CapturedStop | None, dwell: Dwell, placing: Placing, outcomes: list[Outcome]) -> None:
+        """Take the stop of a dwell, and those before it that Modbus missed. ``turn`` is the stop that a return pass may begin with."""
+        if walk.is_bounce(dwell.signals):
+            return
+        index, odd = walk.locate(dwell.signals)
+        outcomes.extend(odd)
+        if index is None:
+            return
+        taken = certain_windows(placing, dwell, self._rules)
+        if taken and dwell.signals.commanded_mm is None and placing is self._laser:
+            index = _believe_laser(walk, turn, index, taken[0].window.mean_mm)
+        if index > 0 and walk.expected == 0 and turn is not None:
+            _share_turn(walk, turn, outcomes)
+        for missed in range(walk.expected, index):
+            self._recover(walk, missed, dwell, outcomes)
+        self._place(walk, index, dwell, taken, outcomes)
+        self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
+
+    def _place(self, walk: Walk, index: int, dwell: Dwell, taken: list[Taken], outcomes: list[Outcome]) -> None:
+        if self._head is not None and walk.route.setup in FOURDOF_RUNS:
+            self._place_head(walk, index, dwell, taken[-1] if taken else None, self._head, outcomes)
+            return
+        expected = walk.expected_reading_mm(index)
+        if not taken and expected is not None:
+            begin = max(self._looked_until_ns, float(dwell.not_before_ns or dwell.from_ns))
+            seen = plateau_window(self._laser, begin, self._laser.newest_ns(), expected, self._rules)
+            taken = [seen] if seen is not None else []
+        if not taken:
+            text = "no usable laser sample lies in the certain part of the dwell: dwell longer, or look after the beam"
+            outcomes.append(walk.finding("stop-without-reading", "error", index, text))
+            walk.skip(index, dwell.signals.stop_count)
+        for number, window in enumerate(taken):
+            stop = make_stop(walk.route, index, dwell.signals, window, self._head, self._wall_offset_ns)
+            self._commit(walk, stop, outcomes, again=number > 0)
+
+    def _place_head(self, walk: Walk, index: int, dwell: Dwell, taken: Taken | None, head: StreamBuffer, outcomes: list[Outcome]) -> None:
+        """Take a stop of the 4-DOF head. It does not count: a beam that was cut in between costs nothing, and no step can judge it."""
+        outcomes += [walk.finding(code, "warning", index, words) for code, words in troubles(head, dwell)]
+        if taken is None:
+            text = "no usable sample of the 4-DOF head lies in the certain part of the dwell: clear its beam, then drive the pass again"
+            outcomes.append(walk.finding("stop-without-reading", "error", index, text))
+            walk.skip(index, dwell.signals.stop_count)
+            return
+        stop = make_head_stop(walk.route, index, dwell.signals, taken, head, self._laser, self._wall_offset_ns)
+        if stop.doubtful:
+            outcomes.append(walk.finding("stop-doubtful", "warning", index, stop.doubtful))
+        outcomes.append(stop)
+        walk.advance(stop)
+
+    def _recover(self, walk: Walk, index: int, dwell: Dwell, outcomes: list[Outcome]) -> None:
+        """Look for a stop that Modbus missed in the laser's readings since the stop before; its level tells it from others."""
+        expected = walk.expected_reading_mm(index)
+        end = float(dwell.from_ns)
+        taken = plateau_window(self._laser, self._looked_until_ns, end, expected, self._rules) if expected is not None else None
+        if taken is None:
+            text = "Modbus did not show this stop and the laser shows no plateau for it: drive the pass again, or from this stop on"
+            outcomes.append(walk.finding("stop-lost", "error", index, text))
+            walk.skip(index, None)
+            return
+        stop = make_stop(walk.route, index, dwell.signals, taken, self._head, self._wall_offset_ns)
+        count = None if dwell.signals.stop_count is None else stop.stop_count
+        doubt = "recovered from the laser's plateau, Modbus did not show it"
+        stop = msgspec.structs.replace(stop, stop_count=count, recovered=True, doubtful=doubt)
+        outcomes.append(walk.finding("stop-recovered", "warning", index, doubt))
+        self._looked_until_ns = taken.to_ns
+        self._commit(walk, stop, outcomes)
+
+    def _commit(self, walk: Walk, stop: CapturedStop, outcomes: list[Outcome], *, again: bool = False) -> None:
+        """Judge a stop and add it. ``again``: it was measured before the break too, at the same standstill."""
+        broken, unwatched = self._breaks_up_to(stop.window_to_ns)
+        code, words = walk.judge(stop.stop, stop.reading_mm) if stop.reading_mm is not None else ("", "")
+        if again:
+            outcomes.append(_joined(walk, stop.stop, broken, unwatched))
+        elif broken and walk.started:
+            outcomes.append(
+                walk.finding("beam-lost", "error", stop.stop, f"{broken} on the way to this stop: the count does not reach back")
+            )
+        elif code in BREAKS_COUNT and not broken:
+            broken = words
+            outcomes.append(walk.finding(code, "error", stop.stop, words))
+        elif code:
+            outcomes.append(walk.finding(code, "error", stop.stop, words))
+            stop = msgspec.structs.replace(stop, refused=code)
+        elif unwatched and walk.started:
+            text = f"{unwatched} before this stop: where the beam was cut meanwhile, this stop and those after it are off"
+            outcomes.append(walk.finding("laser-unwatched", "warning", stop.stop, text))
+        if stop.doubtful and not stop.recovered:
+            outcomes.append(walk.finding("stop-doubtful", "warning", stop.stop, stop.doubtful))
+        stop = msgspec.structs.replace(stop, broken=broken, unwatched=unwatched)
+        outcomes.append(stop)
+        walk.advance(stop)
+
+    def _breaks_up_to(self, time_ns: int) -> tuple[str, str]:
+        """Return why the count was lost since the last stop, and why it may have been; empty where it was not."""
+        breaks = [*self._before, *(event for event in self._laser.breaks[self._breaks_seen :] if event.time_ns <= time_ns)]
+        self._breaks_seen += len(breaks) - len(self._before)
+        self._before = ()
+        lost, unseen = ([event.reason for event in breaks if event.watched is watched] for watched in (True, False))
+        return "; ".join(lost[-1:]), "; ".join(unseen[-1:])
+
+    def left_over(self) -> tuple[Break, ...]:
+        """Return the breaks after the last stop: they count for the log that goes on with the pass."""
+        return (*self._before, *self._laser.breaks[self._breaks_seen :])
+
+
+def _joined(walk: Walk, index: int, broken: str, unwatched: str) -> Finding:
+    """Return what is said of a break that costs nothing."""
+    text = f"{broken or unwatched} at this stop; it was measured before and after that, so the pass goes on"
+    return walk.finding("beam-lost" if broken else "laser-unwatched", "info", index, text)
+
+
+def _believe_laser(walk: Walk, turn: CapturedStop | None, index: int, reading_mm: float) -> int:
+    """Without commanded positions the size of the step tells a missed stop, and one that was counted twice."""
+    if walk.expected == 0 and turn is not None and turn.reading_mm is not None:
+        return 1 if agrees(reading_mm - turn.reading_mm, walk.route.step_mm(0, 1)) else 0
+    code, _ = walk.judge(index, reading_mm)
+    if code == "missing-stop":
+        return index + 1
+    if code == "no-move" and walk.last is not None:
+        return walk.last.stop
+    return index
+
+
+def _share_turn(walk: Walk, turn: CapturedStop, outcomes: list[Outcome]) -> None:
+    """Begin a return pass with the last stop of the outward one: the program turned round without dwelling again."""
+    stop = msgspec.structs.replace(turn, setup=walk.route.setup, outward=False, stop=0, axis="", broken="", unwatched="")
+    outcomes.append(stop)
+    walk.advance(stop)

@@ -1,0 +1,38 @@
+"""What the streams of a log remark of themselves, in words for a person."""
+
+from stepdiag.daq.capture.outcome import Outcome
+from stepdiag.daq.records.events import Stream
+from stepdiag.daq.timing.samples import Notice
+from stepdiag.daq.timing.stream import StreamBuffer
+from stepdiag.solver.findings import Finding, Severity
+
+LISTEN_NS = 1_000_000_000
+"""How often the remarks of the streams are asked for."""
+KINDS: dict[str, Severity] = {"garbage": "warning", "gap": "warning", "restart": "warning", "device": "info"}
+
+
+class StreamRemarks:
+    """Says each kind of trouble with a stream once a log: a wrong baud rate would say it a thousand times a second."""
+
+    def __init__(self, streams: dict[Stream, StreamBuffer]) -> None:
+        self._streams = streams
+        self._said: set[str] = set()
+        self._listened_ns = 0
+
+    def listen_now_and_then(self, now_ns: int, outcomes: list[Outcome]) -> None:
+        """Say what is new where the last time is a second ago."""
+        if now_ns - self._listened_ns >= LISTEN_NS:
+            self._listened_ns = now_ns
+            self.listen(outcomes)
+
+    def listen(self, outcomes: list[Outcome]) -> None:
+        """Say what is new; before anything else is said, so that the order is that of the events."""
+        for stream, buffer in self._streams.items():
+            for notice in buffer.heard():
+                self._say(stream, notice, outcomes)
+
+    def _say(self, stream: Stream, notice: Notice, outcomes: list[Outcome]) -> None:
+        said = f"{stream}: {notice.text if notice.code == 'device' else notice.code}"
+        if notice.code in KINDS and said not in self._said:
+            self._said.add(said)
+            outcomes.append(Finding(code=f"{stream}-{notice.code}", severity=KINDS[notice.code], text=f"{stream}: {notice.text}"))

@@ -1,0 +1,110 @@
+"""Which stop of its pass a dwell is, and whether the laser agrees."""
+
+from stepdiag.daq.capture.dwell import COUNT_MODULUS, count_steps
+from stepdiag.daq.capture.route import Route, judge_step
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.solver.findings import Finding, Severity
+
+BREAKS_COUNT = {"laser-reset", "step-mismatch"}
+"""A step of the wrong size that nothing explains is a lost count: what follows is right again, relative to itself."""
+COUNTER_TRUSTED = 1000
+"""A stop counter that seems to have gone on by more than this was set back: the PLC has started again."""
+
+
+class Walk:
+    """Follows a pass stop by stop. ``expected`` is the index of the stop that comes next."""
+
+    def __init__(self, route: Route, expected: int, last_count: int | None, last_reading_mm: float | None) -> None:
+        self.route = route
+        self.expected = expected
+        self.last: CapturedStop | None = None
+        self._last_stop = expected - 1
+        self._last_count = last_count
+        self._last_reading_mm = last_reading_mm
+
+    @property
+    def name(self) -> str:
+        """Return the pass in words."""
+        return f"{self.route.setup} {'out' if self.route.outward else 'back'}"
+
+    @property
+    def started(self) -> bool:
+        """Tell whether a stop of the pass has a reading: before that the beam is blocked and the mirror aligned as a matter of course."""
+        return self._last_reading_mm is not None
+
+    @property
+    def ended(self) -> bool:
+        """Tell whether the last stop of the route has gone by."""
+        return self.expected >= len(self.route)
+
+    def is_bounce(self, signals: Signals) -> bool:
+        """Tell whether a dwell is the one already captured: the same count at the same place."""
+        if signals.stop_count is None or signals.stop_count != self._last_count or self.expected == 0:
+            return False
+        return signals.commanded_mm is None or self.route.find(signals.commanded_mm, self._last_stop) == self._last_stop
+
+    def locate(self, signals: Signals) -> tuple[int | None, list[Finding]]:
+        """Return the stop that the machine's signals name, None for a place that is not on the route, and what is odd about it."""
+        by_count, odd = self._by_count(signals.stop_count)
+        if signals.commanded_mm is None:
+            return min(by_count, len(self.route) - 1), odd
+        index = self.route.find(signals.commanded_mm, self.expected)
+        place = ", ".join(f"{value:.4f}" for value in signals.commanded_mm)
+        if index is None:
+            wanted = ", ".join(f"{value:.4f}" for value in self.route.stops_mm[min(self.expected, len(self.route) - 1)])
+            text = f"the machine stands at ({place}) mm, which is no stop of {self.name}; ({wanted}) mm was expected"
+            return None, [
+                *odd,
+                self.finding("unexpected-position", "error", self.expected, f"{text}: check volume, axis order and program"),
+            ]
+        if index < self.expected:
+            text = f"the machine stands at ({place}) mm once more: the stop is measured again"
+            odd.append(self.finding("stop-again", "info", index, text))
+        elif by_count != index and signals.stop_count is not None and self._last_count is not None:
+            text = f"the counter says stop {by_count}, the commanded position ({place}) mm says stop {index}; the position is believed"
+            odd.append(self.finding("count-disagrees", "warning", index, text))
+        return index, odd
+
+    def judge(self, index: int, reading_mm: float) -> tuple[str, str]:
+        """Return (finding code, words) for a reading at a stop, judged by the step from the stop before; empty where all is well."""
+        if self._last_reading_mm is None or index == self._last_stop:
+            return "", ""
+        return judge_step(self.route, self._last_stop, index, reading_mm - self._last_reading_mm, reading_mm)
+
+    def expected_reading_mm(self, index: int) -> float | None:
+        """Return the reading that the geometry wants at a stop, from the stop before; None before the first."""
+        if self._last_reading_mm is None or self._last_stop < 0:
+            return None
+        return self._last_reading_mm + self.route.step_mm(self._last_stop, index)
+
+    def advance(self, stop: CapturedStop) -> None:
+        """Go on past a stop."""
+        self.skip(stop.stop, stop.stop_count)
+        self.last = stop
+        self._last_stop = stop.stop
+        self._last_reading_mm = stop.reading_mm
+
+    def skip(self, index: int, count: int | None) -> None:
+        """Go on past a stop without a reading."""
+        self.expected = index + 1
+        self._last_count = count
+
+    def finding(self, code: str, severity: Severity, stop: int, text: str) -> Finding:
+        """Return a finding that names the pass and the stop."""
+        return Finding(code=code, severity=severity, text=f"{self.name}, stop {stop} of {len(self.route) - 1}: {text}")
+
+    def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
+        if count is None or self._last_count is None or self.expected == 0:
+            return self.expected, []
+        steps = count_steps(self._last_count, count)
+        if steps == 1:
+            return self.expected, []
+        if 1 < steps <= COUNTER_TRUSTED:
+            index = self.expected + steps - 1
+            text = f"the stop counter went from {self._last_count} to {count}: {steps - 1} stop(s) were not seen on Modbus"
+            return index, [self.finding("stop-missed", "warning", self.expected, text)]
+        text = (
+            f"the stop counter went from {self._last_count} back to {count} (it counts to {COUNT_MODULUS - 1}): the PLC has started again"
+        )
+        return self.expected, [self.finding("count-reset", "warning", self.expected, text)]

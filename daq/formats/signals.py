@@ -1,0 +1,239 @@
+"""Registers -> signals (contract 2): where each signal lies, the requests that read them all, and their decoding.
+
+A signal is one bit, or a number of one or two registers in any of the four byte orders in use. Controls disagree on the
+order (S7 keeps ABCD, MELSEC swaps the words to CDAB: instruments.md 4.1), so each signal names its own and the bytes are put
+in order here by hand, tested against literal wire bytes.
+"""
+
+import math
+import struct
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, fields
+from typing import Annotated, Literal
+
+import msgspec
+
+from stepdiag.daq.records.events import ModbusBlock, ReadRange, Table
+from stepdiag.solver.errors import DataError
+
+SignalType = Literal["bit", "uint16", "int16", "uint32", "int32", "float32"]
+ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]
+SignalMap = Mapping[str, "SignalSpec"]
+
+MAX_REGISTERS = 125
+"""The most registers one request may ask for (Modbus application protocol V1.1b3, 6.3)."""
+MAX_BITS = 2000
+"""The most bits one request may ask for (Modbus application protocol V1.1b3, 6.1)."""
+
+_STRUCT_CODES = {"uint16": ">H", "int16": ">h", "uint32": ">I", "int32": ">i", "float32": ">f"}
+_PLACES: dict[str, tuple[int, ...]] = {"ABCD": (0, 1, 2, 3), "CDAB": (2, 3, 0, 1), "BADC": (1, 0, 3, 2), "DCBA": (3, 2, 1, 0)}
+_BIT_TABLES = ("coil", "discrete")
+
+
+class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Where one signal lies and how it reads: value = raw * scale + offset."""
+
+    address: Annotated[int, msgspec.Meta(ge=0, le=65535)]
+    table: Table = "holding"
+    type: SignalType = "uint16"
+    order: ByteOrder = "ABCD"
+    bit: Annotated[int, msgspec.Meta(ge=0, le=15)] = 0
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @property
+    def in_bit_table(self) -> bool:
+        """Return whether the signal is a coil or a discrete input."""
+        return self.table in _BIT_TABLES
+
+    @property
+    def width(self) -> int:
+        """Return how many addresses the signal occupies."""
+        return 2 if self.type in ("uint32", "int32", "float32") else 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signals:
+    """What the machine says in one poll; None for a signal that is not mapped or whose request was refused."""
+
+    stopped: bool | None = None
+    running: bool | None = None
+    alarm: bool | None = None
+    heartbeat: int | None = None
+    stop_count: int | None = None
+    setup: int | None = None
+    x_mm: float | None = None
+    y_mm: float | None = None
+    z_mm: float | None = None
+    material_temperature_c: float | None = None
+    air_temperature_c: float | None = None
+    air_pressure_hpa: float | None = None
+    relative_humidity_percent: float | None = None
+
+    @property
+    def commanded_mm(self) -> tuple[float, float, float] | None:
+        """Return the commanded position; None unless all three axes are mapped."""
+        if self.x_mm is None or self.y_mm is None or self.z_mm is None:
+            return None
+        return self.x_mm, self.y_mm, self.z_mm
+
+
+SIGNAL_NAMES = tuple(field.name for field in fields(Signals))
+COUNTED = ("heartbeat", "stop_count", "setup")
+"""Signals that are whole numbers, whatever type they are sent in: a control that knows only reals sends them as float32."""
+SWITCHED = ("stopped", "running", "alarm")
+"""Signals that are yes or no."""
+
+
+def _state_bit(bit: int) -> SignalSpec:
+    return SignalSpec(address=2, type="bit", bit=bit)
+
+
+CONTRACT_SIGNALS: SignalMap = {
+    "heartbeat": SignalSpec(address=0),
+    "stop_count": SignalSpec(address=1),
+    "stopped": _state_bit(0),
+    "running": _state_bit(1),
+    "alarm": _state_bit(2),
+    "setup": SignalSpec(address=3),
+    "x_mm": SignalSpec(address=4, type="int32", scale=1e-4),
+    "y_mm": SignalSpec(address=6, type="int32", scale=1e-4),
+    "z_mm": SignalSpec(address=8, type="int32", scale=1e-4),
+    "material_temperature_c": SignalSpec(address=10, type="int16", scale=0.01),
+    "air_temperature_c": SignalSpec(address=11, type="int16", scale=0.01),
+    "air_pressure_hpa": SignalSpec(address=12, scale=0.1),
+    "relative_humidity_percent": SignalSpec(address=13, scale=0.1),
+}
+"""The contract's default block: holding registers 0 to 13, one request."""
+
+
+def plan_reads(signals: SignalMap) -> tuple[ReadRange, ...]:
+    """Return the fewest requests that read every signal.
+
+    Only addresses that touch are joined: a hole between two signals may be an address the control refuses. A range never exceeds what
+    one request may ask for, and no number is torn apart by its end. Where it takes more than one request, ``stopped`` is asked for
+    first and last: the machine may leave between two of them, and only what was read while it stood belongs to a stop.
+    """
+    ranges = _joined(signals)
+    stopped = signals.get("stopped")
+    if stopped is None or len(ranges) < 2:
+        return tuple(ranges)
+    ranges.sort(key=lambda asked: not _holds(asked, stopped))
+    return (*ranges, ReadRange(stopped.table, stopped.address, stopped.width))
+
+
+def _joined(signals: SignalMap) -> list[ReadRange]:
+    """Return the ranges that hold every signal, ordered by table and address."""
+    ranges: list[ReadRange] = []
+    for spec in sorted(signals.values(), key=lambda spec: (spec.table, spec.address)):
+        last = ranges[-1] if ranges else None
+        if last is not None and _joins(last, spec):
+            end = max(last.address + last.count, spec.address + spec.width)
+            ranges[-1] = ReadRange(last.table, last.address, end - last.address)
+        else:
+            ranges.append(ReadRange(spec.table, spec.address, spec.width))
+    return ranges
+
+
+def _holds(asked: ReadRange, spec: SignalSpec) -> bool:
+    return asked.table == spec.table and 0 <= spec.address - asked.address <= asked.count - spec.width
+
+
+def _joins(last: ReadRange, spec: SignalSpec) -> bool:
+    limit = MAX_BITS if spec.in_bit_table else MAX_REGISTERS
+    touches = spec.table == last.table and spec.address <= last.address + last.count
+    return touches and spec.address + spec.width - last.address <= limit
+
+
+class SignalDecoder:
+    """Decodes the blocks of one register map.
+
+    Polls mostly repeat what the poll before said: an unchanged block gives the same object again.
+    """
+
+    def __init__(self, signals: SignalMap) -> None:
+        self._signals = signals
+        self._ranges: tuple[ReadRange, ...] = ()
+        self._places: dict[str, tuple[tuple[int, int], ...]] = {}
+        self._data: tuple[bytes, ...] | None = None
+        self._decoded = Signals()
+
+    def decode(self, block: ModbusBlock) -> Signals:
+        """Return the signals of one block; a signal whose range was refused (``b""``) is None.
+
+        Raises DataError when an answer has another length than was asked for, or when the block does not hold a mapped signal:
+        it was then read with another register map.
+        """
+        if block.ranges is not self._ranges:
+            if block.ranges != self._ranges:
+                self._places = {name: _find(name, spec, block.ranges) for name, spec in self._signals.items()}
+                self._data = None
+            self._ranges = block.ranges
+        if block.data != self._data:
+            _check_lengths(block)
+            values = {name: self._value(name, block.data) for name in self._signals}
+            self._decoded = Signals(**values)  # type: ignore[arg-type]  # _value types each by its name
+            self._data = block.data
+        return self._decoded
+
+    def _value(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
+        """Return the value of one signal, typed as ``Signals`` declares it."""
+        spec = self._signals[name]
+        numbers = [_number(spec, data[answer], place) for answer, place in self._places[name] if data[answer]]
+        if not numbers:
+            return None
+        if name in SWITCHED:
+            return all(numbers)
+        value = numbers[0] * spec.scale + spec.offset
+        if not math.isfinite(value):
+            return None
+        return round(value) if name in COUNTED else float(value)
+
+
+def _check_lengths(block: ModbusBlock) -> None:
+    for asked, data in zip(block.ranges, block.data, strict=True):
+        if data and len(data) != asked.byte_count:
+            raise DataError(
+                f"Modbus answer for {asked.table} {asked.address}",
+                expected=f"{asked.byte_count} bytes",
+                found=f"{len(data)}",
+                remedy="check the unit and whether a gateway changes the length of requests",
+            )
+
+
+def _find(name: str, spec: SignalSpec, ranges: tuple[ReadRange, ...]) -> tuple[tuple[int, int], ...]:
+    """Return which ranges hold the signal, and its place within each."""
+    places = tuple((index, spec.address - asked.address) for index, asked in enumerate(ranges) if _holds(asked, spec))
+    if places:
+        return places
+    raise DataError(
+        f"signal {name}",
+        expected=f"a block that holds {describe(spec)}",
+        found=", ".join(f"{asked.table} {asked.address}+{asked.count}" for asked in ranges) or "no ranges",
+        remedy="the block was read with another register map: use the survey file it was recorded with",
+    )
+
+
+def _number(spec: SignalSpec, data: bytes, place: int) -> float:
+    """Return the raw number of a signal before scale and offset."""
+    if spec.in_bit_table:
+        return data[place // 8] >> place % 8 & 1
+    raw = data[2 * place : 2 * (place + spec.width)]
+    if spec.type == "bit":
+        return int.from_bytes(raw, "big") >> spec.bit & 1
+    ordered = bytes(raw[at] for at in _PLACES[spec.order] if at < len(raw))
+    number: float = struct.unpack(_STRUCT_CODES[spec.type], ordered)[0]
+    return number
+
+
+def describe(spec: SignalSpec) -> str:
+    """Return the place of a signal as a person writes it: ``holding 2 bit 0``, ``input 40-41``."""
+    if spec.type == "bit" and not spec.in_bit_table:
+        return f"{spec.table} {spec.address} bit {spec.bit}"
+    last = f"-{spec.address + spec.width - 1}" if spec.width > 1 else ""
+    return f"{spec.table} {spec.address}{last}"
+
+
+def registers(specs: Iterable[SignalSpec]) -> set[tuple[Table, int]]:
+    """Return every (table, address) that the signals occupy."""
+    return {(spec.table, spec.address + place) for spec in specs for place in range(spec.width)}

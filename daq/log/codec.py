@@ -1,0 +1,273 @@
+"""Events <-> the JSON messages of a log.
+
+One message holds the events of one stream over a fraction of a second, each event with its own time. Measured on noisy lines at
+1 kHz with one chunk a line: 16 bytes a sample where every event is a message, 10 to 12 in batches; base64 costs 3 bytes a sample
+more because it hides the digits from zstd; a binary schema saves 0.2 and nobody can read it. So the bytes of a chunk stand as a
+text, each byte as the character of its number (ISO 8859-1), which loses nothing.
+
+Every event of a log has a number, its place in the order of consumption. A batch tells the numbers of its events as runs:
+``order`` is the number of the first, then by turns ``skip`` numbers that belong to other channels and ``run`` events of this one.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import accumulate, pairwise
+from typing import cast, get_args
+
+import msgspec
+
+from stepdiag.daq.log.topics import BLOCK_TOPIC, LINK_STATES, LINK_TOPICS, LOSS_TOPIC, RAW_TOPICS
+from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, Loss, ModbusBlock, ReadRange, Stream, Table
+from stepdiag.daq.records.status import LinkState
+
+US = 1_000
+MAX_TIME_NS = 2**63
+"""The year 2262: no clock of ours says more."""
+_SECOND_NS = 1_000_000_000
+_STREAMS: dict[str, Stream] = {topic: stream for stream, topic in RAW_TOPICS.items()}
+_LINKS: dict[str, Link] = {topic: link for link, topic in LINK_TOPICS.items()}
+_TABLES: tuple[str, ...] = get_args(Table)
+
+Numbered = tuple[int, Event]
+Run = tuple[int, list[Event]]
+"""The number of the first event and the events that follow without a gap."""
+
+
+class _Time(msgspec.Struct):
+    sec: int
+    nsec: int
+
+
+class _Message(msgspec.Struct):
+    time: _Time
+    t_mono_ns: str
+    order: int
+
+
+class _Batch(_Message):
+    skip: list[int]
+    run: list[int]
+
+
+class _Bytes(_Batch):
+    after_us: list[int]
+    data: list[str]
+
+
+class _Blocks(_Batch):
+    recv_us: list[int]
+    answer_us: list[int]
+    ranges: str
+    data: list[str]
+
+
+class _LinkChange(_Message):
+    state: int
+    state_text: str
+    detail: str
+
+
+class _Lost(_Message):
+    events: int
+    bytes: int
+    reason: str
+
+
+_encode = msgspec.json.Encoder().encode
+_decode_bytes = msgspec.json.Decoder(_Bytes).decode
+_decode_blocks = msgspec.json.Decoder(_Blocks).decode
+_decode_link = msgspec.json.Decoder(_LinkChange).decode
+_decode_loss = msgspec.json.Decoder(_Lost).decode
+
+
+@dataclass(frozen=True, slots=True)
+class LogClock:
+    """Wall time of a log: the host's clock plus the offset found when it began, whatever the wall clock did afterwards."""
+
+    offset_ns: int
+
+    def wall_ns(self, time_ns: int) -> int:
+        """Return the wall time of a monotonic time."""
+        return time_ns + self.offset_ns
+
+    def stamp(self, time_ns: int) -> _Time:
+        """Return the wall time of a monotonic time in the form of the viewers."""
+        return _Time(*divmod(self.wall_ns(time_ns), _SECOND_NS))
+
+
+def time_of(event: Event) -> int:
+    """Return the monotonic time at which an event was complete."""
+    match event:
+        case Chunk():
+            return event.arrival_ns
+        case ModbusBlock():
+            return event.recv_ns
+        case _:
+            return event.time_ns
+
+
+def whole_us(event: Event) -> Event:
+    """Return the event with its times cut to whole microseconds, as the log keeps them.
+
+    A stamp is late by 77 us in the median (baselines.md): the nanoseconds carry nothing and would cost a byte a sample.
+    """
+    match event:
+        case Chunk(stream, arrival_ns, data):
+            return event if arrival_ns % US == 0 else Chunk(stream, arrival_ns // US * US, data)
+        case ModbusBlock(send_ns, recv_ns, ranges, data):
+            if send_ns % US == recv_ns % US == 0:
+                return event
+            return ModbusBlock(send_ns // US * US, recv_ns // US * US, ranges, data)
+        case _:
+            return event
+
+
+def size_of(event: Event) -> int:
+    """Return the bytes of memory that a waiting event roughly holds."""
+    match event:
+        case Chunk():
+            return 100 + len(event.data)
+        case ModbusBlock():
+            return 300 + sum(map(len, event.data))
+        case _:
+            return 200
+
+
+def topic_of(event: Event) -> str:
+    """Return the channel of an event."""
+    match event:
+        case Chunk():
+            return RAW_TOPICS[event.stream]
+        case ModbusBlock():
+            return BLOCK_TOPIC
+        case LinkEvent():
+            return LINK_TOPICS[event.link]
+        case Loss():
+            return LOSS_TOPIC
+
+
+def encode(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
+    """Return the message that holds a batch of one topic; link changes and losses come one at a time, blocks with the same ranges."""
+    first = batch[0][1]
+    match first:
+        case Chunk():
+            return _encode_chunks(clock, batch)
+        case ModbusBlock():
+            return _encode_blocks(clock, batch, first)
+        case LinkEvent(time_ns, _, state, detail):
+            changed = _LinkChange(clock.stamp(time_ns), str(time_ns), batch[0][0], LINK_STATES.index(state), state, detail)
+            return _encode(changed)
+        case Loss(time_ns, events, count, reason):
+            return _encode(_Lost(clock.stamp(time_ns), str(time_ns), batch[0][0], events, count, reason))
+
+
+def joins(last: Event, event: Event) -> bool:
+    """Return whether two events of one topic may stand in the same message."""
+    if isinstance(last, ModbusBlock) and isinstance(event, ModbusBlock):
+        return last.ranges == event.ranges
+    return isinstance(event, Chunk)
+
+
+def _encode_chunks(clock: LogClock, batch: Sequence[Numbered]) -> bytes:
+    chunks = [cast("Chunk", event) for _, event in batch]
+    times = [chunk.arrival_ns for chunk in chunks]
+    after_us = [0, *((later - earlier) // US for earlier, later in pairwise(times))]
+    skip, run = _to_runs([number for number, _ in batch])
+    texts = [chunk.data.decode("latin-1") for chunk in chunks]
+    return _encode(_Bytes(clock.stamp(times[0]), str(times[0]), batch[0][0], skip, run, after_us, texts))
+
+
+def _encode_blocks(clock: LogClock, batch: Sequence[Numbered], first: ModbusBlock) -> bytes:
+    blocks = [cast("ModbusBlock", event) for _, event in batch]
+    start = first.recv_ns
+    recv_us = [(block.recv_ns - start) // US for block in blocks]
+    answer_us = [(block.recv_ns - block.send_ns) // US for block in blocks]
+    skip, run = _to_runs([number for number, _ in batch])
+    texts = ["|".join(data.hex() for data in block.data) for block in blocks]
+    ranges = "|".join(f"{asked.table} {asked.address} {asked.count}" for asked in first.ranges)
+    return _encode(_Blocks(clock.stamp(start), str(start), batch[0][0], skip, run, recv_us, answer_us, ranges, texts))
+
+
+def _to_runs(numbers: Sequence[int]) -> tuple[list[int], list[int]]:
+    skip, run = [0], [1]
+    for earlier, later in pairwise(numbers):
+        if later == earlier + 1:
+            run[-1] += 1
+        else:
+            skip.append(later - earlier - 1)
+            run.append(1)
+    return skip, run
+
+
+def decode(topic: str, data: bytes) -> list[Run]:
+    """Return the events of a message in runs; empty for a note. Raises one of `daq.log.contents.DAMAGE` on anything else."""
+    if topic in _STREAMS:
+        raw = _decode_bytes(data)
+        return list(_from_runs(raw, _chunks(_STREAMS[topic], raw)))
+    if topic == BLOCK_TOPIC:
+        polls = _decode_blocks(data)
+        return list(_from_runs(polls, _blocks(polls)))
+    if topic in _LINKS:
+        change = _decode_link(data)
+        state = cast("LinkState", LINK_STATES[LINK_STATES.index(change.state_text)])
+        _require_clock(int(change.t_mono_ns), ())
+        return [(change.order, [LinkEvent(int(change.t_mono_ns), _LINKS[topic], state, change.detail)])]
+    if topic == LOSS_TOPIC:
+        lost = _decode_loss(data)
+        _require_clock(int(lost.t_mono_ns), ())
+        return [(lost.order, [Loss(int(lost.t_mono_ns), lost.events, lost.bytes, lost.reason)])]
+    return []
+
+
+def _chunks(stream: Stream, raw: _Bytes) -> list[Event]:
+    start = int(raw.t_mono_ns)
+    times = list(accumulate(raw.after_us))
+    _require_clock(start, times)
+    return [Chunk(stream, start + after * US, text.encode("latin-1")) for after, text in zip(times, raw.data, strict=True)]
+
+
+def _require_clock(start_ns: int, later_us: Sequence[int]) -> None:
+    """Raise ValueError for times that no monotonic clock of ours has shown."""
+    least, most = min(later_us, default=0), max(later_us, default=0)
+    if not 0 <= start_ns + least * US <= start_ns + most * US < MAX_TIME_NS:
+        raise ValueError(f"times from {start_ns} ns on that no clock shows")
+
+
+def _blocks(polls: _Blocks) -> list[Event]:
+    start = int(polls.t_mono_ns)
+    _require_clock(start, polls.recv_us)
+    _require_clock(start, [received - answer for received, answer in zip(polls.recv_us, polls.answer_us, strict=True)])
+    ranges = tuple(_range(text) for text in polls.ranges.split("|"))
+    events: list[Event] = []
+    before: str | None = None  # polls mostly repeat what the poll before said
+    data: tuple[bytes, ...] = ()
+    for recv_us, answer_us, text in zip(polls.recv_us, polls.answer_us, polls.data, strict=True):
+        recv_ns = start + recv_us * US
+        if text != before:
+            before, data = text, _answers(text, len(ranges))
+        events.append(ModbusBlock(recv_ns - answer_us * US, recv_ns, ranges, data))
+    return events
+
+
+def _answers(text: str, requests: int) -> tuple[bytes, ...]:
+    data = tuple(bytes.fromhex(part) for part in text.split("|"))
+    if len(data) != requests:
+        raise ValueError(f"{len(data)} answers to {requests} requests")
+    return data
+
+
+def _range(text: str) -> ReadRange:
+    table, address, count = text.split(" ")
+    if table not in _TABLES:
+        raise ValueError(f"no Modbus table {table}")
+    return ReadRange(cast("Table", table), int(address), int(count))
+
+
+def _from_runs(batch: _Batch, events: list[Event]) -> Iterator[Run]:
+    number, place = batch.order, 0
+    for skip, run in zip(batch.skip, batch.run, strict=True):
+        number += skip
+        yield number, events[place : place + run]
+        number, place = number + run, place + run
+    if place != len(events) or min(batch.run, default=0) < 1 or min(batch.skip, default=0) < 0:
+        raise ValueError("the runs of a batch do not count its events")

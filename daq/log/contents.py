@@ -1,0 +1,190 @@
+"""Reading logs: what stands at their start, the events in the order of their capture, and how they ended.
+
+log = open_log(path)            header; refuses what is not a log of ours
+for event in log.events(): ...  bounded memory, up to the first record that is not whole
+log.end                         whether it is whole, and what was lost where it is not
+"""
+
+from collections import Counter
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
+
+from stepdiag.daq.log.codec import MAX_TIME_NS, Run, decode
+from stepdiag.daq.log.reader import DAMAGE, RecordReader
+from stepdiag.daq.log.writer import CLOCK, LIBRARY, LOG_VERSION, RUN, RUN_STOP, SURVEY_ATTACHMENT, LogHeader, survey_digest
+from stepdiag.daq.records.events import Event
+from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES
+from stepdiag.solver.errors import DataError, UsageError
+
+MOST_RECORDS_BEFORE_SURVEY = 16
+MAX_WAITING_EVENTS = 1_000_000
+"""Events that may wait for one with a lower number; our writer never has more waiting than one batch."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogEnd:
+    """How a log ended. ``damage`` is empty for a whole log; ``run_stop`` is what the recorder wrote at its end, if it came to that.
+
+    ``dropped_events`` were read, but an event before them was lost with the damaged part (a mended log has them too);
+    ``lost_bytes`` could not be read at all.
+    """
+
+    events: int
+    messages: dict[str, int]
+    damage: str
+    dropped_events: int
+    lost_bytes: int
+    run_stop: dict[str, str]
+
+    @property
+    def whole(self) -> bool:
+        """Return whether the log was closed and nothing in it is damaged."""
+        return not self.damage and bool(self.run_stop)
+
+
+@dataclass(slots=True)
+class Log:
+    """A log that has been opened; ``end`` is known when `events` has run to its end."""
+
+    path: Path
+    header: LogHeader
+    end: LogEnd | None = None
+
+    def events(self) -> Iterator[Event]:
+        """Yield the events in the order in which they were captured, up to the first that is lost."""
+        reader = RecordReader(self.path)
+        walk = _Walk()
+        for record in reader:
+            try:
+                runs = walk.take(record)
+            except DAMAGE as error:
+                reader.damage = f"a message that is not ours: {error or type(error).__name__}"
+                break
+            for run in runs:
+                yield from run
+        self.end = walk.end(reader)
+
+
+@dataclass(slots=True)
+class _Walk:
+    """Puts the runs of all channels in order and counts what goes by."""
+
+    next: int = 0
+    waiting: dict[int, list[Event]] = field(default_factory=dict)
+    waiting_events: int = 0
+    topics: dict[int, str] = field(default_factory=dict)
+    messages: Counter[str] = field(default_factory=Counter)
+    run_stop: dict[str, str] = field(default_factory=dict)
+
+    def take(self, record: McapRecord) -> list[list[Event]]:
+        """Return the events that are now in order, as runs."""
+        match record:
+            case Message():
+                topic = self.topics.get(record.channel_id, "")
+                ready = self._order(decode(topic, record.data))
+                self.messages[topic] += 1
+                return ready
+            case Channel():
+                self.topics[record.id] = record.topic
+            case Metadata() if record.name == RUN_STOP:
+                self.run_stop = dict(record.metadata)
+            case _:
+                pass
+        return []
+
+    def _order(self, runs: list[Run]) -> list[list[Event]]:
+        for number, events in runs:
+            if number < self.next or number in self.waiting:
+                raise ValueError(f"event {number} twice")
+            self.waiting[number] = events
+            self.waiting_events += len(events)
+        if self.waiting_events > MAX_WAITING_EVENTS:
+            raise ValueError(f"event {self.next} is missing")
+        ready = []
+        while (events := self.waiting.pop(self.next, [])) != []:
+            ready.append(events)
+            self.next += len(events)
+            self.waiting_events -= len(events)
+        return ready
+
+    def end(self, reader: RecordReader) -> LogEnd:
+        damage = reader.damage
+        if not damage and self.waiting and "recovered_from" not in self.run_stop:
+            damage = f"event {self.next} is missing"
+        return LogEnd(
+            events=self.next,
+            messages=dict(self.messages),
+            damage=damage,
+            dropped_events=self.waiting_events,
+            lost_bytes=reader.path.stat().st_size - reader.good_bytes if damage else 0,
+            run_stop=self.run_stop,
+        )
+
+
+def must_be_there(path: Path) -> None:
+    """Raise UsageError where nothing is at a path that somebody named."""
+    if not path.exists():
+        raise UsageError(str(path), expected="a log (*.mcap) or a folder of logs", found="nothing of this name")
+
+
+def open_log(path: Path) -> Log:
+    """Return a log with its header read.
+
+    Raises DataError for a file that cannot be read, that is not one of ours, that a newer version wrote, or that was cut off before
+    its header was whole.
+    """
+    reader = RecordReader(path)
+    metadata: dict[str, dict[str, str]] = {}
+    library = ""
+    for record in reader:
+        match record:
+            case Header():
+                library = record.library
+                _check_library(path, library)
+            case Metadata() if len(metadata) < MOST_RECORDS_BEFORE_SURVEY:
+                metadata[record.name] = dict(record.metadata)
+                _check_version(path, metadata)
+            case Attachment() if record.name == SURVEY_ATTACHMENT:
+                return Log(path, _header(path, metadata, record.data))
+            case _:
+                break
+    found = "nothing" if path.stat().st_size == 0 else reader.damage or "another order of records"
+    expected = "the start of a log: run, clock and survey" if library else "a log of stepdiag (MCAP)"
+    raise DataError(str(path), expected=expected, found=found, remedy="it was cut off before anything was recorded" if library else "")
+
+
+def _check_library(path: Path, library: str) -> None:
+    if library.split(" ", maxsplit=1)[0] != LIBRARY:
+        raise DataError(str(path), expected="a log of stepdiag", found=f"a file of {library or 'an unnamed program'}")
+
+
+def _check_version(path: Path, metadata: dict[str, dict[str, str]]) -> None:
+    found = metadata.get(RUN, {}).get("log_version", "")
+    if found != str(LOG_VERSION):
+        raise DataError(
+            str(path),
+            expected=f"log version {LOG_VERSION}",
+            found=found or "no version",
+            remedy="read it with the version of stepdiag that wrote it, see `stepdiag --version`",
+        )
+
+
+def _header(path: Path, metadata: dict[str, dict[str, str]], survey: bytes) -> LogHeader:
+    run, clock = metadata[RUN], metadata.get(CLOCK, {})
+    if len(survey) > LARGEST_SETTINGS_BYTES:
+        raise DataError(str(path), expected=f"a survey file of at most {LARGEST_SETTINGS_BYTES} bytes", found=str(len(survey)))
+    try:
+        text = survey.decode("utf-8")
+        offset_ns, start_ns = int(clock["wall_minus_monotonic_ns"]), int(clock["start_mono_ns"])
+        if not (0 <= start_ns < MAX_TIME_NS and 0 <= start_ns + offset_ns < MAX_TIME_NS):
+            raise ValueError(f"a clock at {start_ns} + {offset_ns} ns")
+    except (UnicodeDecodeError, KeyError, ValueError) as error:
+        raise DataError(str(path), expected="the clock and the survey of a log", found=f"{error!r}") from error
+    if survey_digest(text) != run.get("survey_sha256"):
+        raise DataError(
+            str(path), expected="the survey file as it was recorded", found="another SHA-256", remedy="the log is damaged at its start"
+        )
+    return LogHeader(survey_text=text, wall_offset_ns=offset_ns, start_ns=start_ns, run=run, clock=clock)

@@ -1,0 +1,90 @@
+"""Reading the records of a log front to back, with bounded memory, up to the first that is not whole.
+
+A log may be cut off at any byte, or be a stranger's file. Nothing here trusts a length: records, chunks and what they unpack to
+have limits, and whatever the reader below can raise on damaged bytes is in one list, `DAMAGE`.
+"""
+
+import struct
+from collections.abc import Iterator
+from pathlib import Path
+from typing import IO, BinaryIO, cast
+
+import msgspec
+import zstandard
+from mcap.exceptions import EndOfFile, McapError
+from mcap.records import Chunk as ChunkRecord
+from mcap.records import McapRecord
+from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
+
+from stepdiag.solver.errors import DataError
+
+MAX_RECORD_BYTES = 64_000_000
+MAX_CHUNK_BYTES = 64_000_000
+"""Limits far above what is ever written: chunks are of 64 KiB, packed ones of a megabyte, the largest record is the index at the end."""
+
+
+class BrokenRecordError(Exception):
+    """A record that no log of ours can hold."""
+
+
+DAMAGE = (
+    BrokenRecordError,
+    McapError,
+    CRCValidationError,
+    struct.error,
+    zstandard.ZstdError,
+    msgspec.DecodeError,
+    UnicodeError,
+    ValueError,
+    RecursionError,
+    OverflowError,
+)
+"""Everything that damaged bytes make the reader raise (measured: cut at every byte, bits flipped; ValueError covers wrong numbers)."""
+
+
+class _BoundedFile:
+    """A file that refuses to read more at once than a record may have: lengths inside a record are not checked by the reader."""
+
+    def __init__(self, file: BinaryIO) -> None:
+        self._file = file
+
+    def read(self, length: int) -> bytes:
+        if length > MAX_RECORD_BYTES:
+            raise BrokenRecordError(f"a part of a record of {length} bytes")
+        return self._file.read(length)
+
+
+class RecordReader:
+    """The records of a file in order. After the iteration ``damage`` says in words what ended it early, or is empty."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.good_bytes = 0
+        self.damage = ""
+
+    def __iter__(self) -> Iterator[McapRecord]:
+        try:
+            file = self.path.open("rb")
+        except OSError as error:
+            raise DataError(str(self.path), expected="a log", found=error.strerror or str(error)) from error
+        with file:
+            try:
+                reader = StreamReader(
+                    cast("IO[bytes]", _BoundedFile(file)), emit_chunks=True, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES
+                )
+                for record in reader.records:
+                    parts = _unpack(record) if isinstance(record, ChunkRecord) else [record]
+                    self.good_bytes = file.tell()
+                    yield from parts
+            except DAMAGE as error:
+                cut_off = isinstance(error, EndOfFile | struct.error)
+                self.damage = "it was cut off" if cut_off else str(error) or type(error).__name__
+
+
+def _unpack(chunk: ChunkRecord) -> list[McapRecord]:
+    """Return the records of a chunk, its CRC checked."""
+    if chunk.compression != "zstd":
+        raise BrokenRecordError(f"a chunk compressed by {chunk.compression or 'nothing'}")
+    if max(chunk.uncompressed_size, zstandard.frame_content_size(chunk.data)) > MAX_CHUNK_BYTES:
+        raise BrokenRecordError(f"a chunk that unpacks to {chunk.uncompressed_size} bytes")
+    return breakup_chunk(chunk, validate_crc=True)

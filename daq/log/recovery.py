@@ -1,0 +1,188 @@
+"""What is in a log, and mending one that was cut off: into a new file, never in place."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, cast
+
+from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
+from mcap.writer import CompressionType, Writer
+
+from stepdiag.daq.log.codec import time_of
+from stepdiag.daq.log.contents import LogEnd, open_log
+from stepdiag.daq.log.part_file import PART_SUFFIX, PartFile
+from stepdiag.daq.log.reader import RecordReader
+from stepdiag.daq.log.topics import STOP_TOPIC
+from stepdiag.daq.log.writer import CHUNK_BYTES, RUN_STOP
+from stepdiag.daq.records.events import Chunk, ModbusBlock
+from stepdiag.solver.errors import DataError
+
+_DRAIN_BYTES = 1_000_000
+_SUFFIX = ".recovering"
+"""Of a mended log that is not whole yet: a copy, so what a kill left of one is begun again."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogInfo:
+    """What is in a log. ``stream_bytes`` counts the raw bytes by stream, ``seconds`` is from the first event to the last."""
+
+    path: Path
+    run: dict[str, str]
+    clock: dict[str, str]
+    begin_wall_ns: int
+    seconds: float
+    stream_bytes: dict[str, int]
+    polls: int
+    stops: int
+    end: LogEnd
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Recovery:
+    """A mended log and what the damaged one had lost."""
+
+    source: Path
+    target: Path
+    messages: int
+    end: LogEnd
+
+
+def log_info(path: Path) -> LogInfo:
+    """Return what is in a log, read front to back. Raises DataError for what is not a log of ours (see `daq.log.contents.open_log`)."""
+    log = open_log(path)
+    stream_bytes: dict[str, int] = {}
+    polls = 0
+    first_ns, last_ns = log.header.start_ns, log.header.start_ns
+    for event in log.events():
+        last_ns = max(last_ns, time_of(event))
+        if isinstance(event, Chunk):
+            stream_bytes[event.stream] = stream_bytes.get(event.stream, 0) + len(event.data)
+        polls += isinstance(event, ModbusBlock)
+    end = _end_of(log.end)
+    return LogInfo(
+        path=path,
+        run=dict(log.header.run),
+        clock=dict(log.header.clock),
+        begin_wall_ns=first_ns + log.header.wall_offset_ns,
+        seconds=(last_ns - first_ns) * 1e-9,
+        stream_bytes=stream_bytes,
+        polls=polls,
+        stops=end.messages.get(STOP_TOPIC, 0),
+        end=end,
+    )
+
+
+def recovered_path(path: Path) -> Path:
+    """Return where the mended copy of a log goes, beside it.
+
+    ``0001.mcap.part`` gives ``0001.mcap``, the name it would have got; ``0001.mcap`` gives ``0001.recovered.mcap``.
+    """
+    if path.suffix == PART_SUFFIX:
+        return path.with_suffix("")
+    return path.with_name(f"{path.stem}.recovered.mcap")
+
+
+def recover(path: Path, target: Path | None = None) -> Recovery:
+    """Write every whole message of a damaged log into a new, indexed one; the damaged log stays as it is.
+
+    Raises DataError when the log is whole, is not one of ours, when the target exists, or when the mended log does not read back as
+    many messages and events as were written.
+    """
+    target = recovered_path(path) if target is None else target
+    log = open_log(path)
+    for _event in log.events():
+        pass
+    end = _end_of(log.end)
+    if end.whole:
+        raise DataError(str(path), expected="a log that was cut off", found="a whole log", remedy="there is nothing to mend")
+    if target.exists():
+        remedy = "a log is never overwritten: move it away, or name another target"
+        raise DataError(str(target), expected="a new file", found="one that exists", remedy=remedy)
+    try:
+        messages = _write(path, target, end)
+    except OSError as error:
+        raise DataError(str(target), expected="a file that can be written", found=error.strerror or str(error)) from error
+    _check(target, end)
+    return Recovery(source=path, target=target, messages=messages, end=end)
+
+
+def _end_of(end: LogEnd | None) -> LogEnd:
+    if end is None:
+        raise RuntimeError("a log's end is known only after its events")
+    return end
+
+
+def _write(path: Path, target: Path, end: LogEnd) -> int:
+    target.with_name(target.name + _SUFFIX).unlink(missing_ok=True)
+    file = PartFile(target, _SUFFIX)
+    try:
+        messages = _copy(path, file, end)
+        file.publish()
+    finally:
+        file.close()
+        file.part.unlink(missing_ok=True)
+    return messages
+
+
+def _copy(path: Path, file: PartFile, end: LogEnd) -> int:
+    """Copy what is whole, record by record as it stands; return the number of messages."""
+    writer = Writer(cast("IO[Any]", file), chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
+    copied = 0
+    for record in _first(RecordReader(path), sum(end.messages.values())):
+        copy_record(writer, record)
+        copied += isinstance(record, Message)
+        if file.waiting > _DRAIN_BYTES:
+            file.drain()
+    writer.flush()  # type: ignore[no-untyped-call]
+    stop = end.run_stop or {"exit_status": "interrupted", "reason": "the log was cut off", "events": str(end.events)}
+    writer.add_metadata(RUN_STOP, {**stop, "recovered_from": path.name, "damage": end.damage, "lost_bytes": str(end.lost_bytes)})
+    writer.finish()  # type: ignore[no-untyped-call]
+    file.drain()
+    return copied
+
+
+def _first(records: RecordReader, messages: int) -> Iterator[McapRecord]:
+    """Yield records up to the message with this number, which is the last that the reading of the events took."""
+    left = messages
+    known: set[tuple[str, int]] = set()
+    for record in records:
+        if isinstance(record, Message):
+            if left == 0:
+                return
+            left -= 1
+        elif isinstance(record, Schema | Channel):
+            key = (type(record).__name__, record.id)
+            if key in known:
+                continue
+            known.add(key)
+        yield record
+
+
+def copy_record(writer: Writer, record: McapRecord) -> None:
+    """Write a record again. Schemas and channels were numbered from 1 in their order, so they get the same numbers."""
+    match record:
+        case Header():
+            writer.start(profile=record.profile, library=record.library)
+        case Metadata() if record.name != RUN_STOP:
+            writer.add_metadata(record.name, record.metadata)
+        case Attachment():
+            writer.add_attachment(record.create_time, record.log_time, record.name, record.media_type, record.data)
+        case Schema():
+            writer.register_schema(record.name, record.encoding, record.data)
+        case Channel():
+            writer.register_channel(record.topic, record.message_encoding, record.schema_id, record.metadata)
+        case Message():
+            writer.add_message(record.channel_id, record.log_time, record.data, record.publish_time, record.sequence)
+        case _:
+            pass
+
+
+def _check(target: Path, wanted: LogEnd) -> None:
+    """Open the mended log again and count: tools of others have reported success with an unreadable file (acquisition.md B2, rule 2)."""
+    log = open_log(target)
+    for _event in log.events():
+        pass
+    found = _end_of(log.end)
+    if found.events != wanted.events or sum(found.messages.values()) != sum(wanted.messages.values()) or not found.run_stop:
+        remedy = "the damaged log is as it was: keep both files and report this"
+        raise DataError(str(target), expected=f"{wanted.events} events", found=f"{found.events} events", remedy=remedy)

@@ -1,0 +1,137 @@
+"""The channels of a log: topic, hand-written schema, and the notes that stand in them for a person to look at.
+
+Foxglove and PlotJuggler read JSON messages with JSON schemas of a narrow dialect: the root is an object with properties, each
+property has one plain type; no unions, no references, no arrays of arrays (acquisition.md B2, rule 4). Units stand in the
+names; a state is logged as number and as text, because PlotJuggler drops texts (rule 6). What is unknown is left out.
+"""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, get_args
+
+import msgspec
+
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, Signals
+from stepdiag.daq.records.events import Link, Stream
+from stepdiag.daq.records.status import LinkState, Phase
+from stepdiag.solver.findings import Finding
+
+Schema = dict[str, Any]
+
+NUMBER: Schema = {"type": "number"}
+INTEGER: Schema = {"type": "integer"}
+TEXT: Schema = {"type": "string"}
+FLAG: Schema = {"type": "boolean"}
+NUMBERS: Schema = {"type": "array", "items": NUMBER}
+INTEGERS: Schema = {"type": "array", "items": INTEGER}
+TEXTS: Schema = {"type": "array", "items": TEXT}
+TIME: Schema = {"type": "object", "title": "time", "properties": {"sec": INTEGER, "nsec": INTEGER}}
+"""Seconds and nanoseconds of wall time: a viewer's numbers have no room for nanoseconds since 1970."""
+
+
+@dataclass(frozen=True, slots=True)
+class Channel:
+    """A topic with the name of its schema and the properties of its messages."""
+
+    topic: str
+    schema_name: str
+    properties: Mapping[str, Schema]
+
+    @property
+    def schema(self) -> bytes:
+        """Return the JSON schema of the channel's messages."""
+        return json.dumps({"title": self.schema_name, "type": "object", "properties": self.properties}).encode()
+
+
+@dataclass(frozen=True, slots=True)
+class Note:
+    """A message for a person: derived from the raw events, never read by a replay. ``time_ns`` is the host's clock."""
+
+    topic: str
+    time_ns: int
+    fields: Mapping[str, Any]
+
+
+LINK_STATES: tuple[str, ...] = get_args(LinkState)
+PHASES: tuple[str, ...] = get_args(Phase)
+
+_STAMP = {"time": TIME, "t_mono_ns": TEXT}
+_ORDER = {"order": INTEGER, "skip": INTEGERS, "run": INTEGERS}
+_BYTES = {**_STAMP, **_ORDER, "after_us": INTEGERS, "data": TEXTS}
+_BLOCKS = {**_STAMP, **_ORDER, "recv_us": INTEGERS, "answer_us": INTEGERS, "ranges": TEXT, "data": TEXTS}
+_LINK = {**_STAMP, "order": INTEGER, "state": INTEGER, "state_text": TEXT, "detail": TEXT}
+_LOSS = {**_STAMP, "order": INTEGER, "events": INTEGER, "bytes": INTEGER, "reason": TEXT}
+_STOP = {
+    "setup": TEXT, "outward": FLAG, "stop": INTEGER, "position_mm": NUMBERS, "axis": TEXT, "stop_count": INTEGER,
+    "reading_mm": NUMBER, "u_um": NUMBER, "scatter_um": NUMBER, "slope_um_s": NUMBER, "samples": INTEGER, "rejected": INTEGER,
+    "window_from_mono_ns": TEXT, "window_to_mono_ns": TEXT, "time_s": NUMBER,
+    "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "refused": TEXT,
+    "recovered": FLAG, "channels": NUMBERS, "u_channels": NUMBERS, "material_temperature_c": NUMBER, "air_temperature_c": NUMBER,
+    "air_pressure_hpa": NUMBER, "relative_humidity_percent": NUMBER,
+}  # fmt: skip
+_SIGNALS = {name: FLAG if name in SWITCHED else INTEGER if name in COUNTED else NUMBER for name in SIGNAL_NAMES}
+_FOXGLOVE_LOG = {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER}
+
+RAW_TOPICS: dict[Stream, str] = {"laser": "/laser/raw", "head": "/head/raw"}
+BLOCK_TOPIC = "/machine/raw"
+LINK_TOPICS: dict[Link, str] = {"laser": "/link/laser", "head": "/link/head", "machine": "/link/machine"}
+LOSS_TOPIC = "/recorder/loss"
+SAMPLE_TOPIC = "/laser/sample"
+SIGNALS_TOPIC = "/machine/state"
+STOP_TOPIC = "/machine/stop"
+PHASE_TOPIC = "/sync/state"
+FINDING_TOPIC = "/sync/finding"
+LOG_TOPIC = "/log"
+
+CHANNELS: tuple[Channel, ...] = (
+    *(Channel(topic, "stepdiag.Bytes", _BYTES) for topic in RAW_TOPICS.values()),
+    Channel(BLOCK_TOPIC, "stepdiag.ModbusBlocks", _BLOCKS),
+    *(Channel(topic, "stepdiag.Link", _LINK) for topic in LINK_TOPICS.values()),
+    Channel(LOSS_TOPIC, "stepdiag.Loss", _LOSS),
+    Channel(SAMPLE_TOPIC, "stepdiag.Sample", {**_STAMP, "position_mm": NUMBER, "beam": NUMBER, "flags": INTEGER}),
+    Channel(SIGNALS_TOPIC, "stepdiag.Signals", {**_STAMP, **_SIGNALS}),
+    Channel(STOP_TOPIC, "stepdiag.Stop", {**_STAMP, **_STOP}),
+    Channel(PHASE_TOPIC, "stepdiag.Phase", {**_STAMP, "state": INTEGER, "state_text": TEXT, "detail": TEXT}),
+    Channel(FINDING_TOPIC, "stepdiag.Finding", {**_STAMP, "severity": INTEGER, "severity_text": TEXT, "code": TEXT, "text": TEXT}),
+    Channel(LOG_TOPIC, "foxglove.Log", _FOXGLOVE_LOG),
+)
+"""Every channel of a log, in the order of their channel ids from 1."""
+
+LOG_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
+"""Levels of foxglove.Log."""
+
+
+def sample_note(time_ns: int, position_mm: float, beam: float | None, flags: int) -> Note:
+    """Return the laser's reading at a moment: a few a second, for the eye."""
+    return Note(SAMPLE_TOPIC, time_ns, {"position_mm": position_mm, "beam": beam, "flags": flags})
+
+
+def signals_note(time_ns: int, signals: Signals) -> Note:
+    """Return what the machine says at a moment."""
+    return Note(SIGNALS_TOPIC, time_ns, {name: getattr(signals, name) for name in SIGNAL_NAMES})
+
+
+def stop_note(stop: CapturedStop) -> Note:
+    """Return a captured stop, timed by the end of its window; the recorder syncs the file when it takes it."""
+    fields = msgspec.structs.asdict(stop)
+    for end in ("from", "to"):
+        fields[f"window_{end}_mono_ns"] = str(fields.pop(f"window_{end}_ns"))
+    return Note(STOP_TOPIC, stop.window_to_ns, fields)
+
+
+def phase_note(time_ns: int, phase: Phase, detail: str = "") -> Note:
+    """Return what the daemon is about."""
+    return Note(PHASE_TOPIC, time_ns, {"state": PHASES.index(phase), "state_text": phase, "detail": detail})
+
+
+def finding_note(time_ns: int, finding: Finding) -> Note:
+    """Return a finding; its severity as number is that of `/log`."""
+    severity = {"severity": LOG_LEVELS[finding.severity], "severity_text": finding.severity}
+    return Note(FINDING_TOPIC, time_ns, {**severity, "code": finding.code, "text": finding.text})
+
+
+def log_note(time_ns: int, level: str, message: str, name: str) -> Note:
+    """Return a line of the program's own log for Foxglove's Log panel; ``level`` is a key of `LOG_LEVELS`."""
+    return Note(LOG_TOPIC, time_ns, {"level": LOG_LEVELS[level], "message": message, "name": name, "file": "", "line": 0})

@@ -1,0 +1,43 @@
+"""The mirror's tilt from the first steps of a pass, in time to realign it now rather than after the pass.
+
+With the mirror normal off the diagonal by ``nu``, every step of axis a reads wrong by ``nu_a * step_a``, always the same
+(theory.md 4.2; the machine's own slopes, tens of microradians, are taken for tilt as well).
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+
+import numpy as np
+
+from stepdiag.daq.capture.route import Route, base_setup
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS
+
+REALIGN_MRAD = 2.0
+"""Beyond this the spot wanders and second-order terms grow to micrometres: realign (theory.md 6.5)."""
+
+
+def mirror_tilt_mrad(route: Route, stops: Sequence[CapturedStop]) -> tuple[float, float] | None:
+    """Return the tilt of the mirror against the diagonal about two axes, in mrad: sideways and upwards as seen along the beam.
+
+    None for a run along one axis, and before every axis has made a step between two good stops.
+    """
+    if base_setup(route.setup) not in BODY_DIAGONALS or len(stops) < 4:
+        return None
+    along = (route.stops_mm[-1] - route.stops_mm[0]) / abs(route.nominal_mm[-1])
+    along = along if route.nominal_mm[-1] > 0 else -along
+    sideways = np.cross([0.0, 0.0, 1.0], along)
+    sideways /= np.linalg.norm(sideways)
+    upwards = np.cross(along, sideways)
+    rows, wrong = [], []
+    for before, after in pairwise(stops):
+        if after.stop != before.stop + 1 or after.broken or after.refused or after.reading_mm is None or before.reading_mm is None:
+            continue
+        step = route.stops_mm[after.stop] - route.stops_mm[before.stop]
+        rows.append([step @ sideways, step @ upwards])
+        wrong.append(after.reading_mm - before.reading_mm - route.step_mm(before.stop, after.stop))
+    moved = {stop.axis for stop in stops[1:]}
+    if len(moved) < 3 or len(rows) < 3:
+        return None
+    tilt = np.linalg.lstsq(np.array(rows), np.array(wrong), rcond=None)[0] * 1e3
+    return float(tilt[0]), float(tilt[1])

@@ -1,0 +1,92 @@
+"""From passes to the solver's table of readings: zero at the pass's first stop, air and material put right, once."""
+
+import numpy as np
+
+from stepdiag.daq.capture.route import base_setup
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.passes.pass_book import Pass
+from stepdiag.daq.survey.models import Environment, Survey
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS, FOURDOF_RUNS, Vector, diagonal_direction, travel_signs
+from stepdiag.solver.readings.readings import Readings, make_readings
+from stepdiag.solver.standards.air import Air, Done, displacement_mm, refractive_index
+from stepdiag.solver.standards.expansion import expansion_um, reading_at_20_c_mm
+
+AIR_FIELDS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
+
+
+def tabulate(survey: Survey, passes: list[Pass]) -> Readings:
+    """Return the readings of whole laser passes, rows in the order of passes and stops.
+
+    An instrument that counts in vacuum wavelengths gets each stop's own air; where the survey file asks for it, each axis is reduced
+    to 20 C. Runs of the 4-DOF head carry no laser reading and are left out.
+    """
+    used = [each for each in passes if each.complete and base_setup(each.route.setup) not in FOURDOF_RUNS]
+    tables = [_rows(survey, each) for each in used]
+    begin = min((stop.time_s for each in used for stop, _ in each.chosen().values()), default=0.0)
+    return make_readings(
+        setup=[each.route.setup for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
+        pass_number=[each.number for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
+        stop=[stop for rows in tables for stop in range(len(rows[0]))],
+        position_mm=np.vstack([each.route.stops_mm for each in used]) if used else np.zeros((0, 3)),
+        reading_mm=np.concatenate([rows[0] for rows in tables]) if used else np.zeros(0),
+        u_um=[stop.u_um for rows in tables for stop in rows[1]],
+        temperature_c=[_material_c(survey.environment, stop) for rows in tables for stop in rows[1]],
+        time_s=[stop.time_s - begin for rows in tables for stop in rows[1]],
+        beam_mm=np.vstack([_beam(survey, each) for each in used]) if used else None,
+    )
+
+
+def _rows(survey: Survey, each: Pass) -> tuple[Vector, list[CapturedStop]]:
+    """Return the corrected readings of a pass and the stops they come from."""
+    chosen = each.chosen()
+    stops = [chosen[index][0] for index in range(len(each.route))]
+    raw = np.array([(stop.reading_mm or 0.0) + offset for stop, offset in (chosen[index] for index in range(len(each.route)))])
+    readings = raw - raw[0]
+    if not survey.laser.compensated:
+        readings = _in_this_air(survey, each, stops, readings)
+    if survey.machine.apply_expansion:
+        readings = _at_20_c(survey, each, stops, readings)
+    return readings, stops
+
+
+def _in_this_air(survey: Survey, each: Pass, stops: list[CapturedStop], readings: Vector) -> Vector:
+    values = {name: np.array([_environment(survey.environment, stop, name) for stop in stops]) for name in AIR_FIELDS}
+    air = Air(
+        temperature_c=values["air_temperature_c"],
+        pressure_hpa=values["air_pressure_hpa"],
+        humidity_percent=values["relative_humidity_percent"],
+    )
+    index = refractive_index(air, survey.laser.wavelength_nm)
+    start_mm = 0.0 if each.route.outward else float(-each.route.nominal_mm[-1])
+    dead_path = survey.laser.dead_path_mm + start_mm
+    return displacement_mm(readings, index, zero_index=float(index[0]), dead_path_mm=dead_path, done=Done(0))
+
+
+def _at_20_c(survey: Survey, each: Pass, stops: list[CapturedStop], readings: Vector) -> Vector:
+    base = base_setup(each.route.setup)
+    along = diagonal_direction(survey.volume, base) if base in BODY_DIAGONALS else np.eye(3)["xyz".index(base[-1])]
+    temperature = np.array([[_material_c(survey.environment, stop)] * 3 for stop in stops])
+    travel = each.route.stops_mm - each.route.stops_mm[0]
+    grown = expansion_um(travel, along, survey.machine.expansion_um_m_c, temperature)
+    return reading_at_20_c_mm(readings, grown, Done(0))
+
+
+def _beam(survey: Survey, each: Pass) -> Vector:
+    """Return a point of the beam line for every stop, shape (k, 3): shifted setups only, NaN elsewhere."""
+    base, _, number = each.route.setup.partition("+")
+    count = len(each.route)
+    if not number:
+        return np.full((count, 3), np.nan)
+    shifts = [offset.offset_mm for offset in survey.plan.beam_offset if offset.setup == base]
+    corner = np.where(travel_signs(base) > 0, 0.0, np.array(survey.volume.size_mm)) + np.array(survey.volume.origin_mm)
+    return np.tile(corner + np.array(shifts[int(number) - 1]), (count, 1))
+
+
+def _environment(environment: Environment, stop: CapturedStop, name: str) -> float:
+    """Return a quantity of the air: as the machine's sensors had it at the stop, or as the survey file fixes it."""
+    measured = getattr(stop, name) if environment.source == "plc" else None
+    return float(measured if measured is not None else getattr(environment, name))
+
+
+def _material_c(environment: Environment, stop: CapturedStop) -> float:
+    return _environment(environment, stop, "material_temperature_c")

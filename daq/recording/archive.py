@@ -1,0 +1,140 @@
+"""Keeping a survey's folder within a budget: finished rounds are packed tighter, the oldest first. Nothing is ever removed.
+
+A log is written in small chunks, so that a kill loses little; packed, its records are the same in chunks of a megabyte at zstd's
+level 19, which takes four tenths off (a pack of whole files, already compressed, would take nothing off). It stays a log: replay, `info`
+and the viewers read it as before. It takes its place only after every record was read back and compared. To be run in a process
+of its own.
+"""
+
+import hashlib
+import os
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any, cast
+
+import mcap.writer
+import zstandard
+from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
+from mcap.writer import CompressionType, Writer
+
+from stepdiag.daq.log.part_file import PartFile
+from stepdiag.daq.log.reader import RecordReader
+from stepdiag.daq.log.recovery import copy_record
+from stepdiag.daq.log.writer import RUN_STOP
+from stepdiag.daq.recording.rounds import RESULT
+from stepdiag.daq.replay import logs_in
+from stepdiag.solver.errors import DataError
+
+PACKED_CHUNK_BYTES = 1_000_000
+LEVEL = 19
+MARK = ".packed"
+"""Stands in a folder whose logs are packed."""
+_SUFFIX = ".packing"
+_DRAIN_BYTES = 4_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class Packed:
+    """A finished round whose logs were packed, and by how much they shrank."""
+
+    folder: Path
+    saved_bytes: int
+
+
+def size_bytes(folder: Path) -> int:
+    """Return what a folder holds."""
+    return sum(path.stat().st_size for path in folder.rglob("*") if path.is_file())
+
+
+def keep_budget(folder: Path, max_bytes: float) -> Iterator[Packed]:
+    """Pack the finished rounds of a survey's folder, oldest first, until it is within ``max_bytes``; yield each when it is done.
+
+    Raises DataError where a log does not read back as it was; the log is then as it was.
+    """
+    rounds = sorted(each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal())
+    for each in rounds:
+        if size_bytes(folder) <= max_bytes:
+            return
+        if (each / RESULT).exists() and not (each / MARK).exists():
+            saved = sum(pack(log) for log in logs_in(each) if log.suffix == ".mcap")
+            (each / MARK).touch()
+            yield Packed(each, saved)
+
+
+def pack(log: Path) -> int:
+    """Write a whole log anew in large, tight chunks, in its place; return the bytes saved, 0 for one that is damaged: it stays as it is."""
+    before = log.stat()
+    wanted = digest(log)
+    if not wanted:
+        return 0
+    part = log.with_name(log.name + _SUFFIX)
+    part.with_name(part.name + _SUFFIX).unlink(missing_ok=True)
+    part.unlink(missing_ok=True)
+    file = PartFile(part, _SUFFIX)
+    try:
+        with _tight():
+            _copy(log, file)
+        file.publish()
+    finally:
+        file.close()
+    if digest(part) != wanted:
+        part.unlink()
+        raise DataError(
+            str(log), expected="a packed log with the same records", found="other ones", remedy="report this; the log is as it was"
+        )
+    after = part.stat().st_size
+    os.utime(part, ns=(before.st_atime_ns, before.st_mtime_ns))
+    part.replace(log)
+    return before.st_size - after
+
+
+def digest(log: Path) -> str:
+    """Return the SHA-256 of all that a log says, however it is chunked; empty for one that is damaged."""
+    reader, sum_of = RecordReader(log), hashlib.sha256()
+    for record in reader:
+        if isinstance(record, Schema | Channel | Message | Metadata | Attachment):
+            sum_of.update(repr(_content(record)).encode())
+    return "" if reader.damage else sum_of.hexdigest()
+
+
+def _content(record: McapRecord) -> tuple[object, ...]:
+    return type(record).__name__, *sorted(vars(record).items())
+
+
+def _copy(log: Path, file: PartFile) -> None:
+    writer = Writer(cast("IO[Any]", file), chunk_size=PACKED_CHUNK_BYTES, compression=CompressionType.ZSTD, enable_data_crcs=True)
+    known: set[tuple[str, int]] = set()
+    stop: dict[str, str] = {}
+    for record in RecordReader(log):
+        if isinstance(record, Metadata) and record.name == RUN_STOP:
+            stop = dict(record.metadata)
+        if isinstance(record, Schema | Channel):
+            if (type(record).__name__, record.id) in known:
+                continue
+            known.add((type(record).__name__, record.id))
+        copy_record(writer, record)
+        if file.waiting > _DRAIN_BYTES:
+            file.drain()
+    writer.flush()  # type: ignore[no-untyped-call]
+    writer.add_metadata(RUN_STOP, stop)
+    writer.finish()  # type: ignore[no-untyped-call]
+    file.drain()
+
+
+@contextmanager
+def _tight() -> Iterator[None]:
+    """Have the MCAP writer, which offers no choice of level, compress as tightly as it goes; for this process, which does nothing else."""
+    names = vars(mcap.writer)
+    usual, names["zstandard"] = names["zstandard"], _Tight
+    try:
+        yield
+    finally:
+        names["zstandard"] = usual
+
+
+class _Tight:
+    """Stands for the module ``zstandard`` in ``mcap.writer``."""
+
+    compress = staticmethod(lambda data: zstandard.ZstdCompressor(level=LEVEL).compress(data))

@@ -1,0 +1,165 @@
+"""The folder of a survey on disk: one numbered folder for each time it is driven, with its logs and, once complete, its results.
+
+<directory>/<name>/.lock            held by the daemon that records here
+<directory>/<name>/0001/0001.mcap   one log a pass
+<directory>/<name>/0001/result.json readings.csv, exports/, report.html: what came of it
+"""
+
+import fcntl
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Self
+
+import msgspec
+import structlog
+from mcap.records import Channel, Message
+
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.log.contents import open_log
+from stepdiag.daq.log.part_file import PART_SUFFIX
+from stepdiag.daq.log.reader import DAMAGE, RecordReader
+from stepdiag.daq.log.recovery import recover
+from stepdiag.daq.log.topics import STOP_TOPIC
+from stepdiag.daq.recording.session import Round
+from stepdiag.daq.records.status import PredictionStatus
+from stepdiag.daq.replay import begun_logs
+from stepdiag.exporters.files.files import read_bytes
+from stepdiag.solver.errors import DataError, StepdiagError, UsageError
+
+RESULT = "result.json"
+READINGS = "readings.csv"
+EXPORTS = "exports"
+PREDICTION = "prediction.json"
+MAX_PREDICTION_BYTES = 4096
+
+_log = structlog.get_logger("rounds")
+
+
+@dataclass(slots=True)
+class FolderLock:
+    """Keeps a second daemon out of a survey's folder, for as long as this process lives."""
+
+    descriptor: int
+
+    @classmethod
+    def take(cls, folder: Path) -> Self:
+        """Return the lock of a folder, made if need be. Raises UsageError where another daemon holds it or it cannot be written."""
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+        except OSError as error:
+            raise UsageError(str(folder), expected="a folder that can be written", found=error.strerror or str(error)) from error
+        try:
+            fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError as error:
+            os.close(descriptor)
+            remedy = "end the other one, or give this survey another name or directory"
+            raise UsageError(str(folder), expected="no other daemon in this folder", found="one that runs", remedy=remedy) from error
+        return cls(descriptor)
+
+    def release(self) -> None:
+        """Let go."""
+        os.close(self.descriptor)
+
+
+def is_recording(folder: Path) -> bool:
+    """Tell whether a daemon holds the folder now; nothing is made or changed."""
+    try:
+        with (folder / ".lock").open("rb") as lock:
+            fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    return False
+
+
+def round_folders(folder: Path) -> list[Path]:
+    """Return the numbered folders of a survey, one for each time it was driven, in order; none where there is no such folder."""
+    found = [each for each in folder.iterdir() if each.is_dir() and each.name.isdecimal()] if folder.is_dir() else []
+    return sorted(found, key=lambda each: int(each.name))
+
+
+def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
+    """Return the round to go on with: the last one where it is not complete and was recorded with this very survey file, else a new one.
+
+    Logs that were cut off are mended first, into new files.
+    """
+    rounds = round_folders(folder)
+    if not rounds:
+        return _new_round(folder, 1, run)
+    last = rounds[-1]
+    mend(last)
+    logs = begun_logs(last)
+    if (last / RESULT).exists() or any(open_log(log).header.survey_text != survey_text for log in logs):
+        return _new_round(folder, int(last.name) + 1, run)
+    stops = tuple(stop for log in logs for stop in noted_stops(log))
+    used = [int(each.name.partition(".")[0]) for each in last.iterdir() if each.name.partition(".")[0].isdecimal()]
+    return Round(last, dict(run), logs=max(used, default=0), stops=stops)
+
+
+def next_round(begun: Round) -> Round:
+    """Return the round after one that is complete."""
+    return _new_round(begun.folder.parent, int(begun.folder.name) + 1, begun.run)
+
+
+def prediction_in(folder: Path) -> PredictionStatus | None:
+    """Return what the first export is predicted to do; None where nothing was exported, or what stands there is not ours."""
+    path = folder / PREDICTION
+    if not path.is_file():
+        return None
+    try:
+        return msgspec.json.decode(read_bytes(path, largest=MAX_PREDICTION_BYTES), type=PredictionStatus)
+    except (*DAMAGE, StepdiagError) as error:
+        _log.warning("prediction-not-read", file=str(path), reason=str(error))
+        return None
+
+
+def mend(folder: Path) -> None:
+    """Recover every log of a folder that was cut off; what cannot be mended is said and left as it is."""
+    for part in sorted(folder.glob(f"*.mcap{PART_SUFFIX}")):
+        if part.with_suffix("").exists():
+            continue
+        try:
+            recovery = recover(part)
+        except DataError as error:
+            _log.warning("log-not-mended", file=part.name, reason=str(error))
+        else:
+            _log.info("log-mended", file=part.name, into=recovery.target.name, lost_bytes=recovery.end.lost_bytes)
+
+
+def noted_stops(log: Path) -> list[CapturedStop]:
+    """Return the captured stops that a log's notes hold, in order: what the live run made of it, without decoding it again.
+
+    Raises DataError for notes that no recorder of ours has written.
+    """
+    stops = []
+    topics: dict[int, str] = {}
+    for record in RecordReader(log):
+        match record:
+            case Channel():
+                topics[record.id] = record.topic
+            case Message() if topics.get(record.channel_id) == STOP_TOPIC:
+                stops.append(_stop_of(record.data, log))
+            case _:
+                pass
+    return stops
+
+
+def _stop_of(note: bytes, log: Path) -> CapturedStop:
+    try:
+        fields = msgspec.json.decode(note, type=dict[str, Any])
+        for end in ("from", "to"):
+            fields[f"window_{end}_ns"] = int(str(fields.pop(f"window_{end}_mono_ns")))
+        for name in ("time", "t_mono_ns"):
+            fields.pop(name, None)
+        for name in ("stop_count", "reading_mm", "beam"):
+            fields.setdefault(name, None)
+        return msgspec.convert(fields, CapturedStop)
+    except (*DAMAGE, KeyError) as error:
+        raise DataError(str(log), expected="captured stops as the recorder notes them", found=f"{error!r}") from error
+
+
+def _new_round(folder: Path, number: int, run: dict[str, str]) -> Round:
+    return Round(folder / f"{number:04d}", {**run, "round": f"{number:04d}"})

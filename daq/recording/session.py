@@ -1,0 +1,276 @@
+"""When a log begins and ends, and what the survey still wants: the recording's decisions, without any input or output of its own."""
+
+import math
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+import msgspec
+
+from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.outcome import Outcome
+from stepdiag.daq.capture.route import base_setup
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.formats.signals import SignalDecoder, Signals
+from stepdiag.daq.log.codec import time_of
+from stepdiag.daq.log.topics import Note, finding_note, log_note, sample_note, signals_note, stop_note
+from stepdiag.daq.log.writer import ExitStatus, LogHeader
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.records.events import Chunk, Event, ModbusBlock
+from stepdiag.daq.survey.file import laser_decoder
+from stepdiag.daq.survey.models import Survey
+from stepdiag.daq.timing.host_clock import now_ns
+from stepdiag.daq.timing.samples import Samples
+from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import SETUP_NUMBERS
+
+PREROLL_NS = 8_000_000_000
+PREROLL_BYTES = 4_000_000
+"""What a log holds from before it was opened: with the stop signal alone, the first dwell has begun before anybody knows of a pass."""
+SAMPLE_NOTE_NS = 200_000_000
+SIGNALS_NOTE_NS = 500_000_000
+"""How often a log shows the reading and the signals to a person looking at it."""
+IDLE_CLOSE_NS = 5_000_000_000
+"""A log without a single stop is closed when the program has been gone this long."""
+
+
+INTERRUPTED = Break(0, "the recording was interrupted", watched=False)
+"""What a session that goes on with a pass of an earlier daemon knows of the time between."""
+
+
+class LogSink(Protocol):
+    """What a session needs of the recorder (`daq.log.recorder.Recorder`)."""
+
+    def begin(self, path: Path, header: LogHeader) -> None: ...
+    def admit(self, event: Event) -> tuple[Event, ...]: ...
+    def note(self, note: Note) -> None: ...
+    def promise(self, note: Note, saved: Callable[[], object]) -> None: ...
+    def end(self, status: ExitStatus, reason: str = "") -> None: ...
+
+
+@dataclass(slots=True)
+class Round:
+    """One survey on disk: its folder, what every log of it says in ``stepdiag.run``, and the stops that its logs already hold."""
+
+    folder: Path
+    run: dict[str, str]
+    logs: int = 0
+    stops: tuple[CapturedStop, ...] = ()
+
+
+class Session:
+    """Follows the events of one survey from the first stop to the last. Everything happens in ``consume``.
+
+    ``on_outcome`` hears every finding and end as it comes about, and every stop once it is safe in the log: in the recorder's thread
+    therefore. A session that is not ``armed`` first waits for the program that runs to be left: it belongs to the survey before.
+    """
+
+    def __init__(
+        self,
+        survey: Survey,
+        survey_text: str,
+        begun: Round,
+        sink: LogSink,
+        *,
+        on_outcome: Callable[[Outcome], None],
+        wall_offset_ns: Callable[[], int],
+        armed: bool = True,
+    ) -> None:
+        self.survey = survey
+        self._text = survey_text
+        self.round = begun
+        self._sink = sink
+        self._on_outcome = on_outcome
+        self._wall_offset_ns = wall_offset_ns
+        self._stops_offset_ns: int | None = None
+        self._breaks: tuple[Break, ...] = (INTERRUPTED,) if begun.stops else ()
+        self._logs = begun.logs
+        self._before: deque[Event] = deque()
+        self._before_bytes = 0
+        self._open_dwell = self._skip_dwell = False
+        self._armed = armed
+        self._last_setup: int | None = None
+        self._idle_decoder = SignalDecoder(survey.plc.signals)
+        self._left_ns: int | None = None
+        self._noted_sample_ns = self._noted_signals_ns = 0
+        self._idle_laser = StreamBuffer(laser_decoder(survey))
+        self.capture: Capture | None = None
+        self._samples = 0
+        self.signals: Signals | None = None
+        self.book = PassBook(survey)
+        self.book.add_all(begun.stops)
+        self.findings: list[Finding] = []
+        self.shown_zero_mm = 0.0
+
+    @property
+    def folder(self) -> Path:
+        """Return the folder of this survey's logs."""
+        return self.round.folder
+
+    @property
+    def recording(self) -> bool:
+        """Tell whether a log is open."""
+        return self.capture is not None
+
+    @property
+    def machine_waits(self) -> bool:
+        """Tell whether the machine stands at a stop until it hears that the stop is captured."""
+        return self.capture is not None and self.capture.machine_waits
+
+    @property
+    def samples(self) -> int:
+        """Return how many samples of the laser were recorded."""
+        return self._samples + (self.capture.laser.samples if self.capture is not None else 0)
+
+    def consume(self, event: Event) -> None:
+        """Take the next event: into the log first, then into the capture; or keep it until a log begins."""
+        if self.capture is None:
+            self._wait(event)
+            return
+        capture = self.capture
+        for admitted in self._sink.admit(event):
+            if capture.ended is None:
+                self._feed(capture, admitted)
+
+    def zero(self) -> None:
+        """Show the reading from here on relative to the present one; what is recorded stays as the laser says it."""
+        last = self.laser_samples()
+        self.shown_zero_mm = 0.0 if last is None or math.isnan(last.position_mm[-1]) else float(last.position_mm[-1])
+
+    def close(self, reason: str) -> None:
+        """End the open log, if any, in good order: the daemon stops, or a person aborts the setup."""
+        if self.capture is not None:
+            for outcome in self.capture.finish():
+                self._heed(outcome)
+            self._end_log("interrupted", reason)
+
+    def remark(self, text: str) -> None:
+        """Leave a line for a person in the open log, if any."""
+        if self.capture is not None:
+            self._sink.note(log_note(now_ns(), "warning", text, "daemon"))
+
+    def laser_samples(self) -> Samples | None:
+        """Return the newest batch of the laser, recorded or not; None before the first."""
+        return self._idle_laser.last if self.capture is None else self.capture.laser.last
+
+    def _wait(self, event: Event) -> None:
+        self._remember(event)
+        if isinstance(event, Chunk) and event.stream == "laser":
+            self._idle_laser.feed(event.data, event.arrival_ns)
+        if isinstance(event, ModbusBlock):
+            signals = self._decode(event)
+            self._open_dwell = self._open_dwell and signals.stopped is True
+            if self._begins(signals):
+                self._begin_log(time_of(event))
+
+    def _decode(self, block: ModbusBlock) -> Signals:
+        self.signals = self._idle_decoder.decode(block)
+        return self.signals
+
+    def _begins(self, signals: Signals) -> bool:
+        """Tell whether a log is to begin: the program runs and something is wanted of it, or the machine stands at a stop."""
+        self._armed = self._armed or self._left(signals)
+        self._last_setup = signals.setup
+        if not self._armed or self._open_dwell or signals.running is False or signals.setup == 0:
+            return False
+        named = signals.running is True or signals.setup is not None
+        return signals.stopped is True or (named and self._wanted(signals.setup))
+
+    def _left(self, signals: Signals) -> bool:
+        """Tell whether the program of the survey before is over, as far as the signals can say."""
+        if signals.running is None and signals.setup is None:
+            return not signals.stopped
+        return signals.running is False or signals.setup == 0 or (self._last_setup is not None and signals.setup != self._last_setup)
+
+    def _wanted(self, setup: int | None) -> bool:
+        """Tell whether a pass is still wanted of the setup that the machine names."""
+        if setup is None:
+            return not self.book.complete()
+        base = SETUP_NUMBERS.get(setup)
+        return any(self.book.open_passes(name) for name in self.survey.plan.all_setups if base_setup(name) == base)
+
+    def _remember(self, event: Event) -> None:
+        self._before.append(event)
+        self._before_bytes += len(event.data) if isinstance(event, Chunk) else 0
+        newest = time_of(event)
+        while self._before_bytes > PREROLL_BYTES or time_of(self._before[0]) < newest - PREROLL_NS:
+            oldest = self._before.popleft()
+            self._before_bytes -= len(oldest.data) if isinstance(oldest, Chunk) else 0
+
+    def _begin_log(self, now_ns: int) -> None:
+        self._logs += 1
+        events, self._before, self._before_bytes = list(self._before), deque(), 0
+        offset = self._wall_offset_ns()
+        self._stops_offset_ns = offset if self._stops_offset_ns is None else self._stops_offset_ns
+        breaks = _last_of_each((*self._breaks, *self._idle_laser.breaks))
+        start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks)
+        setup = self.book.next_setup() or "more"
+        header = LogHeader(
+            survey_text=self._text,
+            wall_offset_ns=offset,
+            start_ns=time_of(events[0]) if events else now_ns,
+            run={**self.round.run, "expected_setup": setup, "start": msgspec.json.encode(start).decode()},
+        )
+        self._sink.begin(self.round.folder / f"{self._logs:04d}.mcap", header)
+        self.capture = Capture(self.survey, start)
+        self._left_ns = None
+        self._skip_dwell = False
+        for event in events:
+            self.consume(event)
+
+    def _feed(self, capture: Capture, event: Event) -> None:
+        for outcome in capture.feed(event):
+            self._heed(outcome)
+        self.signals = capture.signals or self.signals
+        self._note(capture, event)
+        if capture.ended is not None:
+            self._open_dwell = self._skip_dwell = capture.tracker.open is not None
+            status: ExitStatus = "complete" if capture.ended.kind == "complete" else "aborted"
+            self._end_log(status, capture.ended.reason)
+        elif self._forgotten(capture, event):
+            self._end_log("aborted", "the program ended without a stop")
+
+    def _forgotten(self, capture: Capture, event: Event) -> bool:
+        """Tell whether a log without a stop has been left by the program for a while."""
+        signals = capture.signals
+        if capture.walk is not None or signals is None or not (signals.running is False or signals.setup == 0):
+            self._left_ns = None
+            return False
+        self._left_ns = self._left_ns or time_of(event)
+        return time_of(event) - self._left_ns > IDLE_CLOSE_NS
+
+    def _end_log(self, status: ExitStatus, reason: str) -> None:
+        self._samples = self.samples
+        self._sink.end(status, reason)
+        self._breaks = self.capture.left_over() if self.capture is not None else ()
+        self.capture = None
+        self._idle_laser = StreamBuffer(laser_decoder(self.survey))
+
+    def _heed(self, outcome: Outcome) -> None:
+        if isinstance(outcome, CapturedStop):
+            self.book.add(outcome)
+            self._sink.promise(stop_note(outcome), lambda: self._on_outcome(outcome))
+            return
+        if isinstance(outcome, Finding):
+            self.findings.append(outcome)
+            self._sink.note(finding_note(self._noted_signals_ns, outcome))
+        self._on_outcome(outcome)
+
+    def _note(self, capture: Capture, event: Event) -> None:
+        """Leave the reading and the signals in the log, a few times a second, for a person to look at."""
+        now = time_of(event)
+        if isinstance(event, Chunk) and now - self._noted_sample_ns >= SAMPLE_NOTE_NS and (last := capture.laser.last) is not None:
+            self._noted_sample_ns = now
+            beam = float(last.beam[-1])
+            self._sink.note(sample_note(now, float(last.position_mm[-1]), None if math.isnan(beam) else beam, int(last.flags[-1])))
+        if capture.signals is not None and isinstance(event, ModbusBlock) and now - self._noted_signals_ns >= SIGNALS_NOTE_NS:
+            self._noted_signals_ns = now
+            self._sink.note(signals_note(now, capture.signals))
+
+
+def _last_of_each(breaks: tuple[Break, ...]) -> tuple[Break, ...]:
+    """Return the last loss of count and the last time nobody watched: one of each says as much as many."""
+    return tuple({event.watched: event for event in breaks}.values())

@@ -1,0 +1,141 @@
+"""The links of a survey: made from its file, kept, watched; what they bring becomes events in the event loop.
+
+A chunk does not wake the loop: with a poll of the machine every twentieth of a second or oftener the loop is awake soon enough, and sixty
+more wake-ups a second would cost a tenth of the daemon's work.
+"""
+
+import asyncio
+from collections import deque
+from collections.abc import Callable, Iterator
+
+from stepdiag.daq.formats.signals import plan_reads
+from stepdiag.daq.links.modbus import ModbusSettings, RtuSettings, TcpSettings
+from stepdiag.daq.links.poller import ModbusPoller
+from stepdiag.daq.links.port import SerialSettings
+from stepdiag.daq.links.reconnect import Reconnector, Report
+from stepdiag.daq.links.serial import OnChunk, PolledSerial, SerialStream
+from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock, Stream
+from stepdiag.daq.records.status import LinkState, LinkStatus
+from stepdiag.daq.survey.file import head_decoder, laser_decoder
+from stepdiag.daq.survey.models import Plc, SerialSection, Survey
+from stepdiag.daq.timing.host_clock import now_ns
+from stepdiag.daq.timing.samples import Decoder
+
+Consume = Callable[[Event], None]
+WAKE_NS = 30_000_000
+"""A chunk that comes so long after the last ones were collected wakes the loop."""
+
+
+class Wires:
+    """Laser, machine and, where there is one, the 4-DOF head. ``consume`` is called in the event loop, in the order of arrival."""
+
+    def __init__(self, survey: Survey, consume: Consume) -> None:
+        self._survey = survey
+        self._consume = consume
+        self._loop = asyncio.get_running_loop()
+        self._heard_ns: dict[str, int] = {}
+        self._details: dict[str, str] = {}
+        self._arrived: deque[Chunk] = deque()
+        self._collected_ns = 0
+        self._streams: list[SerialStream] = []
+        self._lines = {"laser": self._line("laser", survey.laser, laser_decoder(survey))}
+        if survey.head is not None:
+            self._lines["head"] = self._line("head", survey.head, head_decoder(survey))
+        plc = survey.plc
+        self._poller = ModbusPoller(modbus_settings(plc), plan_reads(plc.signals), 1.0 / plc.poll_hz, self._polled)
+        self._lines["machine"] = Reconnector("machine", self._poller.session, self._reporter("machine"))
+        self._tasks: list[asyncio.Task[None]] = []
+
+    async def run(self) -> None:
+        """Keep all links until cancelled. Raises where one of them died of a fault of this program."""
+        try:
+            async with asyncio.TaskGroup() as group:
+                self._tasks = [group.create_task(line.run(), name=name) for name, line in self._lines.items()]
+        finally:
+            self.collect()
+
+    def collect(self) -> None:
+        """Hand on the chunks that have arrived."""
+        self._collected_ns = now_ns()
+        while self._arrived:
+            chunk = self._arrived.popleft()
+            self._heard_ns[chunk.stream] = chunk.arrival_ns
+            self._consume(chunk)
+
+    def hurry(self) -> None:
+        """Have what the instruments said until now brought at once: somebody waits for it."""
+        self._collected_ns = 0
+        for stream in self._streams:
+            stream.hurry()
+
+    def acknowledge(self, stop_count: int) -> None:
+        """Tell the machine that a stop is captured: written before the next poll, once, to the one configured register."""
+        self._poller.write_soon(self._survey.plc.handshake.address, stop_count)
+
+    def dead(self) -> Iterator[str]:
+        """Yield the links whose worker is no more."""
+        return (task.get_name() for task in self._tasks if task.done())
+
+    def statuses(self) -> tuple[LinkStatus, LinkStatus, LinkStatus | None]:
+        """Return the state of laser, machine and head."""
+        return self._status("laser"), self._status("machine"), self._status("head") if "head" in self._lines else None
+
+    def _status(self, name: str) -> LinkStatus:
+        heard = self._heard_ns.get(name)
+        return LinkStatus(
+            state=self._lines[name].state,
+            address=_address(self._survey, name),
+            age_s=None if heard is None else max(0.0, (now_ns() - heard) * 1e-9),
+            detail=self._details.get(name, ""),
+        )
+
+    def _line(self, stream: Stream, section: SerialSection, decoder: Decoder) -> Reconnector:
+        settings = SerialSettings(
+            port=section.port, baud=section.baud, bytesize=section.bytesize, parity=section.parity, stopbits=section.stopbits
+        )
+        request = getattr(decoder, "request", None)
+        hand_over = self._receiver(stream)
+        if request is None:
+            self._streams.append(SerialStream(settings, hand_over))
+            return Reconnector(stream, self._streams[-1].session, self._reporter(stream))
+        polled = PolledSerial(settings, hand_over, request=request, interval_s=decoder.poll_interval_s)  # type: ignore[attr-defined]
+        return Reconnector(stream, polled.session, self._reporter(stream))
+
+    def _receiver(self, stream: Stream) -> OnChunk:
+        """Return what the reading thread calls: the chunk, stamped there, waits until the loop collects it."""
+
+        def arrived(data: bytes, arrival_ns: int) -> None:
+            self._arrived.append(Chunk(stream, arrival_ns, data))
+            if arrival_ns - self._collected_ns > WAKE_NS:
+                self._loop.call_soon_threadsafe(self.collect)
+
+        return arrived
+
+    def _reporter(self, name: str) -> Report:
+        def changed(state: LinkState, detail: str) -> None:
+            self._details[name] = detail
+            self.collect()
+            self._consume(LinkEvent(now_ns(), name, state, detail))  # type: ignore[arg-type]
+
+        return changed
+
+    def _polled(self, block: ModbusBlock) -> None:
+        self.collect()
+        self._heard_ns["machine"] = block.recv_ns
+        self._consume(block)
+
+
+def modbus_settings(plc: Plc) -> ModbusSettings:
+    """Return how the survey's machine is reached."""
+    if plc.transport == "tcp":
+        return TcpSettings(host=plc.host, port=plc.port, unit=plc.unit, timeout_s=plc.timeout_s)
+    return RtuSettings(
+        port=plc.serial_port, baud=plc.baud, parity=plc.parity, stopbits=plc.stopbits, unit=plc.unit, timeout_s=plc.timeout_s
+    )
+
+
+def _address(survey: Survey, name: str) -> str:
+    if name == "machine":
+        return modbus_settings(survey.plc).address
+    section: SerialSection | None = survey.laser if name == "laser" else survey.head
+    return "" if section is None else f"{section.port}, {section.baud} baud"

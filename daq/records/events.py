@@ -1,0 +1,81 @@
+"""What enters `daq.capture.capture`, live and replayed: bytes, register blocks, and what became of the links.
+
+The order of these events is the order in which they were recorded, which is the order in which they are consumed; a
+replay hands over the same events in the same order and so gives the same result. Every time is the recording host's clock
+(`daq.timing.host_clock`) in nanoseconds. (Structs, because a replay makes millions of them: a tenth of the time of frozen dataclasses.)
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import msgspec
+
+from stepdiag.daq.records.status import LinkState
+
+Stream = Literal["laser", "head"]
+"""A stream of bytes: the laser, or the 4-DOF head beside it."""
+Link = Literal["laser", "head", "machine"]
+"""What can be connected or lost: a stream, or the machine's Modbus."""
+Table = Literal["coil", "discrete", "holding", "input"]
+"""The four Modbus tables (read with function codes 1, 2, 3, 4)."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReadRange:
+    """``count`` consecutive bits (coil, discrete) or registers (holding, input) from ``address``: one request."""
+
+    table: Table
+    address: int
+    count: int
+
+    @property
+    def byte_count(self) -> int:
+        """Return the length of the data of the answer as it stands on the wire."""
+        return (self.count + 7) // 8 if self.table in ("coil", "discrete") else 2 * self.count
+
+
+class Chunk(msgspec.Struct, frozen=True, gc=False):
+    """Bytes of a stream, stamped right after the read that brought them; ``arrival_ns`` is a whole number of
+    microseconds."""
+
+    stream: Stream
+    arrival_ns: int
+    data: bytes
+
+
+class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
+    """One poll of the machine: what was asked and the data bytes of each answer, as on the wire.
+
+    ``send_ns`` is stamped before the first request, ``recv_ns`` after the last answer. ``data[i]`` answers
+    ``ranges[i]``: registers are big-endian 16-bit words, bits are packed least significant first; ``b""`` stands for a
+    range that was refused.
+    """
+
+    send_ns: int
+    recv_ns: int
+    ranges: tuple[ReadRange, ...]
+    data: tuple[bytes, ...]
+
+
+class LinkEvent(msgspec.Struct, frozen=True, gc=False):
+    """A link changed its state."""
+
+    time_ns: int
+    link: Link
+    state: LinkState
+    detail: str = ""
+
+
+class Loss(msgspec.Struct, frozen=True, gc=False):
+    """The recorder could not follow (disk full, disk too slow): this many events before this one were not kept.
+
+    What was not recorded is not consumed either, so that a replay sees what the live capture saw.
+    """
+
+    time_ns: int
+    events: int
+    bytes: int
+    reason: str
+
+
+Event = Chunk | ModbusBlock | LinkEvent | Loss

@@ -1,0 +1,103 @@
+"""What the daemon has done by child processes: a survey whose last pass is in is solved and exported, finished ones are packed."""
+
+import asyncio
+import time
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import structlog
+
+from stepdiag.daq.recording.rounds import RESULT, prediction_in
+from stepdiag.daq.records.status import Phase, PredictionStatus
+from stepdiag.daq.service.metrics import Tally
+
+_log = structlog.get_logger("daemon")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Commands:
+    """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys and their budget in GB (0: none)."""
+
+    completion: Sequence[str]
+    archiving: Sequence[str] = ()
+    max_gb: float = 0.0
+
+
+class Finisher:
+    """Runs the children and knows what came of the last one. ``on_news`` is called when a survey is finished."""
+
+    def __init__(self, commands: Commands, tally: Tally, on_news: Callable[[], None]) -> None:
+        self._commands = commands
+        self._tally = tally
+        self._on_news = on_news
+        self._children: set[asyncio.Task[None]] = set()
+        self._recorder_idle = asyncio.Event()
+        self._recorder_idle.set()
+        self.phase: Phase = "starting"
+        self.message = ""
+        self.result: Path | None = None
+        self.prediction: PredictionStatus | None = None
+
+    def recorder_is(self, *, idle: bool) -> None:
+        """Hear whether the last log is closed: before that it is not read."""
+        if idle:
+            self._recorder_idle.set()
+        else:
+            self._recorder_idle.clear()
+
+    def finish(self, folder: Path) -> None:
+        """Begin to solve the survey of a folder."""
+        task = asyncio.create_task(self._finish(folder), name=f"completion {folder.name}")
+        self._children.add(task)
+        task.add_done_callback(self._children.discard)
+        self.phase = "solving"
+
+    def forget(self) -> None:
+        """Show the result no longer: another survey is being recorded."""
+        self.result = self.prediction = None
+
+    async def close(self) -> None:
+        """End the children that still run."""
+        for child in self._children:
+            child.cancel()
+        await asyncio.gather(*self._children, return_exceptions=True)
+
+    async def _finish(self, folder: Path) -> None:
+        await self._recorder_idle.wait()
+        began_s = time.monotonic()
+        child = await asyncio.create_subprocess_exec(
+            *self._commands.completion, str(folder), stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE
+        )
+        said = await _said_at_the_end(child)
+        self.message = said.decode("utf-8", "replace").strip().splitlines()[-1] if said.strip() else ""
+        self.phase = "complete" if child.returncode == 0 else "failed"
+        self.result = folder / RESULT if (folder / RESULT).exists() else None
+        self.prediction = prediction_in(folder)
+        self._tally.solve_s = time.monotonic() - began_s
+        self._tally.surveys[child.returncode or 0] += 1
+        self._on_news()
+        say = _log.info if child.returncode == 0 else _log.error
+        say("survey-complete", folder=str(folder), exit_code=child.returncode, message=self.message)
+        await self._keep_budget(folder.parent)
+
+    async def _keep_budget(self, folder: Path) -> None:
+        """Have the oldest finished surveys packed where there is a budget; the child says in the same log what it did."""
+        if self._commands.archiving and self._commands.max_gb:
+            child = await asyncio.create_subprocess_exec(
+                *self._commands.archiving, str(folder), f"{self._commands.max_gb:g}", stdin=asyncio.subprocess.DEVNULL
+            )
+            await _said_at_the_end(child)
+
+
+async def _said_at_the_end(child: asyncio.subprocess.Process) -> bytes:
+    """Return what a child said on standard error, once it has ended; when cancelled, end it first."""
+    try:
+        _, said = await child.communicate()
+    except asyncio.CancelledError:
+        with suppress(ProcessLookupError):
+            child.terminate()
+        await child.wait()
+        raise
+    return said or b""

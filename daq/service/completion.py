@@ -1,0 +1,162 @@
+"""What happens when a survey is complete, live or replayed: readings, result, controller files.
+
+Runs in a process of its own. Everything it uses stands in the logs, the date of the export
+included, so that a replay writes the same bytes.
+"""
+
+import json
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
+from stepdiag.daq.passes.tabulate import tabulate
+from stepdiag.daq.recording.rounds import EXPORTS, PREDICTION, READINGS, RESULT
+from stepdiag.daq.replay import Replayed, find_logs, replay
+from stepdiag.daq.survey.bundle import tables_for
+from stepdiag.exporters.export.export import ExportReport, export
+from stepdiag.exporters.files.files import as_text, write_once
+from stepdiag.exporters.profiles.file import parse_profile
+from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.solver.errors import DataError, SafetyError, StepdiagError, UsageError
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.model.angles import Angles, parse_angles
+from stepdiag.solver.readings.readings import render_readings
+from stepdiag.solver.result.result import Result, parse_result
+from stepdiag.solver.result.rounding import steady
+
+REFUSED = "REFUSED.txt"
+
+
+@dataclass(frozen=True, slots=True)
+class Completed:
+    """What came of a survey: where it was written, the result, what was exported, and why an export was refused, by controller."""
+
+    folder: Path
+    result: Result
+    exports: tuple[ExportReport, ...]
+    refusals: dict[str, str]
+
+
+def complete(paths: Sequence[Path], out: Path) -> Completed:
+    """Solve a survey from its logs and write readings, result and exports into ``out``, each file at once or not at all.
+
+    Raises DataError where passes are missing or a file stands there with other bytes. A refused export does not cost the others nor
+    the result: it leaves its reason in ``exports/<controller>/REFUSED.txt``.
+    """
+    replayed = replay(find_logs(paths))
+    computed, readings = solve_logs(replayed)
+    text = computed.to_json()
+    # what follows uses the rounded numbers of the file: the last bits of a sum differ from processor to processor
+    result = parse_result(text, RESULT)
+    out.mkdir(parents=True, exist_ok=True)
+    write_once(out / READINGS, readings)
+    exports, refusals = _export_all(replayed, result, out / EXPORTS)
+    _write_prediction(out / PREDICTION, exports)
+    write_once(out / RESULT, text)
+    return Completed(out, result, exports, refusals)
+
+
+def solve_logs(replayed: Replayed, method: str | None = None) -> tuple[Result, str]:
+    """Return the result of replayed logs and the readings it rests on, as CSV. Raises DataError naming every pass that is missing.
+
+    The 4-DOF head's runs enter the method `estimate`; the closed forms are for the diagonals alone and leave them out.
+    """
+    _require_all(replayed)
+    survey = replayed.survey
+    readings = tabulate(survey, replayed.book.passes)
+    chosen = method or survey.solver.method
+    level = _angles(replayed) or {}
+    head = evaluate_head(survey, replayed.book.passes, replayed.files, level) if chosen == "estimate" else HeadMeasured(angles={})
+    angles, twice = merge_angles(level, head.angles)
+    result = solve(readings, chain=survey.machine.chain, method=chosen, angles=angles or None, straightness=head.straightness)
+    findings = (*replayed.findings, *head.findings, *twice, *result.findings)
+    about = {"survey": _facts(replayed), "conditions": _conditions(replayed)}
+    # the same remark from every log of a survey says no more than once
+    return replace(result, findings=tuple(dict.fromkeys(findings)), extra={**about, **result.extra}), render_readings(readings)
+
+
+def _facts(replayed: Replayed) -> dict[str, str]:
+    """Return who measured what, as the survey file and the logs say."""
+    identity, run = replayed.survey.identity, replayed.run
+    return {
+        "machine": identity.machine,
+        "survey": identity.name,
+        "operator": run.get("operator", identity.operator),
+        "workpiece": run.get("workpiece", identity.workpiece),
+        "date": survey_date(replayed).isoformat(),
+    }
+
+
+def _conditions(replayed: Replayed) -> dict[str, list[float]]:
+    """Return the least and the largest value of each sensor over the stops used; a sensor that was not there is left out."""
+    stops = [stop for each in replayed.book.passes for stop, _ in each.chosen().values()]
+    names = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
+    seen = {name: [value for stop in stops if (value := getattr(stop, name)) is not None] for name in names}
+    return {name: [min(values), max(values)] for name, values in seen.items() if values}
+
+
+def head_of_logs(replayed: Replayed) -> HeadMeasured:
+    """Return what the runs of the 4-DOF head in replayed logs say, whether the other setups are there or not."""
+    return evaluate_head(replayed.survey, replayed.book.passes, replayed.files, _angles(replayed) or {})
+
+
+def survey_date(replayed: Replayed) -> date:
+    """Return the day on which the last stop was captured (UTC)."""
+    last = max(stop.time_s for each in replayed.book.passes for stop, _ in each.chosen().values())
+    return datetime.fromtimestamp(last, UTC).date()
+
+
+def _require_all(replayed: Replayed) -> None:
+    book = replayed.book
+    open_passes = {setup: book.open_passes(setup) for setup in replayed.survey.plan.all_setups if book.open_passes(setup)}
+    if not open_passes:
+        return
+    missing = "; ".join(f"{setup}: pass {', '.join(map(str, numbers))}" for setup, numbers in open_passes.items())
+    why = "; ".join(f"{each.route.setup} pass {each.number}: {each.why_incomplete()}" for each in book.passes if not each.complete)
+    folder = str(replayed.logs[0].path.parent)
+    raise DataError(folder, expected="every pass of the plan", found=f"missing {missing}", remedy=why or "drive the missing setups")
+
+
+def _angles(replayed: Replayed) -> Angles | None:
+    name = replayed.survey.solver.angles
+    if not name:
+        return None
+    return parse_angles(_text(replayed, name), name)
+
+
+def _text(replayed: Replayed, name: str) -> str:
+    """Return a file that the survey names, from the log. Raises DataError where it is not there, or not UTF-8."""
+    data = replayed.files.get(name)
+    if data is None:
+        raise DataError(name, expected="a file that the survey names, in the log", found="nothing")
+    return as_text(data, name)
+
+
+def _export_all(replayed: Replayed, result: Result, out: Path) -> tuple[tuple[ExportReport, ...], dict[str, str]]:
+    written, refusals = [], {}
+    for wanted in replayed.survey.exports:
+        folder = out / wanted.controller
+        try:
+            tables = tables_for(replayed.files, wanted.profile)
+            control = controller_named(wanted.controller)
+            profile = parse_profile(_text(replayed, wanted.profile), wanted.profile, control, result.volume, tables)
+            written.append(export(result, wanted.controller, profile, out_dir=folder, today=survey_date(replayed)))
+        except (SafetyError, UsageError, DataError) as error:
+            refusals[wanted.controller] = str(error)
+            _leave_reason(folder, error)
+    return tuple(written), refusals
+
+
+def _write_prediction(path: Path, exports: Sequence[ExportReport]) -> None:
+    """Write what the first export is predicted to do, for the page: rms over the volume, rigid motion removed, in um."""
+    predicted = next((each.prediction for each in exports if each.prediction is not None), None)
+    if predicted is not None:
+        before, after = predicted.figures(rigid_motion=False)
+        write_once(path, json.dumps({"rms_before_um": steady(before.rms_um, 4), "rms_after_um": steady(after.rms_um, 4)}) + "\n")
+
+
+def _leave_reason(folder: Path, error: StepdiagError) -> None:
+    code = error.code if isinstance(error, SafetyError) else "refused"
+    write_once(folder / REFUSED, f"{code}: {error}\n")

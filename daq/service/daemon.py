@@ -1,0 +1,248 @@
+"""The service: links, recorder and session in one event loop, survey after survey.
+
+The recording process only records. What comes from the links goes to the session in the order of its arrival; when the last pass is in, a
+child (`daq.service.child_jobs`) runs solver and exporters on the finished logs, and the next survey can begin at once.
+"""
+
+import asyncio
+import signal
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import structlog
+
+from stepdiag.daq.capture.outcome import Ended, Outcome
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.log.recorder import Recorder, RecorderHealth
+from stepdiag.daq.log.topics import log_note
+from stepdiag.daq.recording.handshake import Handshake
+from stepdiag.daq.recording.rounds import FolderLock, latest_round, next_round
+from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.survey_links import Wires
+from stepdiag.daq.records.events import Event, LinkEvent, ModbusBlock
+from stepdiag.daq.service.child_jobs import Commands, Finisher
+from stepdiag.daq.service.metrics import Tally
+from stepdiag.daq.service.notify import Notifier
+from stepdiag.daq.service.status_source import Desk, Working
+from stepdiag.daq.service.supervision import Supervisor
+from stepdiag.daq.survey.bundle import bundle_to_run, read_bundle
+from stepdiag.daq.survey.file import load_survey, read_text
+from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
+from stepdiag.solver.errors import DeviceError
+from stepdiag.solver.findings import Finding
+
+PUBLISH_S = 0.1
+"""How often the snapshot is made anew."""
+_log = structlog.get_logger("daemon")
+
+
+class Daemon:
+    """Records surveys until told to stop. ``completion`` is the command that is run with a survey's folder when its last pass is in.
+
+    ``archiving`` is the command that is run with the folder of all surveys of this name and their budget in GB, where there is one.
+    ``programs`` names the NC program of each setup, as a person calls it at the control. ``desk`` answers whoever looks on.
+    """
+
+    def __init__(
+        self, survey_file: Path, completion: Sequence[str], archiving: Sequence[str] = (), programs: Mapping[str, str] | None = None
+    ) -> None:
+        self.survey = load_survey(survey_file)
+        self.desk = Desk()
+        self._text = read_text(survey_file)
+        self._run_record = bundle_to_run(read_bundle(survey_file, self.survey))
+        self._folder = self.survey.folder(survey_file)
+        self._commands = Commands(completion=completion, archiving=archiving, max_gb=self.survey.recording.max_gb)
+        self._programs = programs or {}
+        self._notifier = Notifier()
+        self._tally = Tally()
+        self._stop = asyncio.Event()
+        self._told = ""
+        self._blocked = False
+        self._working: Working
+        self._handshake: Handshake | None = None
+
+    async def run(self) -> None:
+        """Record until SIGTERM, SIGINT or `stop`; then end the open log in good order.
+
+        Raises UsageError where another daemon holds the folder, RuntimeError where a worker died, DeviceError where the disk refused to the
+        end.
+        """
+        lock = FolderLock.take(self._folder)
+        loop = self._loop = asyncio.get_running_loop()
+        for number in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(number, self.stop)
+        recorder = Recorder(self._recorder_changed)
+        try:
+            await self._serve(recorder)
+        finally:
+            for number in (signal.SIGTERM, signal.SIGINT):
+                loop.remove_signal_handler(number)
+            self._notifier.stopping()
+            whole = recorder.stop()
+            lock.release()
+        if not whole:
+            raise _unwritten(recorder.health)
+
+    def stop(self) -> None:
+        """Ask the daemon to end."""
+        self._stop.set()
+
+    async def _serve(self, recorder: Recorder) -> None:
+        self._working = working = self._set_up(recorder, latest_round(self._folder, self._text, self._run_record))
+        self.desk.open(working)
+        self._complete_if_whole()
+        workers: list[asyncio.Task[Any]] = [
+            asyncio.create_task(working.wires.run(), name="links"),
+            asyncio.create_task(self._publish(), name="publish"),
+            asyncio.create_task(working.supervisor.watch(), name="watch"),
+        ]
+        stopping = asyncio.create_task(self._stop.wait(), name="stop")
+        self._notifier.ready()
+        _log.info("ready", survey=self.survey.identity.name, folder=str(working.session.folder), waits_for=self.desk.waits_for())
+        try:
+            done, _ = await asyncio.wait([*workers, stopping], return_when=asyncio.FIRST_COMPLETED)
+            for task in done - {stopping}:
+                task.result()
+                raise RuntimeError(f"the worker {task.get_name()} ended by itself")
+        finally:
+            await self._finish([*workers, stopping])
+
+    def _set_up(self, recorder: Recorder, begun: Round) -> Working:
+        session = self._session(recorder, begun)
+        wires = Wires(self.survey, self._consume)
+        if self.survey.plc.handshake.enabled:
+            self._handshake = Handshake(wires.acknowledge, session.book.last_count)
+
+        def dead() -> list[str]:
+            health = recorder.health
+            return [*wires.dead(), *([f"recorder: {health.reason}"] if health.state == "dead" else [])]
+
+        return Working(
+            session=session,
+            shown=session,
+            recorder=recorder,
+            wires=wires,
+            finisher=Finisher(self._commands, self._tally, self.desk.news),
+            supervisor=Supervisor(self._notifier, dead, self._remark, self._tally, self._folder, self.survey.recording.min_free_gb),
+            tally=self._tally,
+            programs=self._programs,
+        )
+
+    def _remark(self, text: str) -> None:
+        self._working.session.remark(text)
+
+    async def _finish(self, tasks: Sequence[asyncio.Task[Any]]) -> None:
+        for task in tasks:
+            task.cancel()
+        await asyncio.gather(*tasks, return_exceptions=True)
+        self._working.session.close("the daemon was stopped")
+        await self._working.finisher.close()
+        _log.info("stopped", recording=str(self._working.session.folder))
+
+    # what comes in
+
+    def _consume(self, event: Event) -> None:
+        working = self._working
+        session = working.session
+        if isinstance(event, LinkEvent):
+            self.desk.news()
+        if working.paused and not session.recording:
+            return
+        session.consume(event)
+        if self._handshake is not None:
+            self._handshake.look(session.signals)
+            if isinstance(event, ModbusBlock) and session.machine_waits:
+                working.wires.hurry()
+        if working.session.recording and working.shown is not working.session:
+            working.shown = working.session
+            working.finisher.forget()
+
+    def _heed(self, outcome: Outcome) -> None:
+        if isinstance(outcome, CapturedStop):
+            self._loop.call_soon_threadsafe(self._captured, outcome)
+            return
+        self.desk.news()
+        if isinstance(outcome, Finding):
+            self._tally.findings[outcome.code] += 1
+            say = {"info": _log.info, "warning": _log.warning, "error": _log.error}[outcome.severity]
+            say("finding", code=outcome.code, severity=outcome.severity, text=outcome.text)
+        else:
+            self._ended(outcome)
+
+    def _captured(self, stop: CapturedStop) -> None:
+        """Say that a stop is captured, now that a killed daemon would not lose it, and let the machine go on."""
+        self.desk.news()
+        self._tally.stops += 1
+        _log.info("stop", setup=stop.setup, outward=stop.outward, stop=stop.stop, u_um=round(stop.u_um, 4), doubtful=stop.doubtful)
+        if self._handshake is not None:
+            self._handshake.captured(stop)
+
+    def _ended(self, ended: Ended) -> None:
+        """Say so once the stops of the pass are said: what was last taken must outlive this process first."""
+        note = log_note(now_ns(), "info", ended.reason, "daemon")
+        self._working.recorder.promise(note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended))
+        if self._working.session.book.complete():
+            self._loop.call_soon(self._complete)
+
+    # survey after survey
+
+    def _session(self, recorder: Recorder, begun: Round, *, armed: bool = True) -> Session:
+        return Session(self.survey, self._text, begun, recorder, on_outcome=self._heed, wall_offset_ns=wall_offset_ns, armed=armed)
+
+    def _complete_if_whole(self) -> None:
+        """Solve a survey whose last pass came in just before the daemon before ended."""
+        session = self._working.session
+        if session.book.complete() and session.round.logs:
+            self._loop.call_soon(self._complete)
+
+    def _complete(self) -> None:
+        """Hand the finished survey to a child process and be ready for the next one."""
+        working = self._working
+        whole = working.session
+        if whole.recording:
+            return
+        working.finisher.finish(whole.folder)
+        working.tally.samples_before += whole.samples
+        working.session = self._session(working.recorder, next_round(whole.round), armed=False)
+        working.shown = whole
+
+    # what goes out
+
+    def _recorder_changed(self, health: RecorderHealth) -> None:
+        """Hear of the recorder, in its own thread."""
+        self._loop.call_soon_threadsafe(self._recorder_is, health.state in ("idle", "dead"))
+        fields = {"state": health.state, "reason": health.reason, "path": str(health.path), "lost_events": health.lost_events}
+        if health.state in ("blocked", "dead"):
+            _log.error("recorder", **fields)
+        elif self._blocked:
+            _log.info("recorder", **fields)
+        self._blocked = health.state == "blocked"
+
+    def _recorder_is(self, idle: bool) -> None:
+        self._working.finisher.recorder_is(idle=idle)
+
+    async def _publish(self) -> None:
+        while True:
+            await asyncio.sleep(PUBLISH_S)
+            self._working.wires.collect()
+            self._tell(self.desk.waits_for())
+            await self.desk.publish()
+
+    def _tell(self, waits_for: str) -> None:
+        """Say what the daemon waits for: to systemd always, into the log where nothing is being recorded."""
+        self._notifier.status(waits_for)
+        if waits_for != self._told and not self._working.session.recording:
+            _log.info("waiting", what=waits_for)
+        self._told = waits_for
+
+
+def _say_ended(ended: Ended) -> None:
+    _log.info("pass-ended", kind=ended.kind, reason=ended.reason)
+
+
+def _unwritten(health: RecorderHealth) -> DeviceError:
+    """Return the error for a disk that has not taken what was recorded last."""
+    remedy = "make room, then start again: `stepdiag status` says from where to drive again"
+    found = f"{health.reason or 'a disk that is too slow'}: the last {health.backlog_bytes} bytes are lost"
+    return DeviceError(str(health.path), expected="a disk that takes what is recorded", found=found, remedy=remedy)

@@ -1,0 +1,53 @@
+"""The daemon in figures, for whoever watches over many of them."""
+
+import shutil
+import time
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from stepdiag.daq.records.status import LinkStatus
+
+GB = 1e9
+"""Bytes in a gigabyte, as disks are sold."""
+
+
+@dataclass(slots=True)
+class Tally:
+    """What the daemon counts of itself since its start. ``fed_s`` is the monotonic time when every worker last was alive."""
+
+    stops: int = 0
+    findings: Counter[str] = field(default_factory=Counter)
+    samples_before: int = 0
+    """Samples recorded in surveys before the present one."""
+    surveys: Counter[int] = field(default_factory=Counter)
+    """How often the child of a finished survey ended with each exit code."""
+    solve_s: float | None = None
+    """How long the last one took."""
+    fed_s: float = field(default_factory=time.monotonic)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """One moment. ``links`` by name; ``disk_free_bytes`` where the logs go; ``watchdog_age_s`` since every worker was last seen alive."""
+
+    tally: Tally
+    samples: int
+    links: dict[str, LinkStatus]
+    recording: bool
+    recorder_blocked: bool
+    backlog_bytes: int
+    lost_events: int
+    disk_free_bytes: int
+    watchdog_age_s: float
+
+
+def disk_free_bytes(folder: Path) -> int:
+    """Return the space that is left where a folder is."""
+    return shutil.disk_usage(folder).free
+
+
+def words_on_disk(folder: Path, least_gb: float) -> str:
+    """Return what is to be said of a disk with less space than this; empty where there is more."""
+    free_gb = disk_free_bytes(folder) / GB
+    return f"only {free_gb:.1f} GB are left on the disk: make room before the recording stops" if free_gb < least_gb else ""

@@ -1,0 +1,171 @@
+"""The daemon's side of the page's door (`daq.records.status.StatusSource`): what it says of itself, and what a person may tell it."""
+
+import asyncio
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import structlog
+
+from stepdiag.daq.log.recorder import Recorder
+from stepdiag.daq.recording.session import Session
+from stepdiag.daq.recording.survey_links import Wires
+from stepdiag.daq.records.status import CommandName, Download, Phase, Snapshot
+from stepdiag.daq.service.child_jobs import Finisher
+from stepdiag.daq.service.downloads import downloads_of
+from stepdiag.daq.service.metrics import Figures, Tally, disk_free_bytes
+from stepdiag.daq.service.snapshot import expected_stop, snapshot
+from stepdiag.daq.service.supervision import Supervisor
+from stepdiag.solver.errors import UsageError
+
+_ARGUMENTS = ("setup", "operator", "workpiece")
+_log = structlog.get_logger("daemon")
+
+
+@dataclass(slots=True, kw_only=True)
+class Working:
+    """What the daemon works with. ``session`` records; ``shown`` is the survey that people see: the finished one until the next begins."""
+
+    session: Session
+    shown: Session
+    recorder: Recorder
+    wires: Wires
+    finisher: Finisher
+    supervisor: Supervisor
+    tally: Tally
+    programs: Mapping[str, str] = field(default_factory=dict)
+    paused: bool = False
+
+
+class Desk:
+    """Answers and obeys. ``news`` is called, by the daemon too, whenever something has changed that cannot wait for the next tick."""
+
+    def __init__(self) -> None:
+        self._working: Working | None = None
+        self._changed = asyncio.Condition()
+        self._sequence = self._told = 0
+
+    def open(self, working: Working) -> None:
+        """Begin to answer: the daemon is up."""
+        self._working = working
+
+    def news(self) -> None:
+        """Take note that something has changed."""
+        self._sequence += 1
+
+    async def publish(self) -> None:
+        """Make a new snapshot due, and wake who waits for it."""
+        if self._sequence == self._told:
+            self._sequence += 1
+        self._told = self._sequence
+        async with self._changed:
+            self._changed.notify_all()
+
+    @property
+    def _at_work(self) -> Working:
+        if self._working is None:
+            raise RuntimeError("the daemon is not up yet")
+        return self._working
+
+    def phase(self) -> Phase:
+        """Return what the daemon is about."""
+        working = self._at_work
+        if working.paused:
+            return "paused"
+        if working.session.capture is not None:
+            return "dwelling" if working.session.capture.tracker.open is not None else "waiting-stop"
+        return working.finisher.phase if working.shown is not working.session else "waiting-program"
+
+    def waits_for(self) -> str:
+        """Return in words what the daemon waits for."""
+        if refused := _refused(self._at_work.recorder):
+            return refused
+        phase = self.phase()
+        setup, stop, count, axis = expected_stop(self._at_work.session)
+        if phase == "solving":
+            return "solving"
+        if phase in ("waiting-stop", "dwelling"):
+            move = f", {axis.upper()} move" if axis else ""
+            return f"{setup} {stop}/{count - 1}, {'taking the stop' if phase == 'dwelling' else f'waiting for the machine{move}'}"
+        return f"waiting for the program of {setup}" if setup else "complete, waiting for a program"
+
+    def snapshot(self) -> Snapshot:
+        """Return the present state."""
+        working = self._at_work
+        return snapshot(
+            working.shown,
+            sequence=self._sequence,
+            phase=self.phase(),
+            links=working.wires.statuses(),
+            result_ready=working.finisher.result is not None,
+            prediction=working.finisher.prediction,
+            programs=working.programs,
+            message=_refused(working.recorder) or working.supervisor.disk or working.finisher.message or working.recorder.health.reason,
+        )
+
+    def figures(self) -> Figures:
+        """Return what the daemon counts and measures of itself, now."""
+        working = self._at_work
+        names = ("laser", "machine", "head")
+        health, session = working.recorder.health, working.session
+        return Figures(
+            tally=working.tally,
+            samples=working.tally.samples_before + session.samples,
+            links={name: link for name, link in zip(names, working.wires.statuses(), strict=True) if link is not None},
+            recording=session.recording,
+            recorder_blocked=health.state == "blocked",
+            backlog_bytes=health.backlog_bytes,
+            lost_events=health.lost_events,
+            disk_free_bytes=disk_free_bytes(session.folder.parent),
+            watchdog_age_s=time.monotonic() - working.tally.fed_s,
+        )
+
+    async def changed(self, sequence: int) -> None:
+        """Return when the snapshot's sequence is another one."""
+        async with self._changed:
+            await self._changed.wait_for(lambda: self._sequence != sequence)
+
+    def result_file(self) -> Path | None:
+        """Return result.json of the survey shown, once it is there."""
+        return self._at_work.finisher.result
+
+    def downloads(self) -> Sequence[Download]:
+        """Return the files of the survey shown."""
+        return downloads_of(self._at_work.shown.folder)
+
+    async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
+        """Do what a person with the token asks. Raises UsageError where the present state does not allow it."""
+        _log.info("command", name=name, **{key: arguments[key] for key in _ARGUMENTS if key in arguments})
+        working = self._at_work
+        session = working.session
+        match name:
+            case "start":
+                working.paused = False
+            case "pause":
+                session.close("paused by the operator")
+                working.paused = True
+            case "abort-setup":
+                if not session.recording:
+                    raise UsageError("abort", expected="a setup that is being recorded", found="none")
+                session.close("aborted by the operator")
+            case "choose-setup":
+                session.book.preferred = _planned(session, arguments.get("setup", ""))
+            case "zero":
+                session.zero()
+            case "name":
+                session.round.run.update({key: arguments[key] for key in ("operator", "workpiece") if key in arguments})
+        self.news()
+
+
+def _refused(recorder: Recorder) -> str:
+    """Return in words that the disk refuses; empty while it does not."""
+    health = recorder.health
+    return f"the disk refuses ({health.reason}): the recording goes on when there is room" if health.state == "blocked" else ""
+
+
+def _planned(session: Session, setup: str) -> str:
+    planned = session.survey.plan.all_setups
+    if setup not in planned:
+        raise UsageError("choose setup", expected=f"one of {', '.join(planned)}", found=repr(setup))
+    return setup

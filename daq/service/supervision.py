@@ -1,0 +1,74 @@
+"""Watching over the daemon itself: its workers, its disk, its clocks, and systemd's watchdog."""
+
+import asyncio
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import structlog
+
+from stepdiag.daq.service.metrics import GB, Tally, disk_free_bytes, words_on_disk
+from stepdiag.daq.service.notify import Notifier
+from stepdiag.daq.timing.host_clock import ClockWatch
+
+LOOK_S = 1.0
+"""How often everything is looked at, more often where systemd's watchdog wants it."""
+STOOD_S = 2.0
+"""Looks that lie so much further apart than they should: this process, or the whole computer, stood still."""
+_log = structlog.get_logger("daemon")
+
+
+class Supervisor:
+    """Feeds the watchdog while nothing is dead.
+
+    ``dead`` returns the workers that are, each with what is known of its end; ``remark`` leaves a line for a person in the open log.
+    """
+
+    def __init__(
+        self,
+        notifier: Notifier,
+        dead: Callable[[], list[str]],
+        remark: Callable[[str], None],
+        tally: Tally,
+        folder: Path,
+        min_free_gb: float,
+    ) -> None:
+        self._notifier = notifier
+        self._dead = dead
+        self._remark = remark
+        self._tally = tally
+        self._folder = folder
+        self._min_free_gb = min_free_gb
+        self._clocks = ClockWatch()
+        self.disk = ""
+        """What is to be said of the disk; empty while there is room."""
+
+    async def watch(self) -> None:
+        """Look again and again. Raises RuntimeError where a worker is dead."""
+        interval_s = min(LOOK_S, (self._notifier.watchdog_s or 2 * LOOK_S) / 2)
+        while True:
+            await asyncio.sleep(interval_s)
+            dead = self._dead()
+            if dead:
+                raise RuntimeError(f"not alive: {', '.join(dead)}")
+            self._look_at_disk()
+            self._look_at_clocks(interval_s)
+            self._tally.fed_s = time.monotonic()
+            self._notifier.alive()
+
+    def _look_at_disk(self) -> None:
+        """Say once, in the log and on the page, that the disk is nearly full."""
+        words = words_on_disk(self._folder, self._min_free_gb * (1.1 if self.disk else 1.0))
+        if words and not self.disk:
+            _log.error("disk-low", free_gb=round(disk_free_bytes(self._folder) / GB, 2), folder=str(self._folder))
+        self.disk = words
+
+    def _look_at_clocks(self, interval_s: float) -> None:
+        """Say what a person needs to understand the stamps of the open log: it goes into that log too."""
+        look = self._clocks.look()
+        if look.set_by_s:
+            _log.warning("clock-set", by_s=round(look.set_by_s, 1))
+            self._remark(f"the time of day was set by {look.set_by_s:+.1f} s; the stamps of this log go on by the host's own clock")
+        if look.apart_s > interval_s + STOOD_S:
+            _log.warning("stood-still", seconds=round(look.apart_s - interval_s, 1), asleep_s=round(look.asleep_s, 1))
+            self._remark(f"nothing was done for {look.apart_s - interval_s:.1f} s; the computer slept {look.asleep_s:.1f} s of them")

@@ -1,0 +1,78 @@
+"""The files a survey names, kept with its logs: profiles, the tables that profiles name, angles, the head's calibration.
+
+A replay must not depend on files that somebody has changed since; so they stand in the log, as they were.
+"""
+
+import base64
+from collections.abc import Mapping
+from pathlib import Path
+
+from stepdiag.daq.survey.models import Survey
+from stepdiag.exporters.files.files import LARGEST_TABLE_BYTES, as_text, read_bytes
+from stepdiag.exporters.files.settings import read_toml
+from stepdiag.solver.errors import DataError, UsageError
+
+PREFIX = "file:"
+"""Marks a file among the entries of a log's ``stepdiag.run``."""
+MAX_BUNDLE_BYTES = 32_000_000
+"""All files together: in base64 they must stay below what the reader of a log takes for one record (`daq.log.reader`)."""
+
+
+def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
+    """Return the files that a survey names, by the names it uses; tables named by a profile as ``profile//table``.
+
+    Raises UsageError for a file that cannot be read or is too large to be one.
+    """
+    here = survey_file.parent
+    names = [export.profile for export in survey.exports] + [survey.solver.angles]
+    names.append(survey.head.calibration if survey.head is not None else "")
+    bundle = {name: _read(here / name, survey_file.name) for name in dict.fromkeys(names) if name}
+    for export in survey.exports:
+        for table in _tables_of(bundle[export.profile]):
+            bundle[f"{export.profile}//{table}"] = _read((here / export.profile).parent / table, export.profile)
+            _refuse_too_much(bundle, survey_file.name)
+    return bundle
+
+
+def tables_for(bundle: Mapping[str, bytes], profile: str) -> dict[str, bytes]:
+    """Return the table files of a profile by the names that the profile uses."""
+    prefix = f"{profile}//"
+    return {name.removeprefix(prefix): data for name, data in bundle.items() if name.startswith(prefix)}
+
+
+def bundle_to_run(bundle: Mapping[str, bytes]) -> dict[str, str]:
+    """Return the bundle as entries of a log's metadata."""
+    return {f"{PREFIX}{name}": base64.b64encode(data).decode("ascii") for name, data in bundle.items()}
+
+
+def bundle_from_run(run: Mapping[str, str], source: str) -> dict[str, bytes]:
+    """Return the bundle from a log's metadata. Raises DataError where an entry is damaged."""
+    try:
+        found = {key.removeprefix(PREFIX): base64.b64decode(text, validate=True) for key, text in run.items() if key.startswith(PREFIX)}
+    except ValueError as error:  # binascii.Error, or letters that base64 has not
+        raise DataError(source, expected="the survey's files in base64", found=str(error)) from error
+    large = [name for name, data in found.items() if len(data) > LARGEST_TABLE_BYTES]
+    if large:
+        raise DataError(f"{source}: {large[0]}", expected=f"at most {LARGEST_TABLE_BYTES} bytes", found="more")
+    return found
+
+
+def _tables_of(profile: bytes) -> list[str]:
+    """Return the table files that a profile names; a profile that is no TOML is refused later, with its line."""
+    try:
+        machine = read_toml(as_text(profile, "profile", UsageError), "profile").get("machine", {})
+    except UsageError:
+        return []
+    named = machine.get("existing", []) if isinstance(machine, dict) else []
+    return [name for name in named if isinstance(name, str)] if isinstance(named, list) else []
+
+
+def _refuse_too_much(bundle: Mapping[str, bytes], source: str) -> None:
+    """Refuse a bundle that would make a log that nobody can read."""
+    size = sum(map(len, bundle.values()))
+    if size > MAX_BUNDLE_BYTES:
+        raise UsageError(source, expected=f"at most {MAX_BUNDLE_BYTES} bytes in all files that it names", found=str(size))
+
+
+def _read(path: Path, source: str) -> bytes:
+    return read_bytes(path, source, largest=LARGEST_TABLE_BYTES, expected=f"a readable file {path.name}", blame=UsageError)

@@ -1,0 +1,63 @@
+"""The survey file (TOML): everything a survey needs, read once and never changed.
+
+    load_survey(path)            file -> Survey
+    parse_survey(text, source)   the same from a log's attachment
+    laser_decoder(survey)        a fresh decoder of the laser's stream
+    head_decoder(survey)         a fresh decoder of the 4-DOF head's stream
+
+The sections are structs of `daq.survey.models`; the commented file is `daq.survey.template.template`.
+"""
+
+from pathlib import Path
+
+from stepdiag.daq.survey.formats import head_decoder, laser_decoder
+from stepdiag.daq.survey.head_file import parse_head_file, require_owner
+from stepdiag.daq.survey.models import StopRules, Survey
+from stepdiag.daq.survey.rules import check
+from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES, as_text, read_bytes
+from stepdiag.exporters.files.settings import convert, read_toml
+from stepdiag.solver.errors import UsageError
+
+__all__ = ["StopRules", "Survey", "head_decoder", "laser_decoder", "load_survey", "parse_survey"]
+
+
+def load_survey(path: Path) -> Survey:
+    """Return the survey of a file.
+
+    Raises UsageError when it cannot be read, is not TOML in UTF-8, breaks a rule, or names a file that does not exist; DataError for the
+    calibration of another head: better before the survey than after it.
+    """
+    survey = parse_survey(read_text(path), str(path.name))
+    for field, name in _named_files(survey):
+        if not (path.parent / name).is_file():
+            found = f"no file {name} beside {path.name}"
+            raise UsageError(
+                f"{path.name}: {field}", expected="a file that exists", found=found, remedy="paths are seen from the survey file"
+            )
+    if survey.head is not None and survey.head.calibration:
+        name = survey.head.calibration
+        data = read_bytes(path.parent / name, name, largest=LARGEST_SETTINGS_BYTES, blame=UsageError)
+        require_owner(parse_head_file(data, name), survey.head, name)
+    return survey
+
+
+def parse_survey(text: str, source: str) -> Survey:
+    """Return the survey that ``text`` describes; ``source`` names it in refusals (UsageError)."""
+    survey = convert(read_toml(text, source), Survey, source)
+    check(survey, source)
+    return survey
+
+
+def read_text(path: Path) -> str:
+    """Return the text of a survey file, byte for byte as it goes into the log."""
+    remedy = "`stepdiag init` writes one to start from"
+    data = read_bytes(path, largest=LARGEST_SETTINGS_BYTES, expected="a survey file", remedy=remedy, blame=UsageError)
+    return as_text(data, str(path), UsageError)
+
+
+def _named_files(survey: Survey) -> list[tuple[str, str]]:
+    named = [(f"export[{index}].profile", export.profile) for index, export in enumerate(survey.exports)]
+    named.append(("stepdiag.solver.model.angles", survey.solver.angles))
+    if survey.head is not None:
+        named.append(("head.calibration", survey.head.calibration))
+    return [(field, name) for field, name in named if name]

@@ -1,0 +1,79 @@
+"""From the survey file to the decoders of its streams."""
+
+from stepdiag.daq.formats.fourdof import FourdofSettings
+from stepdiag.daq.formats.line import LineSettings
+from stepdiag.daq.formats.nd import NdSettings
+from stepdiag.daq.formats.registry import FormatSettings, make_decoder
+from stepdiag.daq.formats.tqd import TqdSettings
+from stepdiag.daq.formats.umd.decoder import UmdSettings
+from stepdiag.daq.survey.models import Head, Laser, LineSection, Survey
+from stepdiag.daq.timing.samples import Decoder
+
+
+def laser_decoder(survey: Survey) -> Decoder:
+    """Return a fresh decoder of the laser's stream."""
+    return make_decoder(survey.laser.format, laser_settings(survey.laser))
+
+
+def head_decoder(survey: Survey) -> Decoder:
+    """Return a fresh decoder of the 4-DOF head's stream; the survey has a head."""
+    if survey.head is None:
+        raise ValueError("a survey without [head] has no stream of a head")
+    return make_decoder(survey.head.format, head_settings(survey.head))
+
+
+def laser_settings(laser: Laser) -> FormatSettings:
+    """Return the settings of the laser's format; that a table which the format needs is there has been checked."""
+    if laser.format == "umd":
+        return UmdSettings(
+            axis=laser.umd.axis,
+            phase_bits=laser.umd.phase_bits,
+            wavelength_nm=laser.wavelength_nm,
+            optics=laser.optics,
+            sign=laser.sign,
+            latency_s=laser.latency_s,
+        )
+    if laser.line is not None and laser.format == "line":
+        return _line(laser, laser.line)
+    return NdSettings(
+        value=laser.nd.value,
+        axis=laser.nd.axis,
+        resolution_mm=laser.nd.resolution_mm,
+        unit=laser.nd.unit,
+        poll_hz=laser.nd.poll_hz,
+        sign=laser.sign,
+        latency_s=laser.latency_s,
+    )
+
+
+def _line(laser: Laser, line: LineSection) -> LineSettings:
+    return LineSettings(
+        pattern=line.pattern,
+        unit=line.unit,
+        scale=line.scale,
+        counter_modulus=line.counter_modulus or None,
+        beam_threshold=line.beam_threshold,
+        beam_full=line.beam_full,
+        rate_hz=line.rate_hz,
+        encoding=line.encoding,
+        terminator=line.terminator,
+        wavelength_nm=laser.wavelength_nm,
+        optics=laser.optics,
+        sign=laser.sign,
+        latency_s=laser.latency_s,
+    )
+
+
+def head_settings(head: Head) -> FormatSettings:
+    """Return the settings of the head's format."""
+    if head.format == "tqd":
+        tqd = head.tqd
+        return TqdSettings(poll_hz=tqd.poll_hz, full_sum_v=tqd.full_sum_v, beam_threshold=tqd.beam_threshold, latency_s=head.latency_s)
+    frames = head.fourdof
+    return FourdofSettings(
+        encoding=frames.encoding,
+        rate_hz=frames.rate_hz,
+        full_sum=frames.full_sum,
+        beam_threshold=frames.beam_threshold,
+        latency_s=head.latency_s,
+    )

@@ -1,0 +1,170 @@
+"""The calibration file of a 4-DOF head (TOML): who it belongs to, when it was made, curves, signs, lever and their uncertainty.
+
+It travels with the logs (`daq.survey.bundle`). A file of another head is refused: its curves would give numbers that look right.
+"""
+
+import datetime as dt
+import math
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from stepdiag.daq.survey.models import Head as HeadSection
+from stepdiag.daq.survey.models import NotNegative, Positive, Text
+from stepdiag.exporters.files.files import as_text
+from stepdiag.exporters.files.settings import convert, read_toml
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
+from stepdiag.solver.fourdof.head import Crosstalk, Head
+
+Pair = tuple[float, float]
+Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}$", description='a day such as "2026-03-31"')]
+DetectorName = Literal["qd", "psd1", "psd2"]
+AxisName = Literal["x", "y"]
+
+
+class AxisTable(msgspec.Struct, frozen=True, kw_only=True):
+    """One axis of a detector: its sign and the curve from the normalised reading to the shift of the spot."""
+
+    sign: Literal[1, -1] = 1
+    kind: Literal["polynomial", "erf"] = "polynomial"
+    coefficients_um: tuple[float, ...] = (0.0, 1000.0)
+    low: Annotated[float, Meta(ge=-1, lt=1)] = -1.0
+    high: Annotated[float, Meta(gt=-1, le=1)] = 1.0
+    u_um: NotNegative = 0.0
+
+
+class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
+    x: AxisTable = AxisTable()
+    y: AxisTable = AxisTable()
+    sum_min: NotNegative = 0.0
+    sum_max: Positive | None = None
+    rotation_mrad: float = 0.0
+
+
+class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
+    """The lever is ``dead_path_mm + scale * distance``, distance from the head's reference face to the target."""
+
+    dead_path_mm: float = 0.0
+    scale: Positive = 1.0
+    u_mm: NotNegative = 0.0
+
+
+class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
+    """The corrections of `solver.fourdof.head.Crosstalk`; zero is none."""
+
+    vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    psd1_leak: Pair = (0.0, 0.0)
+    psd2_leak: Pair = (0.0, 0.0)
+    qd_gain_per_m: Pair = (0.0, 0.0)
+    qd_calibrated_at_mm: NotNegative = 0.0
+
+
+class HeadIdentity(msgspec.Struct, frozen=True, kw_only=True):
+    """Whose file it is. Focal lengths are needed for the angles; a single quadrant detector has none."""
+
+    id: Text
+    format: Literal["fourdof", "tqd"]
+    date: Day
+    reference: str = ""
+    psd1_focal_length_mm: Positive = 150.0
+    psd2_focal_length_mm: Positive = 150.0
+
+
+class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole file."""
+
+    head: HeadIdentity
+    lever: LeverTable = LeverTable()
+    qd: DetectorTable = DetectorTable()
+    psd1: DetectorTable = DetectorTable()
+    psd2: DetectorTable = DetectorTable()
+    crosstalk: CrosstalkTable = CrosstalkTable()
+
+    def detector(self, name: DetectorName) -> DetectorTable:
+        """Return a detector's table."""
+        return {"qd": self.qd, "psd1": self.psd1, "psd2": self.psd2}[name]
+
+    def with_axis(self, detector: DetectorName, axis: AxisName, table: AxisTable) -> "HeadFile":
+        """Return the file with one axis of one detector replaced."""
+        changed = msgspec.structs.replace(self.detector(detector), **{axis: table})
+        return msgspec.structs.replace(self, **{detector: changed})
+
+    def calibrated(self) -> Head:
+        """Return the head as the solver knows it; the travel it asks for is then the distance."""
+        return Head(
+            qd=_detector(self.qd),
+            psd1=_detector(self.psd1),
+            psd2=_detector(self.psd2),
+            psd1_focal_length_mm=self.head.psd1_focal_length_mm,
+            psd2_focal_length_mm=self.head.psd2_focal_length_mm,
+            dead_path_mm=self.lever.dead_path_mm,
+            lever_scale=self.lever.scale,
+            crosstalk=Crosstalk(**msgspec.structs.asdict(self.crosstalk)),
+        )
+
+
+def _detector(table: DetectorTable) -> Detector:
+    ceiling = math.inf if table.sum_max is None else table.sum_max
+    return Detector(x=_axis(table.x), y=_axis(table.y), sum_min=table.sum_min, sum_max=ceiling, rotation_mrad=table.rotation_mrad)
+
+
+def _axis(table: AxisTable) -> DetectorAxis:
+    curve = Curve(kind=table.kind, coefficients_um=table.coefficients_um, low=table.low, high=table.high, u_um=table.u_um)
+    return DetectorAxis(sign=table.sign, curve=curve)
+
+
+def parse_head_file(data: bytes, source: str) -> HeadFile:
+    """Return a calibration file. Raises UsageError naming the field that is wrong."""
+    file = convert(read_toml(as_text(data, source, UsageError), source), HeadFile, source)
+    _check_date(file, source)
+    for name, detector in (("qd", file.qd), ("psd1", file.psd1), ("psd2", file.psd2)):
+        for letter, axis in (("x", detector.x), ("y", detector.y)):
+            if axis.low >= axis.high:
+                raise UsageError(f"{source}: {name}.{letter}.high", expected=f"more than low, {axis.low:g}", found=f"{axis.high:g}")
+    return file
+
+
+def _check_date(file: HeadFile, source: str) -> None:
+    try:
+        dt.date.fromisoformat(file.head.date)
+    except ValueError as error:
+        raise UsageError(f"{source}: head.date", expected='a day such as "2026-03-31"', found=file.head.date) from error
+
+
+def require_owner(file: HeadFile, section: HeadSection, source: str) -> None:
+    """Raise DataError unless the file belongs to the head that the survey names."""
+    for field, of_file, of_survey in (("id", file.head.id, section.id), ("format", file.head.format, section.format)):
+        if of_file != of_survey:
+            raise DataError(
+                f"{source}: head.{field}",
+                expected=f"{of_survey!r}, the head of the survey",
+                found=f"{of_file!r}",
+                remedy="name the calibration file of the head that measures, or calibrate it",
+            )
+
+
+def render_head_file(file: HeadFile) -> str:
+    """Return the file as text (TOML, LF): the same bytes for the same calibration."""
+    lines = ["# Calibration of a 4-DOF head (docs/fourdof.md). Curves: shift of the spot in um over difference / sum.", ""]
+    lines += _table("head", file.head)
+    lines += _table("lever", file.lever)
+    for name, detector in (("qd", file.qd), ("psd1", file.psd1), ("psd2", file.psd2)):
+        lines += _table(name, detector)
+        lines += _table(f"{name}.x", detector.x)
+        lines += _table(f"{name}.y", detector.y)
+    return "\n".join([*lines, *_table("crosstalk", file.crosstalk)])
+
+
+def _table(name: str, table: msgspec.Struct) -> list[str]:
+    fields = msgspec.structs.asdict(table)
+    plain = {key: value for key, value in fields.items() if value is not None and not isinstance(value, msgspec.Struct)}
+    return [f"[{name}]", *(f"{key} = {_value(value)}" for key, value in plain.items()), ""]
+
+
+def _value(value: object) -> str:
+    if isinstance(value, tuple):
+        return "[" + ", ".join(map(_value, value)) + "]"
+    # a JSON text is a TOML text, but for DEL; and repr gives a float all its digits
+    return msgspec.json.encode(value).decode().replace("\x7f", "\\u007f") if isinstance(value, str) else repr(value)

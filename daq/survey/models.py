@@ -1,0 +1,278 @@
+"""The survey file as values: one struct a section, each field with its unit in its name, its limits in its type.
+
+What each field means to a person stands in `daq.survey.template`, the commented file that ``stepdiag init`` writes. Checks
+that need more than one field stand in `daq.survey.rules`.
+"""
+
+from pathlib import Path
+from typing import Annotated, Literal
+
+import msgspec
+from msgspec import Meta
+
+from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalMap, SignalSpec
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS, MOST_INCREMENTS, Volume
+
+Positive = Annotated[float, Meta(gt=0)]
+NotNegative = Annotated[float, Meta(ge=0)]
+Fraction = Annotated[float, Meta(ge=0, lt=1)]
+Text = Annotated[str, Meta(min_length=1)]
+Port = Annotated[int, Meta(ge=1, le=65535)]
+Triple = tuple[float, float, float]
+PositiveTriple = tuple[Positive, Positive, Positive]
+FileName = Annotated[
+    str,
+    Meta(
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
+        description="a name of letters, digits, dot, dash and underscore (at most 64, a letter or digit first)",
+    ),
+]
+"""A name that is safe as a folder on any file system."""
+
+
+class Identity(msgspec.Struct, frozen=True, kw_only=True):
+    name: FileName
+    machine: Text
+    operator: str = ""
+    workpiece: str = ""
+    directory: str = "."
+    temperature_note: str = ""
+
+
+class VolumeSection(msgspec.Struct, frozen=True, kw_only=True):
+    size_mm: PositiveTriple
+    increments: Annotated[int, Meta(ge=1, le=MOST_INCREMENTS)]
+    origin_mm: Triple = (0.0, 0.0, 0.0)
+    axis_order: Literal["xyz", "xzy", "yxz", "yzx", "zxy", "zyx"] = "xyz"
+
+
+class BeamOffset(msgspec.Struct, frozen=True, kw_only=True):
+    setup: Literal["ppp", "npp", "pnp", "ppn"]
+    offset_mm: Triple
+
+
+class Plan(msgspec.Struct, frozen=True, kw_only=True):
+    setups: tuple[str, ...] = BODY_DIAGONALS
+    return_pass: bool = True
+    repeats: Annotated[int, Meta(ge=1, le=100)] = 1
+    feed_mm_min: Positive = 2000.0
+    dwell_s: Positive = 2.0
+    overrun_mm: NotNegative = 5.0
+    beam_offset: tuple[BeamOffset, ...] = ()
+
+    @property
+    def all_setups(self) -> tuple[str, ...]:
+        """Return the setups in the order they are driven; shifted beams are named ``ppp+1``, ``ppp+2`` in their order."""
+        shifted = []
+        seen: dict[str, int] = {}
+        for offset in self.beam_offset:
+            seen[offset.setup] = seen.get(offset.setup, 0) + 1
+            shifted.append(f"{offset.setup}+{seen[offset.setup]}")
+        return (*self.setups, *shifted)
+
+    @property
+    def passes_per_setup(self) -> int:
+        """Return how many passes a setup has: repeats, each out and, where asked, back."""
+        return self.repeats * (2 if self.return_pass else 1)
+
+
+class Machine(msgspec.Struct, frozen=True, kw_only=True):
+    chain: Text = "FXYZ"
+    expansion_um_m_c: Triple = (11.7, 11.7, 11.7)
+    apply_expansion: bool = False
+    laser_on: Literal["table", "spindle"] = "table"
+
+
+class SerialSection(msgspec.Struct, frozen=True, kw_only=True):
+    """A serial port, as far as the person decides it."""
+
+    port: Text
+    baud: Annotated[int, Meta(ge=50, le=4_000_000)] = 115200
+    bytesize: Literal[7, 8] = 8
+    parity: Literal["N", "E", "O"] = "N"
+    stopbits: Literal[1, 2] = 1
+
+
+class UmdSection(msgspec.Struct, frozen=True, kw_only=True):
+    axis: Literal[1, 2, 3] = 1
+    phase_bits: Literal[8, 16] | None = None
+
+
+class LineSection(msgspec.Struct, frozen=True, kw_only=True):
+    pattern: Text
+    unit: Literal["mm", "um", "nm", "inch", "counts"] = "mm"
+    scale: float = 1.0
+    counter_modulus: Annotated[int, Meta(ge=0)] = 65536
+    beam_threshold: Fraction = 0.2
+    beam_full: Positive = 1.0
+    rate_hz: Positive | None = None
+    encoding: Literal["ascii", "latin-1"] = "ascii"
+    terminator: Literal["\n", "\r"] = "\n"
+
+
+class NdSection(msgspec.Struct, frozen=True, kw_only=True):
+    value: Literal["current", "displayed"] = "current"
+    axis: Annotated[int, Meta(ge=1, le=8)] = 1
+    resolution_mm: Positive = 0.0001
+    unit: Literal["mm", "inch"] = "mm"
+    poll_hz: Annotated[float, Meta(gt=0, le=100)] = 20.0
+
+
+class Laser(SerialSection, frozen=True, kw_only=True):
+    format: Literal["umd", "nd", "line"]
+    sign: Literal[1, -1] = 1
+    latency_s: NotNegative = 0.0
+    wavelength_nm: Annotated[float, Meta(gt=300, lt=2000)] = 632.991
+    optics: Literal[1, 2, 4] = 1
+    compensated: bool = False
+    dead_path_mm: NotNegative = 0.0
+    umd: UmdSection = UmdSection()
+    line: LineSection | None = None
+    nd: NdSection = NdSection()
+
+
+class FourdofSection(msgspec.Struct, frozen=True, kw_only=True):
+    encoding: Literal["binary", "ascii"] = "binary"
+    rate_hz: Positive | None = None
+    full_sum: PositiveTriple | None = None
+    beam_threshold: Fraction = 0.2
+
+
+class TqdSection(msgspec.Struct, frozen=True, kw_only=True):
+    poll_hz: Annotated[float, Meta(gt=0, le=200)] = 50.0
+    full_sum_v: Annotated[float, Meta(gt=0, le=20)] = 10.0
+    beam_threshold: Fraction = 0.2
+
+
+MachineDirection = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+
+class HeadRun(msgspec.Struct, frozen=True, kw_only=True):
+    """How the head stands for a run along one axis."""
+
+    beam: MachineDirection
+    detector_x: MachineDirection
+    detector_y: MachineDirection
+    target_on: Literal["tool", "work"] = "tool"
+    distance_mm: NotNegative = 300.0
+
+
+class Head(SerialSection, frozen=True, kw_only=True):
+    format: Literal["fourdof", "tqd"]
+    id: str = ""
+    calibration: str = ""
+    distance: Literal["commanded", "laser"] = "commanded"
+    latency_s: NotNegative = 0.0
+    x: HeadRun = HeadRun(beam="+x", detector_x="+y", detector_y="+z")
+    y: HeadRun = HeadRun(beam="+y", detector_x="-x", detector_y="+z")
+    z: HeadRun = HeadRun(beam="+z", detector_x="+x", detector_y="+y")
+    fourdof: FourdofSection = FourdofSection()
+    tqd: TqdSection = TqdSection()
+
+    def run_along(self, axis: str) -> HeadRun:
+        """Return how the head stands for a run along ``axis`` (x, y, z)."""
+        return {"x": self.x, "y": self.y, "z": self.z}[axis]
+
+
+class Handshake(msgspec.Struct, frozen=True, kw_only=True):
+    enabled: bool = False
+    table: Literal["holding"] = "holding"
+    address: Annotated[int, Meta(ge=0, le=65535)] = 100
+
+
+class Plc(msgspec.Struct, frozen=True, kw_only=True):
+    transport: Literal["tcp", "rtu"] = "tcp"
+    host: Text = "127.0.0.1"
+    port: Port = 502
+    serial_port: str = ""
+    baud: Annotated[int, Meta(ge=300, le=4_000_000)] = 19200
+    parity: Literal["N", "E", "O"] = "E"
+    stopbits: Literal[1, 2] = 1
+    unit: Annotated[int, Meta(ge=0, le=255)] = 1
+    poll_hz: Positive = 50.0
+    timeout_s: Positive = 0.3
+    own_signals: dict[str, SignalSpec] = msgspec.field(name="signals", default_factory=dict)
+    handshake: Handshake = Handshake()
+
+    @property
+    def signals(self) -> SignalMap:
+        """Return the signals to read: those of the file, or the contract's block where the file names none."""
+        return self.own_signals or CONTRACT_SIGNALS
+
+
+class StopRules(msgspec.Struct, frozen=True, kw_only=True):
+    settle_s: NotNegative = 0.2
+    min_window_s: Positive = 0.3
+    max_slope_um_s: Positive = 1.0
+    max_scatter_um: Positive = 2.0
+
+
+class Environment(msgspec.Struct, frozen=True, kw_only=True):
+    source: Literal["plc", "fixed"] = "plc"
+    air_temperature_c: Annotated[float, Meta(ge=-20, le=60)] = 20.0
+    air_pressure_hpa: Annotated[float, Meta(ge=500, le=1200)] = 1013.25
+    relative_humidity_percent: Annotated[float, Meta(ge=0, le=100)] = 50.0
+    material_temperature_c: Annotated[float, Meta(ge=-20, le=60)] = 20.0
+
+
+class Solver(msgspec.Struct, frozen=True, kw_only=True):
+    method: Literal["estimate", "least-squares", "wang2000"] = "estimate"
+    angles: str = ""
+
+
+class Export(msgspec.Struct, frozen=True, kw_only=True):
+    controller: FileName
+    """Also the name of the folder that its files go into."""
+    profile: Text
+
+
+class Page(msgspec.Struct, frozen=True, kw_only=True):
+    enabled: bool = True
+    host: Text = "127.0.0.1"
+    port: Port = 8420
+    token: str = ""
+    language: Literal["en", "de"] = "en"
+
+
+class Recording(msgspec.Struct, frozen=True, kw_only=True):
+    max_gb: NotNegative = 0.0
+    min_free_gb: NotNegative = 1.0
+
+
+class Metrics(msgspec.Struct, frozen=True, kw_only=True):
+    enabled: bool = False
+    host: Text = "127.0.0.1"
+    port: Port = 9420
+
+
+class Survey(msgspec.Struct, frozen=True, kw_only=True):
+    """The whole file. ``[survey]`` is ``identity`` here, ``[volume]`` is ``box``, ``[[export]]`` is ``exports``."""
+
+    identity: Identity = msgspec.field(name="survey")
+    box: VolumeSection = msgspec.field(name="volume")
+    laser: Laser
+    plan: Plan = Plan()
+    machine: Machine = Machine()
+    head: Head | None = None
+    plc: Plc = Plc()
+    stop: StopRules = StopRules()
+    environment: Environment = Environment()
+    solver: Solver = Solver()
+    exports: tuple[Export, ...] = msgspec.field(name="export", default=())
+    page: Page = Page()
+    metrics: Metrics = Metrics()
+    recording: Recording = Recording()
+
+    @property
+    def volume(self) -> Volume:
+        """Return the volume as the solver knows it."""
+        return Volume(origin_mm=self.box.origin_mm, size_mm=self.box.size_mm, increments=self.box.increments)
+
+    @property
+    def axis_order(self) -> str:
+        """Return the order in which the axes move within a step."""
+        return self.box.axis_order
+
+    def folder(self, survey_file: Path) -> Path:
+        """Return where logs and results of this survey go: ``<directory>/<name>`` seen from the survey file."""
+        return survey_file.parent / self.identity.directory / self.identity.name

@@ -1,0 +1,188 @@
+"""What a survey file must fulfil beyond the limits of its single fields."""
+
+import re
+import warnings
+from collections.abc import Iterator
+
+from stepdiag.daq.formats.signals import SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
+from stepdiag.daq.survey.models import Plc, Survey
+from stepdiag.exporters.files.settings import refuse, unknown_key
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
+
+_SETUP_NAMES = (*BODY_DIAGONALS, *LINEAR_RUNS, *FOURDOF_RUNS)
+_LINE_GROUPS = ("position", "counter", "beam")
+_MAX_POLL_HZ = 1000.0
+_BITS_PER_CHARACTER = 11
+"""Start, eight data, parity or a second stop bit, stop (Modbus over serial line V1.02, 2.5.1)."""
+
+
+def check(survey: Survey, source: str) -> None:
+    """Raise UsageError for the first contradiction in the file, in the order of its sections."""
+    for rule in (_plan, _machine, _laser, _head, _plc, _dwell, _page):
+        for refusal in rule(survey, source):
+            raise refusal
+
+
+def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
+    setups = survey.plan.setups
+    if not setups:
+        yield refuse(source, "plan.setups", "at least one setup", [])
+    for index, setup in enumerate(setups):
+        field = f"plan.setups[{index}]"
+        if setup not in _SETUP_NAMES:
+            yield unknown_key(source, field, setup, list(_SETUP_NAMES))
+        if setup in setups[:index]:
+            yield refuse(source, field, "every setup once", setup, "use plan.repeats to drive every setup more than once")
+        if setup in FOURDOF_RUNS and survey.head is None:
+            yield refuse(source, field, "a [head] section for a 4-DOF run", setup)
+        if setup in FOURDOF_RUNS and survey.head is not None and not (survey.head.id and survey.head.calibration):
+            remedy = "`stepdiag fourdof calibrate` writes the calibration file of a head"
+            yield refuse(source, "head.calibration", "the head's id and calibration file, for a 4-DOF run", survey.head.calibration, remedy)
+    for index, offset in enumerate(survey.plan.beam_offset):
+        if not any(offset.offset_mm):
+            field = f"plan.beam_offset[{index}].offset_mm"
+            yield refuse(source, field, "a beam that is shifted", list(offset.offset_mm), "name the setup in plan.setups instead")
+
+
+def _machine(survey: Survey, source: str) -> Iterator[UsageError]:
+    letters = survey.machine.chain.upper().replace("F", "", 1)
+    if "F" not in survey.machine.chain.upper() or sorted(letters.lower()) != sorted(AXES):
+        yield refuse(source, "machine.chain", "F, X, Y and Z once each, from workpiece to tool, such as FXYZ", survey.machine.chain)
+
+
+def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
+    laser = survey.laser
+    if laser.format != "line":
+        return
+    if laser.line is None:
+        yield refuse(source, "laser.line", 'a table for format = "line"', None, "add [laser.line] with the pattern of a line")
+        return
+    try:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error")
+            groups = re.compile(laser.line.pattern).groupindex
+    except (re.error, Warning, OverflowError, RecursionError) as error:
+        yield UsageError(
+            f"{source}: laser.line.pattern",
+            expected="a regular expression",
+            found=f"{laser.line.pattern!r} ({error})",
+            remedy="write it between single quotes, so that backslashes stay as they are",
+        )
+        return
+    if "position" not in groups:
+        yield refuse(source, "laser.line.pattern", "a named group (?P<position>...)", laser.line.pattern)
+    for group in groups:
+        if group not in _LINE_GROUPS:
+            yield unknown_key(source, "laser.line.pattern", group, list(_LINE_GROUPS))
+    if laser.line.counter_modulus == 1:
+        yield refuse(source, "laser.line.counter_modulus", "0 (it never repeats) or 2 and more", 1)
+    if laser.line.scale == 0:
+        yield refuse(source, "laser.line.scale", "a number other than 0", laser.line.scale)
+
+
+def _head(survey: Survey, source: str) -> Iterator[UsageError]:
+    ports = {"laser.port": survey.laser.port}
+    if survey.head is not None:
+        ports["head.port"] = survey.head.port
+    if survey.plc.transport == "rtu":
+        ports["plc.serial_port"] = survey.plc.serial_port
+    for field, port in list(ports.items())[1:]:
+        other = next(name for name, value in ports.items() if value == port)
+        if other != field:
+            yield refuse(source, field, f"another port than {other}", port)
+    for axis, run in zip(AXES, (survey.head.x, survey.head.y, survey.head.z) if survey.head is not None else (), strict=False):
+        if run.beam[1] != axis:
+            yield refuse(source, f"head.{axis}.beam", f"+{axis} or -{axis}", run.beam)
+        if {run.beam[1], run.detector_x[1], run.detector_y[1]} != set(AXES):
+            found = [run.beam, run.detector_x, run.detector_y]
+            yield refuse(source, f"head.{axis}", "beam, detector_x and detector_y along three different axes", found)
+
+
+def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
+    plc = survey.plc
+    if plc.transport == "rtu" and not plc.serial_port:
+        yield refuse(source, "plc.serial_port", 'a serial port for transport = "rtu"', "", "such as /dev/ttyUSB1")
+    if plc.poll_hz > _MAX_POLL_HZ:
+        yield refuse(source, "plc.poll_hz", f"at most {_MAX_POLL_HZ:g}", plc.poll_hz)
+    if plc.own_signals and "stopped" not in plc.own_signals:
+        yield refuse(source, "plc.signals", "at least the signal stopped", list(plc.own_signals), "every other signal may be absent")
+    for name, spec in plc.own_signals.items():
+        yield from _signal(name, spec, source)
+    yield from _overlaps(plc.signals, source)
+    yield from _handshake(plc, source)
+    if plc.transport == "rtu":
+        yield from _line_time(plc, source)
+
+
+def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
+    field = f"plc.signals.{name}"
+    if name not in SIGNAL_NAMES:
+        yield unknown_key(source, field, name, list(SIGNAL_NAMES))
+    if spec.in_bit_table and spec.type != "bit":
+        yield refuse(source, f"{field}.type", f'"bit" in table {spec.table}', spec.type)
+    if spec.in_bit_table and spec.bit:
+        yield refuse(source, f"{field}.bit", f"0 in table {spec.table}, where an address is one bit", spec.bit)
+    if spec.type == "bit" and name not in (*SWITCHED, "heartbeat"):
+        yield refuse(source, f"{field}.type", "a number", spec.type, f"only {', '.join(SWITCHED)} and heartbeat may be bits")
+    if spec.scale == 0:
+        yield refuse(source, f"{field}.scale", "a number other than 0", spec.scale)
+    if (name in SWITCHED or spec.type == "bit") and (spec.scale != 1 or spec.offset != 0):
+        yield refuse(source, f"{field}.scale", "1 and offset 0: the signal is yes or no", spec.scale)
+    if spec.address + spec.width > 65536:
+        yield refuse(source, f"{field}.address", "at most 65534 for a number of two registers", spec.address)
+
+
+def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
+    """Two signals may share a register only as different bits of it."""
+    names = list(signals)
+    for index, name in enumerate(names):
+        for other in names[:index]:
+            one, two = signals[name], signals[other]
+            different_bits = one.type == two.type == "bit" and not one.in_bit_table and one.bit != two.bit
+            if registers([one]) & registers([two]) and not different_bits:
+                place = f"{describe(one)}, where {other} is ({describe(two)})"
+                yield UsageError(f"{source}: plc.signals.{name}.address", expected="a place of its own", found=place)
+
+
+def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
+    if not plc.handshake.enabled:
+        return
+    if "stop_count" not in plc.signals:
+        yield refuse(source, "plc.handshake.enabled", "the signal stop_count, which is what is written back", True)
+    for name, spec in plc.signals.items():
+        if (plc.handshake.table, plc.handshake.address) in registers([spec]):
+            yield refuse(source, "plc.handshake.address", f"a register that is not read: {name} is there", plc.handshake.address)
+
+
+def rtu_poll_s(signals: SignalMap, baud: int) -> float:
+    """Return the time one poll takes on the wire in seconds, device's own time not counted (instruments.md 4.2).
+
+    A request is 8 characters, an answer 5 and its data; 3.5 characters of silence before each.
+    """
+    characters = sum(8 + 5 + asked.byte_count + 2 * 3.5 for asked in plan_reads(signals))
+    return characters * _BITS_PER_CHARACTER / baud
+
+
+def _line_time(plc: Plc, source: str) -> Iterator[UsageError]:
+    wire_s = rtu_poll_s(plc.signals, plc.baud)
+    if plc.poll_hz * wire_s > 1:
+        limit = int(1 / wire_s)
+        yield refuse(source, "plc.poll_hz", f"at most {limit} at {plc.baud} baud: one poll takes {wire_s * 1e3:.1f} ms", plc.poll_hz)
+    if plc.timeout_s < wire_s:
+        yield refuse(source, "plc.timeout_s", f"more than the {wire_s * 1e3:.1f} ms that one poll takes", plc.timeout_s)
+
+
+def _dwell(survey: Survey, source: str) -> Iterator[UsageError]:
+    """A stop is certain only between the first and the last poll that saw it: dwell > settle + window + 2 polls (instruments.md 4.2)."""
+    poll_s = 1.0 / survey.plc.poll_hz
+    needed = survey.stop.settle_s + survey.stop.min_window_s + 2.0 * poll_s
+    if survey.plan.dwell_s < needed:
+        parts = f"settle {survey.stop.settle_s:g} + window {survey.stop.min_window_s:g} + two polls of {poll_s:.3g}"
+        yield refuse(source, "plan.dwell_s", f"at least {needed:.3g} s ({parts})", survey.plan.dwell_s)
+
+
+def _page(survey: Survey, source: str) -> Iterator[UsageError]:
+    ports = (survey.page.enabled, survey.metrics.enabled, survey.page.port == survey.metrics.port)
+    if all(ports):
+        yield refuse(source, "metrics.port", "another port than page.port", survey.metrics.port)

@@ -1,0 +1,277 @@
+"""One stream of an instrument: bytes in, samples of a time span out.
+
+Chunks are decoded when somebody looks, or after a second: twenty chunks at once cost little more than one. What comes out does not
+depend on when that is, or a replay would not give what the live run gave: a decoder takes several chunks at once only where
+nothing but plain samples is in them, every sample keeps the arrival of its own chunk, and what is forgotten goes by whole chunks.
+"""
+
+import math
+from collections import deque
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.daq.timing.sample_clock import SampleClock
+from stepdiag.daq.timing.samples import Decoder, Flag, Notice, Samples, SteadyDecoder
+
+MEMORY_NS = 90_000_000_000
+MEMORY_SAMPLES = 1_000_000
+"""What is remembered: long enough to look back for a stop that Modbus missed, bounded for fast instruments."""
+HOLD_NS = 1_000_000_000
+HOLD_BYTES = 65_536
+"""How long and how much may wait to be decoded."""
+ARRIVAL_SLACK_NS = 500_000_000
+"""Samples may arrive this much later than they were taken."""
+CONTINUITY = Flag.BEAM_LOST | Flag.HEAD_ERROR | Flag.SLEW
+"""After any of these an interferometer has lost its count: readings before and after belong to different zeros."""
+LOSS_AT_START = Flag.BEAM_LOST | Flag.SLEW
+"""Before the first good sample a decoder may not know its instrument yet; only these tell of a loss."""
+UNUSABLE = CONTINUITY | Flag.DEVICE_ERROR | Flag.PHASE_ERROR | Flag.SATURATED | Flag.OUT_OF_RANGE
+
+
+UNWATCHED_NS = 500_000_000
+UNWATCHED_PERIODS = 3.0
+"""A beam that is cut and comes back while no sample is seen for so long leaves no trace; a shorter gap is remarked as such."""
+
+
+@dataclass(frozen=True, slots=True)
+class Break:
+    """The count was lost, or may have been because nobody ``watched``: why, and when (arrival)."""
+
+    time_ns: int
+    reason: str
+    watched: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Span:
+    """Samples of a span of time in columns, shape (n,); ``channels`` (n, k) for a 4-DOF head. Unusable samples are left out and counted."""
+
+    time_ns: NDArray[np.float64]
+    position_mm: NDArray[np.float64]
+    beam: NDArray[np.float64]
+    channels: NDArray[np.float64] | None
+    unusable: int
+
+
+class StreamBuffer:
+    """Decodes a stream, keeps its clock, remembers the last samples and every loss of count."""
+
+    def __init__(self, decoder: Decoder) -> None:
+        self._decoder = decoder
+        self._steady = decoder.feed_steady if isinstance(decoder, SteadyDecoder) else None
+        self._polled = hasattr(decoder, "request")
+        self._clock = self._new_clock(decoder.nominal_rate_hz)
+        self._waiting: list[tuple[bytes, int]] = []
+        self._waiting_bytes = 0
+        self._batches: deque[tuple[Samples, SampleClock]] = deque()
+        self._notices: dict[str, Notice] = {}
+        self._kept = 0
+        self._broken = False
+        self._ever_good = False
+        self._breaks: list[Break] = []
+        self._samples = 0
+        self._garbage = 0
+        self._last: Samples | None = None
+        self._end: tuple[int, int] | None = None
+
+    @property
+    def breaks(self) -> list[Break]:
+        """Return every loss of count so far."""
+        self._settle()
+        return self._breaks
+
+    @property
+    def samples(self) -> int:
+        """Return the number of samples so far."""
+        self._settle()
+        return self._samples
+
+    @property
+    def garbage(self) -> int:
+        """Return the number of lines or frames that made no sense."""
+        self._settle()
+        return self._garbage
+
+    @property
+    def last(self) -> Samples | None:
+        """Return the newest batch; None before the first."""
+        self._settle()
+        return self._last
+
+    def feed(self, chunk: bytes, arrival_ns: int) -> None:
+        """Take bytes."""
+        self._waiting.append((chunk, arrival_ns))
+        self._waiting_bytes += len(chunk)
+        if self._steady is None or self._waiting_bytes >= HOLD_BYTES or arrival_ns - self._waiting[0][1] >= HOLD_NS:
+            self._settle()
+
+    def heard(self) -> tuple[Notice, ...]:
+        """Return the decoder's remarks since this was last asked, the first of each kind."""
+        self._settle()
+        notices, self._notices = tuple(self._notices.values()), {}
+        return notices
+
+    def interrupted(self) -> None:
+        """Take note that the link was away: the half line before it does not belong to the bytes after it."""
+        self._settle()
+        self._decoder.resync()
+
+    def newest_ns(self) -> float:
+        """Return the time of the newest sample; minus infinity before the first."""
+        self._settle()
+        if not self._batches:
+            return -np.inf
+        batch, clock = self._batches[-1]
+        newest = batch.arrival_ns[-1] if self._polled else clock.times_ns(batch.counter[-1:])[0]
+        return float(newest)
+
+    def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
+        """Return the usable samples taken in the closed span of time that had arrived before another one."""
+        chosen = self._around(from_ns, to_ns)
+        if not chosen:
+            empty = np.zeros(0)
+            return Span(time_ns=empty, position_mm=empty, beam=empty, channels=None, unusable=0)
+        times = np.concatenate([self._times(batch, clock) for batch, clock in chosen])
+        arrivals = np.concatenate([batch.arrival_ns for batch, _ in chosen])
+        inside = (times >= from_ns) & (times <= to_ns) & (arrivals >= from_ns) & (arrivals <= to_ns + ARRIVAL_SLACK_NS)
+        inside &= arrivals < arrived_before_ns
+        flags = np.concatenate([batch.flags for batch, _ in chosen])
+        usable = inside & ((flags & int(UNUSABLE)) == 0)
+        channels = [batch.channels for batch, _ in chosen if batch.channels is not None]
+        return Span(
+            time_ns=times[usable],
+            position_mm=np.concatenate([batch.position_mm for batch, _ in chosen])[usable],
+            beam=np.concatenate([batch.beam for batch, _ in chosen])[usable],
+            channels=np.concatenate(channels)[usable] if channels else None,
+            unusable=int(np.count_nonzero(inside & ~usable)),
+        )
+
+    def flags(self, from_ns: float, to_ns: float) -> NDArray[np.uint16]:
+        """Return the flags of all samples taken in the closed span of time, usable or not, shape (n,)."""
+        parts = [
+            batch.flags[
+                (times >= from_ns) & (times <= to_ns) & (batch.arrival_ns >= from_ns) & (batch.arrival_ns <= to_ns + ARRIVAL_SLACK_NS)
+            ]
+            for batch, clock in self._around(from_ns, to_ns)
+            for times in (self._times(batch, clock),)
+        ]
+        return np.concatenate([np.zeros(0, dtype=np.uint16), *parts])
+
+    def _around(self, from_ns: float, to_ns: float) -> list[tuple[Samples, SampleClock]]:
+        self._settle()
+        return [
+            (batch, clock)
+            for batch, clock in self._batches
+            if batch.arrival_ns[-1] >= from_ns and batch.arrival_ns[0] <= to_ns + ARRIVAL_SLACK_NS
+        ]
+
+    def _settle(self) -> None:
+        """Decode what waits."""
+        if not self._waiting:
+            return
+        chunks, self._waiting, self._waiting_bytes = self._waiting, [], 0
+        together = len(chunks) > 1 and all(later - earlier < UNWATCHED_NS for (_, earlier), (_, later) in pairwise(chunks))
+        steady = self._steady(chunks) if self._steady is not None and together else None
+        if steady is not None:
+            self._take(steady, chunks[-1][1])
+            return
+        for chunk, arrival_ns in chunks:
+            self._take(self._decoder.feed(chunk, arrival_ns), arrival_ns)
+
+    def _take(self, batch: Samples, arrival_ns: int) -> None:
+        for notice in batch.notices:
+            self._notices.setdefault(notice.text if notice.code == "device" else notice.code, notice)
+            self._heed(notice, arrival_ns)
+        if len(batch):
+            self._remember(batch, arrival_ns)
+
+    def _times(self, batch: Samples, clock: SampleClock) -> NDArray[np.float64]:
+        if self._polled:
+            return batch.arrival_ns.astype(np.float64)
+        return clock.times_ns(batch.counter)
+
+    def _heed(self, notice: Notice, arrival_ns: int) -> None:
+        if notice.code == "rate" and notice.value != self._rate_hz:
+            self._clock = self._new_clock(notice.value)
+        elif notice.code == "restart":
+            self._breaks.append(Break(arrival_ns, f"the instrument started again ({notice.text})"))
+            self._clock = self._new_clock(self._decoder.nominal_rate_hz)
+        elif notice.code == "garbage":
+            self._garbage += 1
+
+    def _new_clock(self, rate_hz: float | None) -> SampleClock:
+        """Return the clock of a new segment; batches already in keep the one they were timed by."""
+        self._rate_hz = rate_hz
+        return SampleClock(rate_hz, self._decoder.latency_s, gaps_visible=self._decoder.gaps_visible)
+
+    def _remember(self, batch: Samples, arrival_ns: int) -> None:
+        self._watch_for_holes(batch)
+        for end in (*np.flatnonzero(np.diff(batch.arrival_ns)).tolist(), -1):
+            self._clock.add(int(batch.counter[end]), int(batch.arrival_ns[end]))
+        self._batches.append((batch, self._clock))
+        self._last = batch
+        self._samples += len(batch)
+        self._kept += len(batch)
+        self._forget(arrival_ns - MEMORY_NS)
+        self._watch_continuity(batch, arrival_ns)
+
+    def _forget(self, before_ns: int) -> None:
+        """Let go of chunks that came before, and of those beyond what is remembered."""
+        while True:
+            batch, clock = self._batches[0]
+            excess = self._kept - MEMORY_SAMPLES
+            if excess > 0:
+                before_ns = max(before_ns, int(batch.arrival_ns[min(excess, len(batch)) - 1]) + 1)
+            if batch.arrival_ns[0] >= before_ns:
+                return
+            self._batches.popleft()
+            gone = int(np.searchsorted(batch.arrival_ns, before_ns))
+            self._kept -= gone
+            if gone < len(batch):
+                self._batches.appendleft((batch.after(gone), clock))
+
+    def _watch_for_holes(self, batch: Samples) -> None:
+        """Note where no sample was seen for a while: by the counter where the instrument counts what it could not send, else by arrivals.
+
+        Where it does not, the samples before and after the hole are no longer numbered alike: their clock begins anew.
+        """
+        before, self._end = self._end, (int(batch.counter[-1]), int(batch.arrival_ns[-1]))
+        counted = self._decoder.gaps_visible
+        if before is None or (counted and self._end[0] - before[0] == len(batch)):
+            return
+        period_ns = 1e9 / self._rate_hz if self._rate_hz else 0.0
+        if counted and period_ns:
+            missed_ns = (np.diff(batch.counter, prepend=before[0]) - 1) * period_ns
+        else:
+            apart_ns = np.diff(batch.arrival_ns, prepend=before[1]).astype(np.float64)
+            first = np.flatnonzero(apart_ns)
+            missed_ns = np.zeros(len(batch))
+            missed_ns[first] = apart_ns[first] - period_ns * np.diff(np.append(first, len(batch)))
+        holes = np.flatnonzero(missed_ns > max(UNWATCHED_NS, UNWATCHED_PERIODS * period_ns))
+        for at in holes.tolist():
+            self._breaks.append(Break(int(batch.arrival_ns[at]), f"no sample was seen for {missed_ns[at] * 1e-9:.1f} s", watched=False))
+        if len(holes) and not counted:
+            self._clock = self._new_clock(self._rate_hz)
+
+    def _watch_continuity(self, batch: Samples, arrival_ns: int) -> None:
+        bad = (batch.flags & int(CONTINUITY if self._ever_good else LOSS_AT_START)) != 0
+        self._ever_good = self._ever_good or not bad.all()
+        if not bad.any():
+            self._broken = False
+            return
+        before = np.concatenate(([self._broken], bad[:-1]))
+        for index in np.flatnonzero(bad & ~before):
+            self._breaks.append(Break(arrival_ns, _describe(int(batch.flags[index]))))
+        self._broken = bool(bad[-1])
+
+
+def _describe(flags: int) -> str:
+    words = {
+        Flag.BEAM_LOST: "beam lost",
+        Flag.HEAD_ERROR: "laser head error",
+        Flag.SLEW: "moved too fast for the laser",
+    }
+    return ", ".join(text for flag, text in words.items() if flags & flag)

@@ -1,0 +1,217 @@
+"""Beckhoff TwinCAT CNC and the ISG kernel: volumetric error file (ISG_CSV), or axis lists with ``kw.ssfk`` and ``kw.crosscomp``.
+
+TF5200 axis compensation (leadscrew: pages 308687883, 308695435, 15327297547; cross: 308709003, P-COMP-00004 to 00007) and TF5280
+volumetric compensation (296429067, 296390283) of infosys.beckhoff.com. The leadscrew value is actual minus setpoint, by a worked example;
+the volumetric file holds the ISO 230-1 errors themselves, whose sense ``negate`` can turn; the sense of the cross value is stated
+nowhere and is asked.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import msgspec
+
+from stepdiag.exporters.beckhoff import csv, parameter_list
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import ascii_lines
+from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
+from stepdiag.exporters.tables.controller import Limits, Plan
+from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import absolute_tables
+from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
+from stepdiag.solver.findings import Finding
+
+VOLCOMP, SSFK, CROSS = "volcomp", "ssfk", "crosscomp"
+_SSFK_LAW = Law(sense="as-error")
+_LIST_QUANTUM_UM = 0.1
+_CSV_NAME = "volumetric_errors.csv"
+
+
+class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """``[beckhoff]``: which of the two ways, the logical axis numbers, the senses, the sizes."""
+
+    way: Literal["volumetric", "lists"]
+    axis_numbers: dict[str, int]
+    negate: Annotated[str, msgspec.Meta(pattern=r"^[XYZ]{0,3}$", description='axes such as "XY"')] = ""
+    cross_sense: Sense | None = None
+    master_word: Literal["slave_ax_nr", "master_ax_nr"] = "slave_ax_nr"
+    decimals: Annotated[int, msgspec.Meta(ge=4, le=7)] = 5
+    max_records: int | None = None
+    ssfk_points: int = 1500
+    cross_points: int = 1001
+
+
+_TEMPLATE = """\
+[beckhoff]
+way = "?"                     # "volumetric" (TF5280, ISG_CSV) or "lists" (kw.ssfk and kw.crosscomp in the axis lists)
+axis_numbers = "?"            # logical axis numbers, such as { X = 1, Y = 2, Z = 3 }
+# negate = ""                 # axes in P-VOLC-00009 of the volumetric configuration, such as "XY"
+# cross_sense = "as-error"    # lists: sense of kw.crosscomp; no page states it, the sign test does
+# master_word = "slave_ax_nr" # the name of P-COMP-00005 in this version (TwinCAT 2: "master_ax_nr")
+# decimals = 5                # volumetric: places in mm
+# max_records = 2000          # vol_comp[..].max_records in hochlauf.lis
+# ssfk_points = 1500          # kw.ssfk.max_points
+# cross_points = 1001         # kw.crosscomp.max_points
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Beckhoff:
+    """TwinCAT CNC as `exporters.tables.controller.Controller`."""
+
+    name: str = "beckhoff"
+    title: str = "Beckhoff TwinCAT CNC / ISG kernel (ISG_CSV, ssfk and crosscomp lists)"
+    kinds: tuple[str, ...] = (VOLCOMP, SSFK, CROSS)
+    options: type[msgspec.Struct] = BeckhoffOptions
+    options_template: str = _TEMPLATE
+
+    def quick_options(self) -> BeckhoffOptions:
+        """Return the options of a quick look: the volumetric file, axes 1, 2, 3."""
+        return BeckhoffOptions(way="volumetric", axis_numbers={"X": 1, "Y": 2, "Z": 3})
+
+    def limits(self, table: Table, profile: Profile) -> Limits:
+        """Return the sizes of the tables in the control."""
+        options = profile.options_as(BeckhoffOptions)
+        # kw_nr_max and last_index must stay below max_points (P-COMP-00059, P-COMP-00060).
+        points = {VOLCOMP: options.max_records, SSFK: options.ssfk_points - 1, CROSS: options.cross_points}
+        return Limits(points=points[table.kind])
+
+    def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
+        """Return the components of the volumetric file, or ssfk and crosscomp tables."""
+        options = profile.options_as(BeckhoffOptions)
+        tables = _volumetric(curves, profile, options) if options.way == "volumetric" else _lists(curves, profile, options)
+        return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile, options)))
+
+    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+        """Return the volumetric file with the lines of its configuration, or one ``achskw<n>.lis`` for each axis."""
+        options = profile.options_as(BeckhoffOptions)
+        if options.way == "lists":
+            return tuple(
+                parameter_list.render(
+                    [t for t in tables if t.output_axis == letter], profile, options.axis_numbers, options.master_word, notes
+                )
+                for letter in _numbered(profile, options)
+                if any(table.output_axis == letter for table in tables)
+            )
+        configuration = [*(f"# {note}" for note in notes), *_configuration(profile, options)]
+        return (
+            ControlFile(name=_CSV_NAME, data=csv.render(tables, options.decimals, notes)),
+            ControlFile(name="volcomp_lines.txt", data=ascii_lines(configuration), role="note"),
+        )
+
+    def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables of ISG_CSV files and axis lists."""
+        options = profile.options_as(BeckhoffOptions)
+        tables: list[Table] = []
+        for file in files:
+            if file.role == "note":
+                continue
+            if b"kw." in file.data:
+                senses = {SSFK: _SSFK_LAW.sense, CROSS: options.cross_sense}
+                tables += parameter_list.read(file, profile, options.axis_numbers, senses)
+            else:
+                tables += csv.read(file, profile, VOLCOMP, {letter: _volcomp_law(letter, options) for letter in "XYZ"})
+        if not tables:
+            raise DataError("files", expected="an ISG_CSV file or an axis list", found=", ".join(file.name for file in files) or "nothing")
+        return tuple(tables)
+
+    def recognises(self, file: ControlFile) -> bool:
+        """Return whether the file is an axis list with compensation, or has a heading of component errors."""
+        return any(word in file.data for word in (b"kw.ssfk.", b"kw.crosscomp.")) or csv.recognises(file)
+
+    def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
+        """Return one row a point."""
+        return plain_rows(table)
+
+    def instructions(self, profile: Profile) -> tuple[str, ...]:
+        """Return the steps for the person who commissions the control."""
+        if profile.options_as(BeckhoffOptions).way == "volumetric":
+            return (
+                "Back up the volumetric configuration and the error files in use.",
+                "Add the lines of volcomp_lines.txt to the configuration; set workpiece_axes and the chain as the machine is built.",
+                f"The axes must be called as they were measured. Copy {_CSV_NAME} where file[0] says.",
+                "Load with #VOLCOMP [ID0 UPDATE] while the compensation is off, then switch it on.",
+                "Sign test first: P-VOLC-00009 negate exists because senses differ. Measure again; if the residual has grown, restore.",
+            )
+        return (
+            "Back up the axis lists (achskw*.lis). What they hold beside ssfk and crosscomp must be kept: merge by hand.",
+            "Set lr_param.ssfk 1 and lr_param.crosscomp 1 in the axis lists of the machine data (P-AXIS-00175, P-AXIS-00047).",
+            "Both act on homed axes only. Switch off with X[COMP OFF LEAD] and X[COMP OFF CROSS] for a comparison.",
+            "A list with two columns holds the reversal: set the backlash of that axis to 0.",
+            "Sign test first for crosscomp: no page states its sense. Measure again; if the residual has grown, restore.",
+        )
+
+
+def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:
+    return Law(sense="as-compensation" if letter in options.negate else "as-error")
+
+
+def _volumetric(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Table]:
+    """Yield the ISO 230-1 components as they are, mean of both directions: the file has no direction.
+
+    ``negate`` turns the sense in the control, never the numbers: they stay the errors of the machine.
+    """
+    quantum_um = 1000.0 * 10.0**-options.decimals
+    for curve in curves:
+        law = _volcomp_law(curve.output_axis, options)
+        yield from absolute_tables(curve, averaging(profile), kind=VOLCOMP, law=law, quantum_um=quantum_um, place={"column": curve.name})
+
+
+def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Table]:
+    masters: dict[str, str] = {}
+    for curve in curves:
+        place: dict[str, int | str] = {"list": f"achskw{options.axis_numbers.get(curve.output_axis, 0)}.lis"}
+        if curve.name in POSITIONING:
+            yield from absolute_tables(curve, profile, kind=SSFK, law=_SSFK_LAW, quantum_um=_LIST_QUANTUM_UM, place=place)
+            continue
+        other = masters.setdefault(curve.output_axis, curve.input_axis)
+        if other != curve.input_axis:
+            raise SafetyError(
+                f"{profile.source}: machine.functions",
+                code="one-cross-table",
+                expected=f"one cross table for {curve.output_axis}: its list holds one master axis",
+                found=f"E{curve.output_axis}{other} and {curve.name}",
+                remedy='leave one of the two out of machine.functions, or use way = "volumetric"',
+            )
+        yield from _cross(curve, profile, options, place)
+
+
+def _cross(curve: Curve, profile: Profile, options: BeckhoffOptions, place: dict[str, int | str]) -> Iterator[Table]:
+    if options.cross_sense is None:
+        raise UsageError(
+            f"{profile.source}: beckhoff.cross_sense",
+            expected='"as-error" or "as-compensation", as the sign test on this machine showed',
+            found="nothing",
+            remedy="no page of the manual states it: make the sign test, or leave the straightness functions out",
+        )
+    law = Law(sense=options.cross_sense)
+    yield from absolute_tables(curve, averaging(profile), kind=CROSS, law=law, quantum_um=_LIST_QUANTUM_UM, place=place)
+
+
+def _remarks(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Finding]:
+    bilateral = POSITIONING if options.way == "lists" else ()
+    yield from averaged_remarks([curve for curve in curves if curve.name not in bilateral], profile)
+    if options.way == "volumetric":
+        text = "the sense of the volumetric file depends on negate (P-VOLC-00009); make the sign test"
+        yield Finding(code="sense-derived", severity="info", text=text)
+
+
+def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:
+    """Return the axes of the profile. Raises ``UsageError`` for one without a logical number."""
+    for letter in profile.axes:
+        if letter not in options.axis_numbers:
+            raise UsageError(
+                f"{profile.source}: beckhoff.axis_numbers", expected=f"the number of {letter}", found=str(options.axis_numbers)
+            )
+    return list(profile.axes)
+
+
+def _configuration(profile: Profile, options: BeckhoffOptions) -> Iterator[str]:
+    for letter in _numbered(profile, options):
+        yield f"{letter} {options.axis_numbers[letter]}"
+    yield from ("interpolation GRID", f"file[0] {_CSV_NAME}", "file_format[0] ISG_CSV")
+    if options.negate:
+        yield f"negate {options.negate}"

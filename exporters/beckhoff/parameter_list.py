@@ -1,0 +1,164 @@
+"""Axis lists ``achskw<n>.lis``: leadscrew error (``kw.ssfk``) and cross compensation (``kw.crosscomp``) of one axis, in 0.1 um."""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import ascii_lines, read_lines, whole
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Law, Sense, Table
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.geometry.volume import Vector
+
+_UNITS_PER_MM = 10000.0
+_UM = 0.1
+_LINE = re.compile(r"^(?P<key>[a-z_]+(?:\.[a-z_0-9]+)*(?:\.table\[(?P<index>\d+)\]\.(?P<column>[a-z]+))?)\s+(?P<value>\S+)$")
+_REMARK = re.compile(r"/\*(?:[^*]|\*(?!/))*+\*/")
+_MASTER_WORDS = ("slave_ax_nr", "master_ax_nr")
+Values = Mapping[str, tuple[str, str]]
+
+
+def render(tables: Sequence[Table], profile: Profile, numbers: Mapping[str, int], master_word: str, notes: Sequence[str]) -> ControlFile:
+    """Return the list of one axis: the tables that correct it."""
+    letter = tables[0].output_axis
+    number = numbers[letter]
+    lines = [*(f"# {note}" for note in notes), f"kopf.achs_nr {number}", f"kopf.log_achs_name {profile.axis(letter).name}"]
+    screws = [table for table in tables if table.input_axis == letter]
+    if screws:
+        lines += _ssfk_lines(screws)
+    for table in tables:
+        if table.input_axis != letter:
+            lines += _cross_lines(table, numbers[table.input_axis], master_word)
+    return ControlFile(name=f"achskw{number}.lis", data=ascii_lines(lines, "\r\n"))
+
+
+def read(file: ControlFile, profile: Profile, numbers: Mapping[str, int], senses: Mapping[str, Sense | None]) -> list[Table]:
+    """Return the ssfk and crosscomp tables of a list. Raises ``DataError`` with file and line."""
+    values = _values(file)
+    letters = {str(number): letter for letter, number in numbers.items()}
+    where, axis = values.get("kopf.achs_nr", (file.name, "nothing"))
+    if axis not in letters:
+        raise DataError(where, expected="kopf.achs_nr with a logical axis number of the profile", found=axis)
+    tables: list[Table] = []
+    if any(key.startswith("kw.ssfk.") for key in values):
+        tables += _ssfk(file, values, letters[axis], profile, senses)
+    if any(key.startswith("kw.crosscomp.") for key in values):
+        tables.append(_cross(file, values, letters, letters[axis], profile, senses))
+    return tables
+
+
+def _ssfk_lines(tables: Sequence[Table]) -> Iterator[str]:
+    position = _units(tables[0].position_mm, _UNITS_PER_MM)
+    yield from ("kw.ssfk.interval 0", f"kw.ssfk.kw_startpos {position[0]}", f"kw.ssfk.kw_nr_max {len(position)}", "kw.ssfk.unit 1")
+    yield from (f"kw.ssfk.bilateral {int(len(tables) > 1)}", "kw.ssfk.modulo 0")
+    yield from (f"kw.ssfk.table[{index}].setpoint {at}" for index, at in enumerate(position))
+    for table in tables:
+        column = "neg" if table.direction < 0 else "pos"
+        yield from (f"kw.ssfk.table[{index}].{column} {value}" for index, value in enumerate(_units(table.value_um, 1 / _UM)))
+
+
+def _cross_lines(table: Table, master: int, master_word: str) -> Iterator[str]:
+    position = _units(table.position_mm, _UNITS_PER_MM)
+    yield from (f"kw.crosscomp.last_index {len(position) - 1}", f"kw.crosscomp.{master_word} {master}", "kw.crosscomp.unit 1")
+    for index, (at, value) in enumerate(zip(position, _units(table.value_um, 1 / _UM), strict=True)):
+        yield from (f"kw.crosscomp.table[{index}].setpoint {at}", f"kw.crosscomp.table[{index}].correction {value}")
+
+
+def _units(values: Vector, per_unit: float) -> list[int]:
+    return [round(float(value) * per_unit) for value in values]
+
+
+def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
+    """Return place and value of every key; a key twice, or a line that is none, is refused."""
+    values: dict[str, tuple[str, str]] = {}
+    for where, raw in read_lines(file):
+        line = _REMARK.sub("", raw.partition("#")[0]).strip()
+        if not line:
+            continue
+        match = _LINE.match(line)
+        if match is None or match["key"] in values:
+            raise DataError(where, expected="a new key and its value", found=repr(line))
+        values[match["key"]] = (where, match["value"])
+    return values
+
+
+def _ssfk(file: ControlFile, values: Values, letter: str, profile: Profile, senses: Mapping[str, Sense | None]) -> Iterator[Table]:
+    count = _count(file, values, "kw.ssfk.kw_nr_max")
+    _metric(file, values, "kw.ssfk")
+    if _whole(file, values, "kw.ssfk.modulo", 0) != 0:
+        raise DataError(values["kw.ssfk.modulo"][0], expected="a linear axis (0)", found="a modulo axis")
+    interval = _whole(file, values, "kw.ssfk.interval")
+    if interval:
+        position = (_whole(file, values, "kw.ssfk.kw_startpos") + interval * np.arange(count)) / _UNITS_PER_MM
+    else:
+        position = _column(file, values, "kw.ssfk", "setpoint", count) / _UNITS_PER_MM
+    bilateral = _whole(file, values, "kw.ssfk.bilateral", 0)
+    for direction, column in ((1, "pos"), (-1, "neg")) if bilateral else ((0, "pos"),):
+        value_um = _column(file, values, "kw.ssfk", column, count) * _UM
+        yield _table(file, "ssfk", (letter, letter), (position, value_um), profile, senses, direction)
+
+
+def _cross(
+    file: ControlFile, values: Values, letters: Mapping[str, str], letter: str, profile: Profile, senses: Mapping[str, Sense | None]
+) -> Table:
+    _metric(file, values, "kw.crosscomp")
+    where, master = next(
+        (values[f"kw.crosscomp.{word}"] for word in _MASTER_WORDS if f"kw.crosscomp.{word}" in values), (file.name, "nothing")
+    )
+    if master not in letters or letters[master] == letter:
+        raise DataError(where, expected="the logical number of another axis as master", found=master)
+    count = _count(file, values, "kw.crosscomp.last_index") + 1
+    position = _column(file, values, "kw.crosscomp", "setpoint", count) / _UNITS_PER_MM
+    value_um = _column(file, values, "kw.crosscomp", "correction", count) * _UM
+    return _table(file, "crosscomp", (letters[master], letter), (position, value_um), profile, senses, 0)
+
+
+def _table(
+    file: ControlFile, kind: str, axes: tuple[str, str], columns: tuple[Vector, Vector], profile: Profile,
+    senses: Mapping[str, Sense | None], direction: int,
+) -> Table:  # fmt: skip
+    sense = senses[kind]
+    if sense is None:
+        raise UsageError(f"{profile.source}: beckhoff.cross_sense", expected="the sense of kw.crosscomp on this machine", found="nothing")
+    position, value_um = columns
+    if len(position) < 2 or np.any(np.diff(position) <= 0):
+        raise DataError(f"{file.name}: kw.{kind}", expected="two or more rising setpoints", found=f"{len(position)} points")
+    return Table(
+        kind=kind,
+        input_axis=axes[0],
+        output_axis=axes[1],
+        position_mm=position,
+        value_um=value_um,
+        quantum_um=_UM,
+        law=Law(sense=sense),
+        reference_mm=profile.axis(axes[0]).reference_mm,
+        direction=direction,
+        place={"list": file.name},
+    )
+
+
+def _metric(file: ControlFile, values: Values, group: str) -> None:
+    if _whole(file, values, f"{group}.unit") != 1:
+        raise DataError(values[f"{group}.unit"][0], expected="unit 1 (0.1 um)", found="encoder increments")
+
+
+def _whole(file: ControlFile, values: Values, key: str, default: int | None = None) -> int:
+    if key not in values:
+        if default is not None:
+            return default
+        raise DataError(file.name, expected=key, found="nothing", remedy="the list is truncated or foreign")
+    return whole(values[key][1], values[key][0])
+
+
+def _count(file: ControlFile, values: Values, key: str) -> int:
+    """Return a number of points; a list cannot hold more than it has lines."""
+    count = _whole(file, values, key)
+    if not 0 <= count <= len(values):
+        raise DataError(values[key][0], expected="as many points as the list holds", found=str(count), remedy="the list is truncated")
+    return count
+
+
+def _column(file: ControlFile, values: Values, group: str, column: str, count: int) -> Vector:
+    return np.array([_whole(file, values, f"{group}.table[{index}].{column}") for index in range(count)], dtype=np.float64)

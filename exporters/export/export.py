@@ -1,0 +1,169 @@
+"""The one door from a result to files for a control.
+
+Nothing is written before everything has been checked, nothing that exists is overwritten with other bytes, and what is written comes with
+its restore files, a readable report, a SHA-256 list and the steps to load it. Files with a table whose sense was not tried on this
+machine within twelve months carry ``_UNTESTED_SIGN`` in their names, so that nobody loads them unawares.
+"""
+
+import hashlib
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from datetime import UTC, date, datetime
+from pathlib import Path
+
+import msgspec
+
+from stepdiag.exporters.export.report import report_text
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.naming import UNTESTED, suffixed
+from stepdiag.exporters.files.writing import write_all
+from stepdiag.exporters.profiles.file import quick_profile
+from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
+from stepdiag.exporters.safety.remarks import remarks
+from stepdiag.exporters.safety.restore import restore_files
+from stepdiag.exporters.safety.verify import Prediction, predict
+from stepdiag.exporters.tables import lattice
+from stepdiag.exporters.tables.controller import Controller, Plan
+from stepdiag.exporters.tables.curves import curves_of
+from stepdiag.exporters.tables.merge import merged
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table
+from stepdiag.solver.errors import SafetyError, UsageError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import Result
+
+REPORT = "EXPORT_REPORT.txt"
+SUMS = "SHA256SUMS"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ExportReport:
+    """What an export wrote. ``files`` are the names within ``out_dir``; ``prediction`` is None for a lattice."""
+
+    controller: str
+    out_dir: Path
+    files: tuple[str, ...]
+    findings: tuple[Finding, ...]
+    tables: tuple[Table, ...]
+    prediction: Prediction | None
+    text: str
+
+
+def export(
+    result: Result,
+    controller: str,
+    profile: Profile | None,
+    *,
+    step_mm: float | None = None,
+    accept: Collection[str] = (),
+    out_dir: Path,
+    today: date | None = None,
+) -> ExportReport:
+    """Write the compensation files of a result and return what was written.
+
+    ``profile`` may be None for a quick look with ``step_mm`` alone (contract 5); with both, ``step_mm`` replaces the steps of the profile.
+    ``accept`` names the warnings that may pass. ``today`` dates the sign tests, so that a replay can repeat an old export.
+
+    Raises ``DataError`` for a function that the result does not identify, ``SafetyError`` for a failed check (nothing is written), or,
+    where only the machine's own template is missing, after writing the readable report; ``UsageError`` for a wrong profile.
+    """
+    if controller == lattice.NAME:
+        return _export_lattice(result, _step(step_mm, profile), out_dir)
+    control = controller_named(controller)
+    case, plan = _planned(result, control, _settled(profile, control, result, step_mm), today or datetime.now(tz=UTC).date())
+    findings = run_checks(case)
+    refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
+    said = (*findings, *plan.findings, *remarks(case))
+    prediction = predict(result, case.tables, case.previous if case.profile.machine.measured_with == "on" else ())
+    text = report_text(case, plan, said, prediction)
+    try:
+        files = _control_files(case)
+    except SafetyError as error:
+        if error.code != "template-missing":
+            raise
+        _write(out_dir, [ControlFile(name=REPORT, data=_refused(text, error), role="note")])
+        raise
+    names = _write(out_dir, [*files, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    return ExportReport(
+        controller=controller, out_dir=out_dir, files=names, findings=said, tables=tuple(case.tables), prediction=prediction, text=text
+    )
+
+
+def _may_refuse(finding: Finding, profile: Profile) -> bool:
+    """Return whether what the planning found refuses the export: its assumptions are the point of a quick look."""
+    return finding.severity == "error" or not profile.assumed
+
+
+def _settled(profile: Profile | None, control: Controller, result: Result, step_mm: float | None) -> Profile:
+    """Return the profile to plan with: given, given with another step, or the stand-in of a quick look."""
+    if profile is None:
+        return quick_profile(control, result.volume, _step(step_mm, profile))
+    if step_mm is None:
+        return profile
+    _step(step_mm, profile)
+    return replace(profile, axes={letter: msgspec.structs.replace(axis, step_mm=step_mm) for letter, axis in profile.axes.items()})
+
+
+def _step(step_mm: float | None, profile: Profile | None) -> float:
+    if step_mm is None and profile is not None:
+        return min(axis.step_mm for axis in profile.axes.values())
+    if step_mm is None:
+        raise UsageError("export", expected="--profile FILE or --step-mm S", found="neither")
+    if not 0 < step_mm < float("inf"):
+        raise UsageError("--step-mm", expected="a number of mm above 0", found=f"{step_mm:g}")
+    return step_mm
+
+
+def _planned(result: Result, control: Controller, profile: Profile, today: date) -> tuple[Case, Plan]:
+    """Return everything that the checks look at, and the plan."""
+    curves = curves_of(result, profile.machine.functions, profile.machine.squareness_into)
+    previous = control.parse(profile.existing, profile) if profile.existing else ()
+    if profile.machine.measured_with == "on":
+        curves = merged(curves, previous, profile)
+    plan = control.plan(curves, profile)
+    case = Case(
+        controller=control,
+        profile=replace(profile, options=plan.options or profile.options),
+        result=result,
+        curves=curves,
+        tables=plan.tables,
+        previous=previous,
+        today=today,
+    )
+    return case, plan
+
+
+def _control_files(case: Case) -> list[ControlFile]:
+    """Return the files for the control, read back and compared, and their restore files."""
+    kinds = untested_kinds(case)
+    notes = [f"UNTESTED SIGN ({', '.join(kinds)}): make the sign test before this table is used"] if kinds else []
+    rendered = case.controller.render(case.tables, case.profile, notes)
+    readable = [file for file in rendered if file.role == "data"]
+    refuse(tuple(check_round_trip(case.tables, case.controller.parse(readable, case.profile))), (), "files as written")
+    suffix = UNTESTED if kinds else ""
+    return [
+        *(replace(file, name=suffixed(file.name, suffix)) for file in rendered),
+        *restore_files(case.controller, case.tables, case.profile),
+    ]
+
+
+def _refused(text: str, error: SafetyError) -> bytes:
+    head = f"NO FILE FOR THE CONTROL WAS WRITTEN: {error}\nThe tables below can be entered by hand.\n\n"
+    return (head + text).encode()
+
+
+def _export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportReport:
+    """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
+    file = lattice.render(lattice.lattice_of(result, step_mm))
+    text = f"{file.name}: what has to be added to the command at each vertex, in um; step {step_mm:g} mm\n"
+    names = _write(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
+
+
+def _write(out_dir: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
+    """Write the files and the list of their SHA-256, which ``sha256sum --check`` understands; return all names."""
+    sums = "".join(f"{hashlib.sha256(file.data).hexdigest()}  {file.name}\n" for file in files)
+    everything = [*files, ControlFile(name=SUMS, data=sums.encode("ascii"), role="note")]
+    write_all(out_dir, everything)
+    return tuple(file.name for file in everything)

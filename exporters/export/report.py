@@ -1,0 +1,84 @@
+"""The readable report of an export: plain text for the service engineer, the same bytes for the same export."""
+
+import hashlib
+from collections.abc import Iterator, Sequence
+
+from stepdiag.exporters.safety.checks import Case, movement_um
+from stepdiag.exporters.safety.verify import Prediction
+from stepdiag.exporters.tables.controller import Plan
+from stepdiag.exporters.tables.tables import Table
+from stepdiag.solver.findings import Finding
+
+
+def report_text(case: Case, plan: Plan, findings: Sequence[Finding], prediction: Prediction) -> str:
+    """Return the report: machine, warnings, effect, tables with their laws, old and new, steps to load and to check."""
+    sections = (_head(case), _findings(findings), _effect(case, prediction), _tables(case, plan), _changes(case), _steps(case))
+    return "\n".join(line for section in sections for line in (*section, ""))
+
+
+def _head(case: Case) -> Iterator[str]:
+    result, machine = case.result, case.profile.machine
+    yield f"Compensation for {case.controller.title}"
+    yield f"machine: {machine.name}; profile: {case.profile.source}"
+    yield f"result: sha256 {hashlib.sha256(result.to_json().encode()).hexdigest()}, method {result.method}, chain {result.chain}"
+    yield f"written by {result.software['name']} {result.software['version']}; lengths in mm, errors in um, e = actual - commanded"
+    yield f"compensation while measuring: {machine.measured_with}; directions: {machine.direction}"
+    for letter, axis in case.profile.axes.items():
+        yield f"axis {letter}: {axis.name}, {axis.start_mm:g} to {axis.end_mm:g} mm, step {axis.step_mm:g}, zero at {axis.reference_mm:g}"
+    for curve in case.curves:
+        yield f"{curve.name} = {' + '.join(curve.parts)}"
+
+
+def _findings(findings: Sequence[Finding]) -> Iterator[str]:
+    yield "REMARKS"
+    for severity in ("error", "warning", "info"):
+        yield from (f"  {severity:<8} {item.code}: {item.text}" for item in findings if item.severity == severity)
+
+
+def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
+    yield f"PREDICTED VOLUMETRIC ERROR on {len(prediction.points_mm)} points of the volume, in um"
+    yield f"  {'':<24}{'largest':>10}{'rms':>10}"
+    for rigid, name in ((True, "as it is"), (False, "without rigid motion")):
+        for when, figures in zip(("before", "after"), prediction.figures(rigid_motion=rigid), strict=True):
+            yield f"  {name + ', ' + when:<32}{figures.largest_um:>8.2f}{figures.rms_um:>10.2f}"
+    yield f"  largest error falls by a factor of {prediction.improvement():.1f} (without rigid motion)"
+    if any(not scale.identified for scale in case.result.scale.values()):
+        yield "  scales that the survey does not identify are in neither figure: measure linear runs to see and to correct them"
+    yield "  what remains: angular errors, which no table of one axis corrects, the rounding, and the curves between the points"
+
+
+def _tables(case: Case, plan: Plan) -> Iterator[str]:
+    for kind in dict.fromkeys(table.kind for table in plan.tables):
+        law = next(table.law for table in plan.tables if table.kind == kind)
+        yield f"LAW of {kind}: {law.describe()}"
+    for table in plan.tables:
+        yield from ("", f"TABLE {table.label}, one unit is {table.quantum_um:g} um", *_rows(case, table))
+    for table in plan.listed:
+        yield from ("", f"NOT IN ANY FILE: {table.label}, one unit is {table.quantum_um:g} um", *_rows(case, table))
+
+
+def _rows(case: Case, table: Table) -> Iterator[str]:
+    yield from (f"  {row}" for row in case.controller.readable(table, case.profile))
+
+
+def _changes(case: Case) -> Iterator[str]:
+    """Yield old, new and difference as movement of the axis, where a table was in the control before."""
+    for table in case.tables:
+        before = [old for old in case.previous if old.name == table.name]
+        if before:
+            yield f"CHANGE of {table.label}: movement in um"
+            yield f"  {'position mm':>14} {'old':>10} {'new':>10} {'change':>10}"
+            old, new = movement_um(table, before), movement_um(table, [table])
+            for at, was, will in zip(table.position_mm, old, new, strict=True):
+                yield f"  {at:>14.4f} {was + 0.0:>10.3f} {will + 0.0:>10.3f} {will - was + 0.0:>10.3f}"
+
+
+def _steps(case: Case) -> Iterator[str]:
+    yield "LOADING"
+    untested = "Files named _UNTESTED_SIGN: make the sign test first, then export again with its record in the profile."
+    steps = (*case.controller.instructions(case.profile), untested)
+    yield from (f"  {number}. {step}" for number, step in enumerate(steps, start=1))
+    yield "CHECK AFTER LOADING"
+    yield "  1. Reference all axes. Drive to the reference position: no jump when the table is switched on."
+    yield "  2. Measure one axis again: the residual must be smaller than before; otherwise load the restore files."
+    yield "  3. Measure the diagonals again, and lines that were not part of the survey."

@@ -1,0 +1,197 @@
+"""FANUC: stored pitch error compensation, inclination and four-point straightness, written into the machine's own punch files.
+
+Without those files nothing is written for the control: the prefix of a pitch line differs between series and a wrong one addresses
+parameters (controllers.md 2.6). The readable table in the report then says what to type.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from stepdiag.exporters.fanuc import lines, pitch
+from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
+from stepdiag.exporters.fanuc.parameters import SET_BY_HAND, Key, fitted, parameter_rows, parameters_of, stored_in
+from stepdiag.exporters.fanuc.punch import FIRST_PITCH_LINE, PunchFile, read_punch
+from stepdiag.exporters.fanuc.reading import read_tables
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.tables.controller import Limits, Plan
+from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import is_directional
+from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
+from stepdiag.solver.findings import Finding
+
+__all__ = ["Fanuc", "FanucOptions"]
+
+
+@dataclass(frozen=True, slots=True)
+class Fanuc:
+    """The FANUC family as `exporters.tables.controller.Controller`."""
+
+    name: str = "fanuc"
+    title: str = "FANUC 0i-D/F, 16i/18i, 30i/31i/32i/35i (stored pitch error, inclination, straightness)"
+    kinds: tuple[str, ...] = (pitch.KIND, lines.INCLINATION, lines.STRAIGHTNESS)
+    options: type[msgspec.Struct] = FanucOptions
+    options_template: str = TEMPLATE
+
+    def quick_options(self) -> FanucOptions:
+        """Return the options of a quick look: 1 um detection unit, axes 1 2 3, reference points 100, 300, 500."""
+        axes = {letter: AxisPoints(number=n, reference_point=200 * n - 100) for n, letter in enumerate("XYZ", start=1)}
+        return FanucOptions(detection_unit_um=1.0, axes=axes)
+
+    def limits(self, table: Table, profile: Profile) -> Limits:
+        """Return the number of points of an axis and the largest increment."""
+        options = profile.options_as(FanucOptions)
+        if table.kind != pitch.KIND:
+            return Limits(points=4)
+        return Limits(points=options.points_per_axis, neighbour_um=options.increment_limit * table.quantum_um)
+
+    def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
+        """Return pitch tables for positioning errors, with inclination where asked, and four-point tables for straightness."""
+        options = profile.options_as(FanucOptions)
+        tables: list[Table] = []
+        listed: list[Table] = []
+        findings: list[Finding] = []
+        for curve in curves:
+            if curve.name in POSITIONING:
+                tables += _positioning(curve, profile, options)
+            elif len(profile.grid_mm(curve.input_axis)) < 4:
+                text = f"{curve.name}: the grid has fewer than the four points that straightness compensation needs"
+                findings.append(Finding(code="straightness-left-out", severity="info", text=text))
+            else:
+                table, left_um = lines.line_table(lines.STRAIGHTNESS, curve, profile, options)
+                (tables if curve.name in options.straightness else listed).append(table)
+                findings.append(_straightness_remark(curve, left_um, options))
+        return Plan(
+            tables=tuple(tables),
+            findings=(*findings, *_overlaps(tables)),
+            listed=tuple(listed),
+            options=_with_magnifications(options, tables),
+        )
+
+    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:  # noqa: ARG002 - punch files hold nothing but data: notes have no place in them
+        """Return the machine's own punch files with new numbers behind P; every other byte as it was.
+
+        Raises ``SafetyError`` (code ``template-missing``) without the machine's punched pitch data.
+        """
+        options = profile.options_as(FanucOptions)
+        pitch = {point: value for table in tables for point, value in stored_in(table).items()}
+        parameters = parameters_of(tables, profile, options)
+        masters = [read_punch(file) for file in profile.existing]
+        with_pitch = [master for master in masters if master.pitch]
+        if not with_pitch:
+            raise SafetyError(
+                f"{profile.source}: machine.existing",
+                code="template-missing",
+                expected="the machine's own punched pitch data (SYSTEM > PITCH > PUNCH)",
+                found=", ".join(file.name for file in profile.existing) or "no file",
+                remedy="punch the pitch data out, name the file in machine.existing; the report holds the readable table",
+            )
+        _refuse_lacking(parameters, masters, profile)
+        written = [
+            ControlFile(name=master.name, data=master.changed(pitch if master.pitch else {}, fitted(parameters, master, options)))
+            for master in masters
+        ]
+        return tuple(written)
+
+    def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables that the punch files hold for the axes of the profile.
+
+        Point numbers, interval and magnification come from the parameters where a file has them, else from the profile. Raises
+        ``UsageError`` without a profile: where the reference lies is not in these files.
+        """
+        if profile.assumed:
+            expected = "the profile of this machine: a punch file does not say where its reference point lies nor what a unit is"
+            raise UsageError("--profile", expected=expected, found="none")
+        options = profile.options_as(FanucOptions)
+        punched = [read_punch(file) for file in files]
+        if not any(master.pitch for master in punched):
+            where = ", ".join(file.name for file in files) or "no file"
+            raise DataError(where, expected=f"pitch data, N{FIRST_PITCH_LINE} and above without Q1", found="none")
+        return read_tables(punched, profile, options)
+
+    def recognises(self, file: ControlFile) -> bool:
+        """Return whether the file is a punch file: % first, then N blocks."""
+        return file.data.lstrip().startswith(b"%") and b"\nN" in file.data.replace(b"\r", b"") and b"_N_" not in file.data[:40]
+
+    def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
+        """Return the parameters and the point data as they would be typed in."""
+        return parameter_rows(table, profile, profile.options_as(FanucOptions))
+
+    def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
+        """Return the steps for the service engineer (controllers.md 2.1, 2.6)."""
+        return (
+            "Punch out parameters and pitch data first (SYSTEM > PARAM > PUNCH, SYSTEM > PITCH > PUNCH) and keep them.",
+            "Copy the files in binary; on the memory card only the new file should lie, many files can hide it.",
+            "EDIT or emergency stop, parameter write enable 1 (alarm 100 comes), I/O channel 4, SYSTEM > PITCH > (OPRT) > READ.",
+            "See that 3620-3624 are as in the report and that the ranges of the axes do not overlap; 8135#0 (NPE) must be 0 on 0i-D.",
+            "Parameter write enable 0, power off and on, reference return of every axis: only then the table acts.",
+            "1851 (backlash) stays as it is unless the report says otherwise.",
+            "Measure again; if the residual has grown, read the restore files in.",
+        )
+
+
+def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[Table]:
+    """Return the tables of one axis: inclination where the profile asks for it, and pitch data for what it leaves."""
+    if is_directional(curve, profile) and not options.experimental_bidirectional:
+        raise SafetyError(
+            f"{profile.source}: machine.direction",
+            code="bidirectional-not-enabled",
+            expected='"mean", or fanuc.experimental_bidirectional = true',
+            found='"both"',
+            remedy="the mean curve with the reversal value in 1851 is the proven way; the report states that value",
+        )
+    if not options.axis(curve.input_axis, profile.source).inclination:
+        nothing = np.zeros(len(profile.grid_mm(curve.input_axis)))
+        return list(pitch.pitch_tables(curve, profile, options, nothing))
+    inclined, _ = lines.line_table(lines.INCLINATION, curve, profile, options)
+    already = correction_um(inclined, profile.grid_mm(curve.input_axis))
+    return [inclined, *pitch.pitch_tables(curve, profile, options, already)]
+
+
+def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> FanucOptions:
+    """Return the options with the magnification that was chosen for each axis."""
+    axes = dict(options.axes)
+    for table in tables:
+        if table.kind == pitch.KIND:
+            magnification = round(table.quantum_um / options.detection_unit_um)
+            axes[table.input_axis] = msgspec.structs.replace(axes[table.input_axis], magnification=magnification)
+    return msgspec.structs.replace(options, axes=axes)
+
+
+def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile], profile: Profile) -> None:
+    """Refuse where inclination, straightness or a second direction would be lost for want of their parameter lines."""
+    needed = [key for key in parameters if key[0] not in SET_BY_HAND]
+    missing = [key for key in needed if all(master.parameter(*key) is None for master in masters)]
+    if missing:
+        raise SafetyError(
+            f"{profile.source}: machine.existing",
+            code="template-lacks-parameters",
+            expected="the machine's punched parameters with the numbers that these tables need",
+            found="no " + ", ".join(f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]),
+            remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file too",
+        )
+
+
+def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) -> Finding:
+    if curve.name in options.straightness:
+        text = f"{curve.name}: four-point straightness leaves up to {left_um:.1f} um at the grid points"
+        return Finding(code="straightness-four-points", severity="info", text=text)
+    text = (
+        f"{curve.name}: straightness stands in the report only (four points would leave up to {left_um:.1f} um): "
+        f"its parameter numbers depend on the machine; give them in [fanuc.straightness.{curve.name}]"
+    )
+    return Finding(code="straightness-report-only", severity="info", text=text)
+
+
+def _overlaps(tables: Sequence[Table]) -> Iterator[Finding]:
+    """Yield an error for every two pitch tables that use the same point numbers (controllers.md 10.5)."""
+    ranges = [(table, set(stored_in(table))) for table in tables if table.kind == pitch.KIND]
+    for index, (one, its_points) in enumerate(ranges):
+        for other, other_points in ranges[index + 1 :]:
+            if shared := sorted(its_points & other_points):
+                text = f"{one.label} and {other.label} both use pitch points {shared[0]} to {shared[-1]}: give the axes ranges of their own"
+                yield Finding(code="points-overlap", severity="error", text=text)

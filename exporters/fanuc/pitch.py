@@ -1,0 +1,117 @@
+"""FANUC stored pitch error compensation: increments between numbered points.
+
+B-64303CM-1/01 1.3.1 and B-63980EN/01 p. 100: point N covers the section from N - 1 to N and holds what is added when the axis passes
+it in +, also left of the reference; the value is output at the point, not interpolated. It is added to the command, so A = -e. The
+absolute curve is quantised once and then differenced: increments rounded one by one would add up their rounding errors.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions
+from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import is_directional, sampled_um
+from stepdiag.exporters.tables.tables import Law, Table
+from stepdiag.solver.errors import SafetyError
+from stepdiag.solver.geometry.volume import Vector
+
+KIND = "pitch"
+LAW = Law(sense="as-compensation", data="incremental", between="stepped")
+LARGEST_MAGNIFICATION = 100
+"""Upper end of parameter 3623."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Points:
+    """The point numbers of an axis: of the reference (3620), the lowest (3621) and the highest section (3622)."""
+
+    reference: int
+    lowest: int
+    highest: int
+
+    @property
+    def start(self) -> int:
+        """Return the number of the low end of the table, which holds no data: the section above it is ``lowest``."""
+        return self.lowest - 1
+
+
+def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str) -> Points:
+    """Return the point numbers of a grid. Raises ``SafetyError`` where the reference is no point of it."""
+    step = float(grid_mm[1] - grid_mm[0])
+    below = (reference_mm - float(grid_mm[0])) / step
+    if abs(below - round(below)) > 1e-6 or not 0 <= round(below) < len(grid_mm):
+        raise SafetyError(
+            where,
+            code="reference-off-grid",
+            expected=f"a reference position on the grid {grid_mm[0]:g} to {grid_mm[-1]:g} mm in steps of {step:g}",
+            found=f"{reference_mm:g} mm",
+            remedy="shift start_mm and end_mm so that the reference is a point of the table",
+        )
+    start = axis.reference_point - round(below)
+    if start < 0:
+        found = f"{axis.reference_point} with {round(below)} sections below the reference"
+        raise SafetyError(where, code="points-below-zero", expected="a reference_point that leaves room below it", found=found)
+    return Points(reference=axis.reference_point, lowest=start + 1, highest=start + len(grid_mm) - 1)
+
+
+def pitch_tables(curve: Curve, profile: Profile, options: FanucOptions, already_um: Vector) -> tuple[Table, ...]:
+    """Return the pitch table of an axis, or one for each direction in the bidirectional form.
+
+    ``already_um`` is what inclination compensation adds at the points of the grid. Raises ``SafetyError`` where no
+    magnification keeps every increment within the limit.
+    """
+    grid, forward, reverse = sampled_um(curve, profile)
+    directional = is_directional(curve, profile)
+    wanted = [-forward - already_um, -reverse - already_um] if directional else [-forward - already_um]
+    unit = options.detection_unit_um
+    at_reference = int(np.argmin(np.abs(grid - profile.axis(curve.input_axis).reference_mm)))
+    offsets = [0.0, *(round(float(way[at_reference]) / unit) * unit for way in wanted[1:])]
+    axis = options.axis(curve.input_axis, profile.source)
+    counts, magnification = _units(wanted, offsets, axis, options, profile.source)
+    points = points_of(axis, grid, profile.axis(curve.input_axis).reference_mm, f"{profile.source}: axes.{curve.input_axis}.reference_mm")
+    quantum = magnification * unit
+    single = Table(
+        kind=KIND,
+        input_axis=curve.input_axis,
+        output_axis=curve.output_axis,
+        position_mm=grid,
+        value_um=np.concatenate(([0.0], np.diff(counts[0]))) * quantum,
+        quantum_um=quantum,
+        law=LAW,
+        reference_mm=profile.axis(curve.input_axis).reference_mm,
+        place={"axis": axis.number, "first point": points.lowest},
+    )
+    if not directional:
+        return (single,)
+    opposite = replace(
+        single,
+        direction=-1,
+        value_um=np.concatenate(([0.0], np.diff(counts[1]))) * quantum,
+        offset_um=offsets[1],
+        place={"axis": axis.number, "first point": axis.reverse_first_point},
+    )
+    return (replace(single, direction=1), opposite)
+
+
+def _units(
+    wanted: list[Vector], offsets: list[float], axis: AxisPoints, options: FanucOptions, source: str
+) -> tuple[list[NDArray[np.float64]], int]:
+    """Return the absolute curves in whole units and the smallest magnification that keeps all increments within the limit."""
+    tried = [axis.magnification] if axis.magnification is not None else range(1, LARGEST_MAGNIFICATION + 1)
+    largest = 0
+    for magnification in tried:
+        quantum = magnification * options.detection_unit_um
+        counts = [np.round((way - offset) / quantum) for way, offset in zip(wanted, offsets, strict=True)]
+        largest = max(int(np.max(np.abs(np.diff(way)))) for way in counts)
+        if largest <= options.increment_limit:
+            return counts, magnification
+    raise SafetyError(
+        f"{source}: fanuc",
+        code="increment-beyond-limit",
+        expected=f"increments of at most {options.increment_limit}",
+        found=f"{largest} at magnification {tried[-1]}",
+        remedy="take a larger magnification, a smaller interval, or inclination compensation for the slope",
+    )

@@ -1,0 +1,162 @@
+"""FANUC tables as the control reads them from punch files, the parameters they refer to included."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stepdiag.exporters.fanuc import lines, pitch
+from stepdiag.exporters.fanuc.options import LAST_POINT, AxisPoints, FanucOptions, StraightnessNumbers
+from stepdiag.exporters.fanuc.punch import PunchFile
+from stepdiag.exporters.files.listing import finite, whole
+from stepdiag.exporters.tables.curves import STRAIGHTNESS
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table, require_rising
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.geometry.volume import Vector
+
+
+def read_tables(files: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> tuple[Table, ...]:
+    """Return pitch, inclination and straightness tables of the profile's axes.
+
+    Raises ``DataError`` for a range with missing points or a parameter that is no number.
+    """
+    reader = _Reader(files, profile, options)
+    tables: list[Table] = []
+    for letter in options.axes:
+        tables += reader.pitch(letter)
+        tables += reader.inclination(letter)
+    for name, numbers in options.straightness.items():
+        if name not in STRAIGHTNESS:
+            raise UsageError(f"{profile.source}: fanuc.straightness.{name}", expected="one of " + ", ".join(STRAIGHTNESS), found=name)
+        tables += reader.straightness(name, numbers)
+    return tuple(tables)
+
+
+class _Reader:
+    """The memory of the control after the files have been read in."""
+
+    def __init__(self, files: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> None:
+        self._files = files
+        self._profile = profile
+        self._options = options
+        self._data = {point: value for file in files for point, value in file.pitch.items()}
+
+    def pitch(self, letter: str) -> list[Table]:
+        """Return the pitch table of an axis, or one a direction; none where the files hold no point of its range."""
+        axis = self._options.axis(letter, self._profile.source)
+        lowest, highest = self._range(letter, axis)
+        if self._interval_mm(letter, axis) <= 0 or not any(point in self._data for point in range(lowest, highest + 1)):
+            return []
+        interval = self._interval_mm(letter, axis)
+        reference = self._number(3620, axis.number, axis.reference_point)
+        position: Vector = (
+            self._profile.axis(letter).reference_mm + (np.arange(lowest - 1, highest + 1, dtype=np.float64) - reference) * interval
+        )
+        both = self._options.experimental_bidirectional and self._profile.machine.direction == "both"
+        require_rising(position, f"{self._names}: parameter 3624 A{axis.number}")
+        forward = self._pitch_table(letter, position, lowest, 1 if both else 0, 0.0)
+        if not both:
+            return [forward]
+        first = self._number(3626, axis.number, axis.reverse_first_point)
+        offset = self._number(3627, axis.number, None) * self._options.detection_unit_um
+        return [forward, self._pitch_table(letter, position, first, -1, offset)]
+
+    def inclination(self, letter: str) -> list[Table]:
+        """Return the inclination compensation of an axis, where the files hold it."""
+        number = self._options.axis(letter, self._profile.source).number
+        keys = (*lines.INCLINATION_POINTS, *lines.INCLINATION_VALUES)
+        if not self._options.axes[letter].inclination or self._find(keys[0], number) is None:
+            return []
+        return [self._line_table(lines.INCLINATION, letter, letter, keys, number)]
+
+    def straightness(self, name: str, numbers: StraightnessNumbers) -> list[Table]:
+        """Return the four-point straightness called ``name``, where the files hold it."""
+        keys = (*numbers.points, *numbers.values)
+        if self._find(keys[0], None) is None:
+            return []
+        return [self._line_table(lines.STRAIGHTNESS, name[2], name[1], keys, None)]
+
+    def _range(self, letter: str, axis: AxisPoints) -> tuple[int, int]:
+        if self._find(3621, axis.number) is None or self._find(3622, axis.number) is None:
+            points = lines.numbers(letter, self._profile, self._options)
+            return points.lowest, points.highest
+        lowest, highest = self._number(3621, axis.number, None), self._number(3622, axis.number, None)
+        if not 0 <= lowest <= highest <= LAST_POINT:
+            raise DataError(
+                self._names, expected=f"3621 and 3622 of {letter} from 0 to {LAST_POINT}, ascending", found=f"{lowest} and {highest}"
+            )
+        return lowest, highest
+
+    def _interval_mm(self, letter: str, axis: AxisPoints) -> float:
+        text = self._find(3624, axis.number)
+        if text is None:
+            return self._profile.axis(letter).step_mm
+        # Old controls write lengths as integers in least input units, new ones with a decimal point in mm (controllers.md 2.6).
+        value = finite(text, f"{self._names}: parameter 3624 A{axis.number}")
+        if value < 0:
+            raise DataError(f"parameter 3624 A{axis.number}", expected="an interval of 0 (not set up) or more", found=text)
+        return value if "." in text else value * self._options.least_input_um / 1000.0
+
+    def _pitch_table(self, letter: str, position: Vector, first: int, direction: int, offset_um: float) -> Table:
+        axis = self._options.axis(letter, self._profile.source)
+        wanted = range(first, first + len(position) - 1)
+        missing = [point for point in wanted if point not in self._data]
+        if missing:
+            raise DataError(self._names, expected=f"pitch points {wanted[0]} to {wanted[-1]} of {letter}", found=f"no point {missing[0]}")
+        # An empty table is the same at any magnification: a machine that was never compensated need not state it.
+        default = axis.magnification if any(self._data[point] for point in wanted) else axis.magnification or 1
+        quantum = self._number(3623, axis.number, default, f"fanuc.axes.{letter}.magnification") * self._options.detection_unit_um
+        return Table(
+            kind=pitch.KIND,
+            input_axis=letter,
+            output_axis=letter,
+            position_mm=position,
+            value_um=np.array([0.0, *(self._data[point] * quantum for point in wanted)]),
+            quantum_um=quantum,
+            law=pitch.LAW,
+            reference_mm=self._profile.axis(letter).reference_mm,
+            direction=direction,
+            offset_um=offset_um,
+            place={"axis": axis.number, "first point": first},
+        )
+
+    def _line_table(self, kind: str, moving: str, compensated: str, keys: Sequence[int], axis: int | None) -> Table:
+        points = [self._number(key, axis, None) for key in keys[:4]]
+        section = self._options.axis(moving, self._profile.source)
+        reference = self._number(3620, section.number, section.reference_point)
+        unit = self._options.detection_unit_um
+        offsets = (np.array(points) - reference) * self._interval_mm(moving, section)
+        position = self._profile.axis(moving).reference_mm + offsets
+        require_rising(position, f"{self._names}: points of {kind} along {moving}")
+        return Table(
+            kind=kind,
+            input_axis=moving,
+            output_axis=compensated,
+            position_mm=position,
+            value_um=np.array([self._number(key, axis, None) * unit for key in keys[4:]]),
+            quantum_um=unit,
+            law=lines.LAW,
+            reference_mm=self._profile.axis(moving).reference_mm,
+            place={"points": " ".join(map(str, points))},
+        )
+
+    @property
+    def _names(self) -> str:
+        return ", ".join(file.name for file in self._files)
+
+    def _find(self, number: int, axis: int | None) -> str | None:
+        for file in self._files:
+            if (text := file.parameter(number, axis)) is not None:
+                return text
+        return None
+
+    def _number(self, number: int, axis: int | None, default: int | None, field: str = "") -> int:
+        """Return a parameter as a whole number: from the files, else the profile's ``default``, which stands in ``field``."""
+        text = self._find(number, axis)
+        where = f"{self._names}: parameter {number}{'' if axis is None else f' A{axis}'}"
+        if text is None and default is not None:
+            return default
+        if text is None:
+            remedy = "add the punched parameters" + (f", or state {field} as the export report says" if field else "")
+            raise DataError(where, expected="a value", found="nothing", remedy=remedy)
+        return whole(text.removesuffix(".0").removesuffix("."), where)

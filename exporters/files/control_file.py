@@ -1,0 +1,17 @@
+"""One file of an export: its name, its bytes and what it is for."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ControlFile:
+    """One file for the control: plain name, exact bytes, and what it is.
+
+    ``data`` is what the control reads as a table (and ``parse`` reads back), ``program`` a part program that loads it,
+    ``note`` text for people.
+    """
+
+    name: str
+    data: bytes
+    role: Literal["data", "program", "note"] = "data"

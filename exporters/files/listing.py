@@ -1,0 +1,64 @@
+"""Line by line: the reading and writing that all plain text tables of controls share."""
+
+import math
+from collections.abc import Iterable, Iterator
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.readings.csv_table import LARGEST
+
+MOST_LINES = 1_000_000
+LONGEST_LINE = 4096
+"""Limits of a file of lines: a lattice of a hundred points an axis has a million, none of them long."""
+_SHOWN = 60
+
+
+def ascii_lines(lines: Iterable[str], newline: str = "\n") -> bytes:
+    """Return the bytes of a text file, every line ended by ``newline``."""
+    return "".join(line + newline for line in lines).encode("ascii")
+
+
+def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
+    """Yield the place (``x.com: line 3``) and the text of every line, empty ones included.
+
+    Raises ``DataError`` for bytes that are no ASCII text.
+    """
+    try:
+        text = file.data.decode("ascii")
+    except UnicodeDecodeError as error:
+        raise DataError(file.name, expected="ASCII text", found=f"byte {file.data[error.start]:#04x} at {error.start}") from error
+    lines = text.splitlines()
+    if len(lines) > MOST_LINES + 1:
+        raise DataError(file.name, expected=f"at most {MOST_LINES} lines", found=str(len(lines)))
+    for number, line in enumerate(lines, start=1):
+        where = f"{file.name}: line {number}"
+        if len(line) > LONGEST_LINE:
+            raise DataError(where, expected=f"at most {LONGEST_LINE} characters", found=str(len(line)))
+        yield where, line
+
+
+def finite(text: str, where: str) -> float:
+    """Return the number in ``text``. Raises ``DataError`` naming ``where`` for anything else, infinity and NaN included."""
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= LARGEST:
+        raise DataError(where, expected="a number", found=shown(text))
+    return value
+
+
+def whole(text: str, where: str) -> int:
+    """Return the whole number in ``text``. Raises ``DataError`` naming ``where`` for anything else."""
+    try:
+        value = int(text)
+    except ValueError as error:
+        raise DataError(where, expected="a whole number", found=shown(text)) from error
+    if abs(value) > LARGEST:
+        raise DataError(where, expected="a whole number that a control holds", found=shown(text))
+    return value
+
+
+def shown(text: str) -> str:
+    """Return what stands there, quoted and cut where it is long."""
+    return repr(text if len(text) <= _SHOWN else f"{text[:_SHOWN]}..")

@@ -1,0 +1,193 @@
+"""Settings files in TOML against msgspec models, with messages for the person who wrote the file.
+
+Surveys, head calibrations and controller profiles pass through here. msgspec says where a value is wrong in its own words;
+here each field is looked at on its own, so that a refusal names the field as it stands in the file, what its type and limits ask for, and
+what was found. An unknown key is refused with the nearest known one. A value ``"?"`` is a question that nobody has answered yet.
+"""
+
+import difflib
+import json
+import math
+import re
+import tomllib
+from collections.abc import Iterator
+from types import NoneType, UnionType
+from typing import Any, TypeVar, Union, get_args, get_origin
+
+import msgspec
+from msgspec import inspect
+
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.readings.csv_table import LARGEST
+
+Model = TypeVar("Model", bound=msgspec.Struct)
+
+UNANSWERED = "?"
+_DEEPEST = 20
+_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
+_DEEP = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST}}}")
+"""A dotted name of many parts: time and memory of the TOML reader grow with the square of their number."""
+_PLAIN: dict[type[inspect.Type], str] = {
+    inspect.BoolType: "true or false",
+    inspect.DictType: "a table",
+    inspect.StructType: "a table",
+    inspect.DateType: "a date such as 2026-05-31",
+}
+
+
+def read_toml(text: str, source: str) -> dict[str, Any]:
+    """Return the tables of a TOML text; a byte order mark is passed over. Raises ``UsageError`` with the line where it is no TOML."""
+    text = text.removeprefix("\ufeff")
+    deep = _DEEP.search(text)
+    if deep is not None:
+        line = text.count("\n", 0, deep.start()) + 1
+        raise UsageError(f"{source}: line {line}", expected=f"names of at most {_DEEPEST} parts", found=show(deep.group()))
+    try:
+        return tomllib.loads(text)
+    except (ValueError, RecursionError) as error:  # ValueError also for whole numbers of thousands of digits
+        raise UsageError(source, expected="TOML", found=str(error)) from error
+
+
+def require_answers(data: object, source: str) -> None:
+    """Raise ``UsageError`` that lists every question of a template that is not answered yet."""
+    questions = list(_unanswered(data, ""))
+    if questions:
+        remedy = "still to be answered: " + ", ".join(questions)
+        raise UsageError(f"{source}: {questions[0]}", expected="an answer", found=f'"{UNANSWERED}"', remedy=remedy)
+
+
+def convert(data: object, model: type[Model], source: str, at: str = "") -> Model:
+    """Return ``data`` as a ``model``; ``at`` is its path within the file. Raises ``UsageError`` for the first field that is wrong."""
+    _check(data, model, source, at)
+    return msgspec.convert(data, model)
+
+
+def nearest(word: str, known: list[str]) -> str:
+    """Return a remedy that names the nearest known word, or all of them."""
+    close = _close(word, known)
+    return f"did you mean {close[0]}?" if close else "known names: " + ", ".join(known)
+
+
+def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageError:
+    """Return the refusal of a key that nobody knows, with the nearest one that is known."""
+    remedy = nearest(key, known) if _close(key, known) else ""
+    return UsageError(f"{source}: {path}", expected=f"one of {', '.join(sorted(known))}", found=f"the unknown name {key}", remedy=remedy)
+
+
+def refuse(source: str, field: str, expected: str, found: object, remedy: str = "") -> UsageError:
+    """Return the refusal of one field: ``survey.toml: plc.poll_hz: expected a number above 0, found "fast"``."""
+    return UsageError(f"{source}: {field}" if field else source, expected=expected, found=show(found), remedy=remedy)
+
+
+def show(value: object) -> str:
+    """Return a value as it would stand in the file; what is long is cut."""
+    if isinstance(value, dict):
+        return "a table"
+    text = json.dumps(value, ensure_ascii=False, default=str)
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def expectation(info: inspect.Type) -> str:
+    """Return what a field asks for in words: ``a number above 0``, ``one of "E", "N", "O"``.
+
+    A text with a pattern says it in the ``description`` of its ``Meta``.
+    """
+    match info:
+        case inspect.LiteralType():
+            return "one of " + ", ".join(show(value) for value in sorted(info.values, key=str))
+        case inspect.IntType() | inspect.FloatType():
+            return ("a whole number" if isinstance(info, inspect.IntType) else "a number") + _limits(info)
+        case inspect.Metadata(extra_json_schema={"description": str(words)}):
+            return words
+        case inspect.StrType():
+            return "a text that is not empty" if info.min_length else "a text"
+        case inspect.TupleType():
+            return f"{len(info.item_types)} values, each {expectation(info.item_types[0])}"
+        case inspect.VarTupleType():
+            return f"a list, each {expectation(info.item_type)}"
+        case inspect.ListType():
+            count = f" of {info.min_length}" if info.min_length and info.min_length == info.max_length else ""
+            return f"a list{count}, each {expectation(info.item_type)}"
+        case _:
+            return _PLAIN[type(info)]
+
+
+def _unanswered(value: object, at: str) -> Iterator[str]:
+    if value == UNANSWERED:
+        yield at
+    elif isinstance(value, dict):
+        for key, inner in value.items():
+            yield from _unanswered(inner, f"{at}.{key}".lstrip("."))
+    elif isinstance(value, list):
+        for index, inner in enumerate(value):
+            yield from _unanswered(inner, f"{at}[{index}]")
+
+
+def _close(word: str, known: list[str]) -> list[str]:
+    return difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+
+
+def _check(value: object, hint: Any, source: str, path: str) -> None:
+    """Walk a value beside the annotation of its field."""
+    if get_origin(hint) in (Union, UnionType):
+        (hint,) = (part for part in get_args(hint) if part is not NoneType)
+    if isinstance(hint, type) and issubclass(hint, msgspec.Struct):
+        _check_struct(_table(value, source, path), hint, source, path)
+    elif get_origin(hint) is dict:
+        key_hint, item_hint = get_args(hint)
+        keys = get_args(key_hint)
+        for key, item in _table(value, source, path).items():
+            if keys and key not in keys:
+                raise unknown_key(source, f"{path}.{key}", key, list(keys))
+            _check(item, item_hint, source, f"{path}.{key}")
+    elif isinstance(value, list) and (item_hints := _item_hints(hint, len(value))):
+        for index, (item, item_hint) in enumerate(zip(value, item_hints, strict=True)):
+            _check(item, item_hint, source, f"{path}[{index}]")
+    else:
+        _check_leaf(value, hint, source, path)
+
+
+def _item_hints(hint: Any, count: int) -> tuple[Any, ...]:
+    """Return the annotation of each of ``count`` items; nothing where so many do not fit, or the field is no list."""
+    parts = get_args(hint)
+    if get_origin(hint) is list or (get_origin(hint) is tuple and parts[-1] is Ellipsis):
+        return (parts[0],) * count
+    return parts if get_origin(hint) is tuple and len(parts) == count else ()
+
+
+def _check_struct(table: dict[str, Any], model: type[msgspec.Struct], source: str, path: str) -> None:
+    prefix = f"{path}." if path else ""
+    known = {field.encode_name: field for field in msgspec.structs.fields(model)}
+    for key in table:
+        if key not in known:
+            raise unknown_key(source, prefix + key, key, list(known))
+    for name, field in known.items():
+        if name in table:
+            _check(table[name], field.type, source, prefix + name)
+        elif field.required:
+            expected = expectation(inspect.type_info(field.type))
+            raise UsageError(f"{source}: {prefix}{name}", expected=expected, found="nothing", remedy="add it")
+
+
+def _table(value: object, source: str, path: str) -> dict[str, Any]:
+    if not isinstance(value, dict):
+        raise refuse(source, path, "a table", value)
+    return value
+
+
+def _check_leaf(value: object, hint: Any, source: str, path: str) -> None:
+    try:
+        converted = msgspec.convert(value, hint)
+    except msgspec.ValidationError:
+        converted = math.nan
+    endless = isinstance(converted, int | float) and not abs(converted) <= LARGEST
+    if endless or (isinstance(converted, str) and "\0" in converted):  # a NUL ends a name where the system reads it
+        raise refuse(source, path, expectation(inspect.type_info(hint)), value)
+
+
+def _limits(info: inspect.IntType | inspect.FloatType) -> str:
+    if info.ge is not None and info.le is not None:
+        return f" from {info.ge:g} to {info.le:g}"
+    bounds = (("above {:g}", info.gt), ("of {:g} or more", info.ge), ("at most {:g}", info.le), ("below {:g}", info.lt))
+    said = [words.format(bound) for words, bound in bounds if bound is not None]
+    return " " + " and ".join(said) if said else ""

@@ -1,0 +1,166 @@
+"""Heidenhain: one ``.COM`` table per input axis and the ``.CMA`` file that assigns them, in two generations.
+
+MANUALplus 620 technical manual pp. 716, 718 (TNC 640 alike), TNC 407 technical manual pp. 153, 622: the column Z of the table
+that the .CMA names under Y holds Z = F(Y), so straightness and squareness stand beside the positioning errors. Newer controls have
+the position in each row (``AXISPOS``), older ones a ``DATUM`` and a ``DISTANCE`` in the first line. Values in mm as error: MP720
+calls an error positive when the table travels too far (TNC 407 p. 151); no page says it for .COM, so a sign test is due. Column
+widths are those of the control's own file where the profile names one.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import ascii_lines
+from stepdiag.exporters.files.naming import plain_name
+from stepdiag.exporters.heidenhain import com
+from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
+from stepdiag.exporters.tables.controller import Limits, Plan
+from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import absolute_tables
+from stepdiag.exporters.tables.tables import Law, Table, plain_rows
+from stepdiag.solver.errors import DataError, SafetyError
+from stepdiag.solver.findings import Finding
+
+KIND = "com"
+LAW = Law(sense="as-error")
+Generation = Literal["tnc640", "itnc530", "tnc4xx"]
+_MOST_POINTS = 256
+_NEIGHBOUR_UM_MM = 1000.0 / 64.0
+"""Neighbouring values may differ by a 64th of the spacing (TNC 306 technical manual p. 119)."""
+_TENTH_UM_PER_MM = 10000.0
+
+
+class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """``[heidenhain]``: the generation of the control and the places of a written value."""
+
+    generation: Generation
+    decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
+    assignment: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA$", description="a name such as CONFIG.CMA")] = "CONFIG.CMA"
+
+
+_TEMPLATE = """\
+[heidenhain]
+generation = "?"              # "tnc640" (TNC 620/640, MANUALplus 620), "itnc530", or "tnc4xx" (TNC 407 to 430: spacing 2^n x 0.1 um)
+# decimals = 4                # places in mm
+# assignment = "CONFIG.CMA"   # name of the assignment file in the control
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Heidenhain:
+    """Heidenhain contouring controls as `exporters.tables.controller.Controller`."""
+
+    name: str = "heidenhain"
+    title: str = "Heidenhain TNC 640/620, iTNC 530, TNC 4xx (.COM and .CMA)"
+    kinds: tuple[str, ...] = (KIND,)
+    options: type[msgspec.Struct] = HeidenhainOptions
+    options_template: str = _TEMPLATE
+
+    def quick_options(self) -> HeidenhainOptions:
+        """Return the options of a quick look: the newer generation."""
+        return HeidenhainOptions(generation="tnc640")
+
+    def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - the same for every table
+        """Return the limits of the older controls; for the newer none are public."""
+        if profile.options_as(HeidenhainOptions).generation == "tnc640":
+            return Limits()
+        return Limits(points=_MOST_POINTS, neighbour_um_mm=_NEIGHBOUR_UM_MM)
+
+    def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
+        """Return one table for each curve: the mean of both directions, for the sense of the BACKLASH column is not public."""
+        options = profile.options_as(HeidenhainOptions)
+        tables: list[Table] = []
+        for curve in curves:
+            place: dict[str, int | str] = {"file": com.file_name(profile.axis(curve.input_axis).name, options.generation == "tnc640")}
+            quantum_um = 1000.0 * 10.0**-options.decimals
+            tables += absolute_tables(curve, averaging(profile), kind=KIND, law=LAW, quantum_um=quantum_um, place=place)
+        if options.generation == "tnc4xx":
+            _check_spacing(tables, profile)
+        return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile)))
+
+    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+        """Return the .COM files and the .CMA file; neither can hold a comment, so ``notes`` go into a note beside them."""
+        options = profile.options_as(HeidenhainOptions)
+        by_input = {letter: [table for table in tables if table.input_axis == letter] for letter in "XYZ"}
+        files = [
+            com.render(of_axis, profile, positions=options.generation == "tnc640", decimals=options.decimals)
+            for of_axis in by_input.values()
+            if of_axis
+        ]
+        named = {profile.axis(letter).name: str(of_axis[0].place["file"]) for letter, of_axis in by_input.items() if of_axis}
+        assignment = com.render_assignment(options.assignment, named, [axis.name for axis in profile.axes.values()], profile)
+        note = ControlFile(name="heidenhain_notes.txt", data=ascii_lines(notes), role="note")
+        return (*files, assignment, *([note] if notes else []))
+
+    def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables that the active line of the .CMA file calls; without one, each .COM belongs to the axis in its name."""
+        tables_of = {plain_name(file.name).upper(): file for file in files if file.name.upper().endswith(".COM")}
+        assignments = [file for file in files if file.name.upper().endswith(".CMA")]
+        if not tables_of:
+            raise DataError("files", expected="a .COM table", found=", ".join(file.name for file in files) or "nothing")
+        if len(assignments) > 1:
+            raise DataError("files", expected="one .CMA file", found=", ".join(file.name for file in assignments))
+        if assignments:
+            called = com.read_assignment(assignments[0])
+        else:
+            called = {com.axis_in(name, [axis.name for axis in profile.axes.values()]): name for name in tables_of}
+        tables: list[Table] = []
+        for axis, name in called.items():
+            if name.upper() not in tables_of:
+                raise DataError(assignments[0].name, expected=f"{name}, which it calls for {axis}", found=", ".join(tables_of))
+            tables += com.read(tables_of[name.upper()], profile.letter_of(axis, name), profile, KIND, LAW)
+        return tuple(tables)
+
+    def recognises(self, file: ControlFile) -> bool:
+        """Return whether the file is a .COM or .CMA table, by its name and first word."""
+        return file.name.upper().endswith((".COM", ".CMA")) and file.data.startswith(b"BEGIN ")
+
+    def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
+        """Return one row a point."""
+        return plain_rows(table)
+
+    def instructions(self, profile: Profile) -> tuple[str, ...]:
+        """Return the steps for the service engineer (MANUALplus 620 pp. 716-718; TNC 407 pp. 151-156, 622)."""
+        older = profile.options_as(HeidenhainOptions).generation != "tnc640"
+        return (
+            "Back up the machine parameters and every .COM and .CMA file of the control.",
+            "Positions count from the machine datum: see that the reference of each axis in the profile does too.",
+            *(
+                ["MP730: set the bit of each axis to nonlinear compensation. Linear (MP720) and nonlinear exclude each other."]
+                if older
+                else []
+            ),
+            *(["Transfer under the extensions .S for .CMA and .V for .COM where the control is older than the TNC 426."] if older else []),
+            "Copy the .COM tables and the .CMA file beside each other; its line with * in ACTIVE acts (older: soft key, PLC module 9095).",
+            "The sense of .COM is inferred from MP720: make the sign test before the first real table.",
+            "Measure again; if the residual has grown, load the restore files.",
+        )
+
+
+def _check_spacing(tables: Sequence[Table], profile: Profile) -> None:
+    for table in tables:
+        step = float(table.position_mm[1] - table.position_mm[0])
+        power = np.log2(step * _TENTH_UM_PER_MM)
+        if abs(power - round(power)) > 1e-9:
+            lower, upper = (2.0 ** np.floor(power) / _TENTH_UM_PER_MM, 2.0 ** np.ceil(power) / _TENTH_UM_PER_MM)
+            raise SafetyError(
+                f"{profile.source}: axes.{table.input_axis}.step_mm",
+                code="spacing-not-power-of-two",
+                expected="a power of two of 0.1 um (TNC 407 technical manual p. 153)",
+                found=f"{step:g} mm",
+                remedy=f"the nearest are {lower:g} and {upper:g} mm",
+            )
+
+
+def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
+    yield from averaged_remarks(curves, profile)
+    if not any(file.name.upper().endswith((".COM", ".CMA")) for file in profile.existing):
+        text = "no .COM or .CMA file of this control in machine.existing: the widths of the columns are assumed"
+        yield Finding(code="column-widths-assumed", severity="warning", text=text)
+    yield Finding(code="sense-derived", severity="info", text="the sense of .COM tables is inferred from MP720; make the sign test")

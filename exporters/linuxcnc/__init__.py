@@ -1,0 +1,4 @@
+"""LinuxCNC: COMP_FILEs.
+
+In: tables. Out: files of this control, and tables read back from them. Imported by `profiles.registry`.
+"""

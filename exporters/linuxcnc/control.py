@@ -1,0 +1,258 @@
+"""LinuxCNC: one COMP_FILE of type 0 per axis, and the squareness as coefficients of ``matrixkins``.
+
+Source read at commit 5c41560: inijoint.cc, usrmotintf.cc, command.c, control.c, matrixkins.comp. A row of type 0 is
+``nominal forward-actual reverse-actual``: positions as they really are, so there is no sign to get wrong. The first line that
+does not give three numbers silently ends the file: no comments. At most 256 rows, nominal rising. Linear between rows, ends held,
+in joint space after the kinematics. There is no table for straightness: what remains of it is said in a finding.
+"""
+
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
+from stepdiag.exporters.files.naming import plain_name
+from stepdiag.exporters.files.numbers import fixed, shortest
+from stepdiag.exporters.tables.averaging import straightness_remark
+from stepdiag.exporters.tables.controller import Limits, Plan
+from stepdiag.exporters.tables.curves import POSITIONING, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import absolute_tables
+from stepdiag.exporters.tables.tables import Law, Table, plain_rows
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.readings.csv_table import LARGEST
+
+SCREW = "comp"
+MATRIX = "matrixkins"
+SCREW_LAW = Law(sense="as-error")
+MATRIX_LAW = Law(sense="as-compensation", ends="extended")
+MOST_ROWS = 256
+"""EMCMOT_COMP_SIZE."""
+_COEFFICIENT_DECIMALS = 9
+_HAL_NAME = "squareness.hal"
+_SCREW_NAME = re.compile(r"(?:^|[^a-z])(?P<axis>[xyz])(?:$|[^a-z])|(?P<last>[xyz])$")
+_SETP = re.compile(r"^setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P<value>\S+)$")
+
+
+class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """``[linuxcnc]``: which joints drive each axis, and the places of a correction."""
+
+    joints: dict[str, list[int]]
+    decimals: Annotated[int, msgspec.Meta(ge=4, le=8)] = 6
+
+
+_TEMPLATE = """\
+[linuxcnc]
+joints = "?"                  # the joints of each axis, as [KINS] and [JOINT_n] say: { X = [0], Y = [1], Z = [2] }
+# decimals = 6                # places of a correction, in the machine's unit
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class LinuxCnc:
+    """LinuxCNC as `exporters.tables.controller.Controller`."""
+
+    name: str = "linuxcnc"
+    title: str = "LinuxCNC (COMP_FILE type 0 and matrixkins)"
+    kinds: tuple[str, ...] = (SCREW, MATRIX)
+    options: type[msgspec.Struct] = LinuxCncOptions
+    options_template: str = _TEMPLATE
+
+    def quick_options(self) -> LinuxCncOptions:
+        """Return the options of a quick look: joints 0, 1, 2 for X, Y, Z, as ``trivkins coordinates=XYZ`` gives them."""
+        return LinuxCncOptions(joints={"X": [0], "Y": [1], "Z": [2]})
+
+    def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - the same on every machine
+        """Return the size of the table; the control checks neither value nor slope."""
+        return Limits(points=MOST_ROWS if table.kind == SCREW else None)
+
+    def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
+        """Return screw tables for positioning errors and one coefficient for each squareness."""
+        quantum_um = 1000.0 * unit_mm(profile) * 10.0 ** -profile.options_as(LinuxCncOptions).decimals
+        tables: list[Table] = []
+        for curve in curves:
+            if curve.name in POSITIONING:
+                place: dict[str, int | str] = {"file": _screw_name(curve.input_axis)}
+                tables += absolute_tables(curve, profile, kind=SCREW, law=SCREW_LAW, quantum_um=quantum_um, place=place)
+            elif any(part in SQUARENESS_SLOPE for part in curve.parts):
+                tables.append(_matrix_table(curve))
+        return Plan(tables=tuple(tables), findings=tuple(straightness_remark(curves, "LinuxCNC")))
+
+    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+        """Return ``screw_x.comp`` .. for the axes, ``squareness.hal``, and the lines for the INI file as a note."""
+        options = profile.options_as(LinuxCncOptions)
+        screws = {letter: [t for t in tables if t.kind == SCREW and t.input_axis == letter] for letter in "XYZ"}
+        files = [ControlFile(name=_screw_name(letter), data=_screw_file(of_axis, profile)) for letter, of_axis in screws.items() if of_axis]
+        matrix = [table for table in tables if table.kind == MATRIX]
+        if matrix:
+            lines = [*(f"# {note}" for note in notes), *map(_coefficient_line, matrix)]
+            files.append(ControlFile(name=_HAL_NAME, data=ascii_lines(lines)))
+        ini = list(_ini_lines([letter for letter in screws if screws[letter]], options, profile, has_matrix=bool(matrix)))
+        return (*files, ControlFile(name="ini_lines.txt", data=ascii_lines([*(f"# {note}" for note in notes), *ini]), role="note"))
+
+    def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables of screw files (the axis is told by the file name) and of HAL files with matrixkins coefficients."""
+        tables: list[Table] = []
+        for file in files:
+            if file.role == "note":
+                continue
+            found = _read_matrix(file) if b"matrixkins" in file.data else _read_screw(file, profile)
+            tables += found
+        return tuple(tables)
+
+    def recognises(self, file: ControlFile) -> bool:
+        """Return whether the file sets matrixkins, or begins with three numbers and is named after one axis."""
+        first = file.data.split(b"\n", 1)[0].decode("ascii", errors="replace")
+        return b"setp matrixkins." in file.data or (_three_numbers(first) is not None and _axis_in(file.name) is not None)
+
+    def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
+        """Return one row a point."""
+        return plain_rows(table)
+
+    def instructions(self, profile: Profile) -> tuple[str, ...]:
+        """Return the steps for the person who maintains the configuration."""
+        return (
+            f"Back up the configuration folder. The files are in {profile.machine.units}, the unit of [TRAJ]LINEAR_UNITS.",
+            "Copy the .comp files beside the INI file and add the lines of ini_lines.txt to the [JOINT_n] sections.",
+            "COMP_FILE switches [JOINT_n]BACKLASH off: the reversal error is then in the two columns alone.",
+            "The correction acts on joints whether homed or not: home all axes before measuring or machining.",
+            "squareness.hal needs KINEMATICS = matrixkins: see whether this LinuxCNC has it (2.9.0~pre1 has not), otherwise leave it out.",
+            "Where matrixkins already holds values, add the new ones to them (off the diagonal).",
+            "Restart LinuxCNC: the files are read at its start. The positions on the screen do not show the correction.",
+            "Measure again; if the residual has grown, put the restore files back.",
+        )
+
+
+def unit_mm(profile: Profile) -> float:
+    """Return the machine's length unit in mm."""
+    return 25.4 if profile.machine.units == "inch" else 1.0
+
+
+def _screw_name(letter: str) -> str:
+    return f"screw_{letter.lower()}.comp"
+
+
+def _axis_in(name: str) -> str | None:
+    """Return the axis that a file name tells: ``screw_x.comp``, ``screwcompX.dat``; None where it tells none."""
+    match = _SCREW_NAME.search(name.rpartition(".")[0].lower())
+    return (match["axis"] or match["last"]).upper() if match else None
+
+
+def _matrix_table(curve: Curve) -> Table:
+    """Return the squareness within a straightness curve as a coefficient; it is zero at the machine zero, not at the reference.
+
+    The end-point line of a straightness function was removed (contract 1): what slope the curve has is its squareness.
+    """
+    ends = curve.position_mm[[0, -1]]
+    slope = float(np.diff(curve.mean_um[[0, -1]])[0] / np.diff(ends)[0]) * 1e-3
+    return _coefficient_table(curve.output_axis, curve.input_axis, round(-slope, _COEFFICIENT_DECIMALS), ends)
+
+
+def _coefficient_table(output_axis: str, input_axis: str, coefficient: float, ends: Vector) -> Table:
+    return Table(
+        kind=MATRIX,
+        input_axis=input_axis,
+        output_axis=output_axis,
+        position_mm=ends,
+        value_um=coefficient * ends * 1000.0,
+        quantum_um=1000.0 * 10.0**-_COEFFICIENT_DECIMALS * float(np.max(np.abs(ends))),
+        law=MATRIX_LAW,
+        reference_mm=0.0,
+        place={"coefficient": f"C_{output_axis.lower()}{input_axis.lower()}"},
+    )
+
+
+def _coefficient_line(table: Table) -> str:
+    coefficient = float(np.diff(table.value_um[[0, -1]])[0] / np.diff(table.position_mm[[0, -1]])[0]) / 1000.0
+    return f"setp matrixkins.{table.place['coefficient']} {fixed(coefficient, _COEFFICIENT_DECIMALS)}"
+
+
+def _screw_file(tables: Sequence[Table], profile: Profile) -> bytes:
+    """Return the rows; nominal and actual are written to the same places, so that their difference is the value itself."""
+    unit = unit_mm(profile)
+    forward = next(table for table in tables if table.direction >= 0)
+    reverse = next(table for table in tables if table.direction <= 0)
+    rows = zip(forward.position_mm, forward.value_um, reverse.value_um, strict=True)
+    return ascii_lines(
+        " ".join(shortest(actual / unit) for actual in (at, at + there / 1000, at + back / 1000)) for at, there, back in rows
+    )
+
+
+def _ini_lines(letters: Sequence[str], options: LinuxCncOptions, profile: Profile, *, has_matrix: bool) -> Iterator[str]:
+    for letter in letters:
+        if letter not in options.joints:
+            raise UsageError(f"{profile.source}: linuxcnc.joints", expected=f"the joints of {letter}", found=str(options.joints))
+        for joint in options.joints[letter]:
+            yield from (f"[JOINT_{joint}]", f"COMP_FILE = {_screw_name(letter)}", "COMP_FILE_TYPE = 0")
+    if has_matrix:
+        yield from ("[KINS]", "KINEMATICS = matrixkins", "[HAL]", f"HALFILE = {_HAL_NAME}")
+
+
+def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
+    letter = _axis_in(file.name)
+    if letter is None:
+        raise DataError(file.name, expected="an axis in the name, such as screw_x.comp", found=file.name)
+    if not file.data.endswith(b"\n"):
+        raise DataError(file.name, expected="a line end after the last row", found="none", remedy="the file may be cut off: take it again")
+    rows = np.array(list(_rows(file)))
+    if not 2 <= len(rows) <= MOST_ROWS:
+        raise DataError(file.name, expected=f"2 to {MOST_ROWS} rows", found=str(len(rows)))
+    unit = unit_mm(profile)
+    nominal, forward, reverse = rows.T * unit
+    columns = ((0, forward),) if np.array_equal(forward, reverse) else ((1, forward), (-1, reverse))
+    return [
+        Table(
+            kind=SCREW,
+            input_axis=letter,
+            output_axis=letter,
+            position_mm=nominal,
+            value_um=(actual - nominal) * 1000.0,
+            quantum_um=1000.0 * unit * 10.0 ** -profile.options_as(LinuxCncOptions).decimals,
+            law=SCREW_LAW,
+            reference_mm=profile.axis(letter).reference_mm,
+            direction=direction,
+            place={"file": plain_name(file.name)},
+        )
+        for direction, actual in columns
+    ]
+
+
+def _rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
+    """Yield the rows; a line that the control would take for the end of the file is refused instead."""
+    last = -np.inf
+    for where, line in read_lines(file):
+        row = _three_numbers(line)
+        if row is None:
+            raise DataError(where, expected="three numbers", found=repr(line), remedy="the control silently stops reading here")
+        if row[0] <= last:
+            raise DataError(where, expected=f"a nominal position above {last:g}", found=f"{row[0]:g}")
+        last = row[0]
+        yield row
+
+
+def _three_numbers(line: str) -> tuple[float, float, float] | None:
+    try:
+        nominal, forward, reverse = (float(word) for word in line.split())
+    except ValueError:
+        return None
+    return (nominal, forward, reverse) if all(abs(number) <= LARGEST for number in (nominal, forward, reverse)) else None
+
+
+def _read_matrix(file: ControlFile) -> list[Table]:
+    tables = []
+    for where, raw in read_lines(file):
+        line = raw.partition("#")[0].strip()
+        if not line:
+            continue
+        match = _SETP.match(line)
+        if match is None:
+            raise DataError(where, expected="setp matrixkins.C_.. and a number", found=repr(line))
+        gain = finite(match["value"], where) - (1.0 if match["row"] == match["column"] else 0.0)
+        tables.append(_coefficient_table(match["row"].upper(), match["column"].upper(), gain, np.array([-1000.0, 1000.0])))
+    return tables

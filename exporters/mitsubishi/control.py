@@ -1,0 +1,255 @@
+"""Mitsubishi Meldas/M series: memory-type relative position error compensation, as a list of parameters to be keyed in.
+
+C64 and E68 manuals (pp. 280, 379): for each pair of base and compensated axis (#4001, #4002, the next pair 10 higher) the division
+numbers of the reference, the lowest and the highest point (#4003 to #4005), a scale (#4006), the interval (#4007), and data #4101 to
+#5124 of -128 to 127. The data are increments of what is added, read in the + direction: above the reference number n holds the section
+n-1 to n, below it the section n to n+1. Their unit is the output unit times the scale. No transfer format is public.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+import msgspec
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, whole
+from stepdiag.exporters.files.numbers import shortest
+from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
+from stepdiag.exporters.tables.controller import Limits, Plan
+from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import quantised, sampled_um
+from stepdiag.exporters.tables.tables import Law, Table, require_rising
+from stepdiag.solver.errors import DataError, SafetyError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Vector
+
+KIND = "relative"
+_NAME = "mitsubishi_parameters.txt"
+_FIRST_DATA, _LAST_DATA = 4101, 5124
+_LEAST, _MOST = -128, 127
+_MOST_SCALE = 99
+_HEAD = ("pinc", "cmpax", "drcax", "rdvno", "mdvno", "pdvno", "sc", "spcdv")
+
+
+class MitsubishiOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """``[mitsubishi]``: the unit of the data, how they count, and the first free data number."""
+
+    output_unit_um: Annotated[float, msgspec.Meta(ge=0.001, le=1000)]
+    data: Literal["incremental", "absolute"]
+    first_data: Annotated[int, msgspec.Meta(ge=_FIRST_DATA, le=_LAST_DATA)] = _FIRST_DATA
+
+
+_TEMPLATE = """\
+[mitsubishi]
+output_unit_um = "?"          # unit of the compensation data in um: half the machine error compensation setting unit, such as 0.5
+data = "?"                    # "incremental" (#4000 = 1) or "absolute" (#4000 = 0), as the control is set
+# first_data = 4101           # first free data number
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Mitsubishi:
+    """Mitsubishi Meldas/M series as `exporters.tables.controller.Controller`."""
+
+    name: str = "mitsubishi"
+    title: str = "Mitsubishi Meldas / M series (parameters #4000 to #5124 as a list)"
+    kinds: tuple[str, ...] = (KIND,)
+    options: type[msgspec.Struct] = MitsubishiOptions
+    options_template: str = _TEMPLATE
+
+    def quick_options(self) -> MitsubishiOptions:
+        """Return the options of a quick look: increments of half a micron."""
+        return MitsubishiOptions(output_unit_um=0.5, data="incremental")
+
+    def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
+        """Return what -128 to 127 units allow."""
+        most = _MOST * table.quantum_um
+        return Limits(neighbour_um=most) if table.law.data == "incremental" else Limits(value_um=most)
+
+    def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
+        """Return one table for each curve, the smallest scale chosen that keeps its data within -128 to 127."""
+        options = profile.options_as(MitsubishiOptions)
+        tables: list[Table] = []
+        number = options.first_data
+        for pair, curve in enumerate(curves):
+            tables.append(_planned(curve, profile, options, number, pair))
+            number += len(tables[-1].position_mm)
+        if number - 1 > _LAST_DATA:
+            raise SafetyError(
+                f"{profile.source}: axes", code="too-many-points", expected=f"data up to #{_LAST_DATA}", found=f"#{number - 1}",
+                remedy="a larger step_mm, or fewer functions",
+            )  # fmt: skip
+        return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile)))
+
+    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+        """Return the list, one ``#number value`` a line."""
+        counting = int(profile.options_as(MitsubishiOptions).data == "incremental")
+        lines = [*(f"; {note}" for note in notes), f"#4000 {counting}"]
+        for table in tables:
+            lines += _lines(table, profile)
+        return (ControlFile(name=_NAME, data=ascii_lines(lines, "\r\n")),)
+
+    def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables of such a list."""
+        return tuple(table for file in files for table in _read(file, profile))
+
+    def recognises(self, file: ControlFile) -> bool:
+        """Return whether the file is such a list, by its first parameter."""
+        return b"#4000 " in file.data and b"#4001 " in file.data
+
+    def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
+        """Return the parameters as they are keyed in."""
+        return tuple(_lines(table, profile))
+
+    def instructions(self, profile: Profile) -> tuple[str, ...]:
+        """Return the steps for the service engineer."""
+        unit = profile.options_as(MitsubishiOptions).output_unit_um
+        return (
+            "Back up all parameters.",
+            f"See that the output unit is {unit:g} um: the factor 2 of the manual's formulas is taken to mean half a setting unit.",
+            "Key in the list. #4007 is given in mm: enter it in the control's setting unit.",
+            "Switch off and on, return to the reference point.",
+            "Sign test first. Measure again; if the residual has grown, key in the restore list.",
+        )
+
+
+def _planned(curve: Curve, profile: Profile, options: MitsubishiOptions, first: int, pair: int) -> Table:
+    grid, error, _ = sampled_um(curve, averaging(profile))
+    reference_mm = profile.axis(curve.input_axis).reference_mm
+    origin = int(np.argmin(np.abs(grid - reference_mm)))
+    if abs(grid[origin] - reference_mm) > 1e-6:
+        raise SafetyError(
+            f"{profile.source}: axes.{curve.input_axis}.reference_mm",
+            code="reference-off-grid",
+            expected="the reference position on a point of the table",
+            found=f"{reference_mm:g} mm",
+            remedy=f"the nearest is {grid[origin]:g} mm",
+        )
+    scale = _scale(-error, options, curve.name)
+    unit_um = options.output_unit_um * scale
+    absolute = quantised(-error, unit_um)
+    return Table(
+        kind=KIND,
+        input_axis=curve.input_axis,
+        output_axis=curve.output_axis,
+        position_mm=grid,
+        value_um=np.diff(absolute, prepend=absolute[0]) if options.data == "incremental" else absolute,
+        quantum_um=unit_um,
+        law=_law(options),
+        reference_mm=reference_mm,
+        place={"pair": pair + 1, "first data": first, "scale": scale},
+    )
+
+
+def _law(options: MitsubishiOptions) -> Law:
+    return Law(sense="as-compensation", data=options.data)
+
+
+def _scale(absolute_um: Vector, options: MitsubishiOptions, name: str) -> int:
+    """Return the smallest #4006 with which every datum fits; the absolute curve is quantised once, then differenced."""
+    for scale in range(1, _MOST_SCALE + 1):
+        units = np.round(absolute_um / (options.output_unit_um * scale))
+        data = np.diff(units) if options.data == "incremental" else units
+        if data.min() >= _LEAST and data.max() <= _MOST:
+            return scale
+    raise SafetyError(
+        name,
+        code="increment-too-large",
+        expected=f"data of {_LEAST} to {_MOST} with a scale up to {_MOST_SCALE}",
+        found=f"a curve that reaches {np.max(np.abs(absolute_um)):.0f} um",
+        remedy="a smaller step_mm, or look for the cause in the machine",
+    )
+
+
+def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
+    yield from averaged_remarks(curves, profile)
+    yield Finding(
+        code="sense-derived",
+        severity="info",
+        text="the unit and the sense of the data are derived from the manual's formulas; make the sign test",
+    )
+
+
+def _lines(table: Table, profile: Profile) -> list[str]:
+    base = 4000 + 10 * (int(table.place["pair"]) - 1)
+    first, count = int(table.place["first data"]), len(table.position_mm)
+    origin = int(np.argmin(np.abs(table.position_mm - table.reference_mm)))
+    data = _shifted([round(float(value) / table.quantum_um) for value in table.value_um], origin, table)
+    head = (
+        ("cmpax", profile.axis(table.input_axis).name),
+        ("drcax", profile.axis(table.output_axis).name),
+        ("rdvno", str(first + origin)),
+        ("mdvno", str(first)),
+        ("pdvno", str(first + count - 1)),
+        ("sc", str(table.place["scale"])),
+        ("spcdv", shortest(float(table.position_mm[1] - table.position_mm[0]))),
+    )
+    return [
+        f"; {table.label}, lowest point at {shortest(float(table.position_mm[0]))} mm",
+        *(f"#{base + 1 + index} {value}" for index, (_, value) in enumerate(head)),
+        *(f"#{first + index} {value}" for index, value in enumerate(data)),
+    ]
+
+
+def _shifted(units: Sequence[int], origin: int, table: Table) -> list[int]:
+    """Return the data in the control's places: below the reference a number holds the section above it."""
+    if table.law.data == "absolute":
+        return list(units)
+    return [*units[1 : origin + 1], 0, *units[origin + 1 :]]
+
+
+def _read(file: ControlFile, profile: Profile) -> Iterator[Table]:
+    values: dict[int, tuple[str, str]] = {}
+    for where, line in read_lines(file):
+        said = line.partition(";")[0].split()
+        if not said:
+            continue
+        if len(said) != 2 or not said[0].startswith("#"):
+            raise DataError(where, expected="#number value", found=repr(line))
+        values[whole(said[0][1:], where)] = (where, said[1])
+    if 4000 not in values or 4001 not in values or not file.data.endswith(b"\n"):
+        raise DataError(file.name, expected="#4000 and #4001, and a line end after the last value", found="nothing like it")
+    for pair, base in enumerate(range(4000, _FIRST_DATA - 1, 10)):
+        if base + 1 in values:
+            yield _read_pair(file, values, base, pair + 1, profile)
+
+
+def _read_pair(file: ControlFile, values: dict[int, tuple[str, str]], base: int, pair: int, profile: Profile) -> Table:
+    options = profile.options_as(MitsubishiOptions)
+    missing = [f"#{base + index} {word}" for index, word in enumerate(_HEAD) if index and base + index not in values]
+    if missing:
+        raise DataError(file.name, expected=", ".join(missing), found="nothing", remedy="the list is truncated")
+    if whole(values[4000][1], values[4000][0]) != int(options.data == "incremental"):
+        raise DataError(values[4000][0], expected=f"#4000 for {options.data} data, as the profile says", found=values[4000][1])
+    base_axis, moved_axis = (profile.letter_of(values[base + index][1], values[base + index][0]) for index in (1, 2))
+    origin, first, last, scale = (whole(values[base + index][1], values[base + index][0]) for index in (3, 4, 5, 6))
+    step = finite(values[base + 7][1], values[base + 7][0])
+    if not (_FIRST_DATA <= first <= origin <= last <= _LAST_DATA and first < last and step > 0 and 0 < scale <= _MOST_SCALE):
+        expected = f"{_FIRST_DATA} <= lowest <= reference <= highest <= {_LAST_DATA}, scale 1 to {_MOST_SCALE}, interval above 0"
+        raise DataError(values[base + 3][0], expected=expected, found=f"{first} {origin} {last}, scale {scale}, interval {step:g}")
+    absent = [number for number in range(first, last + 1) if number not in values]
+    if absent:
+        raise DataError(file.name, expected=f"#{first} to #{last}", found=f"no #{absent[0]}", remedy="the list is truncated")
+    reference_mm = profile.axis(base_axis).reference_mm
+    position = reference_mm + step * np.arange(first - origin, last + 1 - origin, dtype=np.float64)
+    require_rising(position, values[base + 7][0])
+    unit_um = options.output_unit_um * scale
+    data = [whole(values[number][1], values[number][0]) for number in range(first, last + 1)]
+    return Table(
+        kind=KIND,
+        input_axis=base_axis,
+        output_axis=moved_axis,
+        position_mm=position,
+        value_um=np.array(_unshifted(data, origin - first, options.data)) * unit_um,
+        quantum_um=unit_um,
+        law=_law(options),
+        reference_mm=reference_mm,
+        place={"pair": pair, "first data": first, "scale": scale},
+    )
+
+
+def _unshifted(data: Sequence[int], origin: int, counting: str) -> list[int]:
+    return list(data) if counting == "absolute" else [0, *data[:origin], *data[origin + 1 :]]

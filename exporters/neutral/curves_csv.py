@@ -1,0 +1,124 @@
+"""Curves as CSV for anything that is not a controller of the registry: the error itself, in um, in machine coordinates.
+
+The one form without a control's law: the numbers are ``e = actual - commanded`` relative to the reference position. Read back, they are
+applied as error, which is what a person who types them into a control has to bring about.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import msgspec
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
+from stepdiag.exporters.files.numbers import fixed, shortest
+from stepdiag.exporters.tables.controller import Limits, Plan
+from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import absolute_tables
+from stepdiag.exporters.tables.tables import Law, Table, plain_rows
+from stepdiag.solver.errors import DataError
+
+NAME = "neutral"
+KIND = "curve"
+LAW = Law(sense="as-error")
+HEADER = "function,direction,position_mm,error_um"
+_DECIMALS = 3
+
+
+class NeutralOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """``[neutral]``: nothing to choose."""
+
+
+@dataclass(frozen=True, slots=True)
+class Neutral:
+    """Neutral curves as `exporters.tables.controller.Controller`."""
+
+    name: str = NAME
+    title: str = "neutral curves (CSV)"
+    kinds: tuple[str, ...] = (KIND,)
+    options: type[msgspec.Struct] = NeutralOptions
+    options_template: str = "[neutral]                     # nothing to choose\n"
+
+    def quick_options(self) -> NeutralOptions:
+        """Return the only options there are."""
+        return NeutralOptions()
+
+    def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
+        """Return no limits: a CSV has none."""
+        return Limits()
+
+    def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
+        """Return every curve on the profile's grid, to a nanometre."""
+        quantum_um = 10.0**-_DECIMALS
+        planned = [absolute_tables(curve, profile, kind=KIND, law=LAW, quantum_um=quantum_um, place={}) for curve in curves]
+        return Plan(tables=tuple(table for tables in planned for table in tables))
+
+    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:  # noqa: ARG002 - a CSV has no comments
+        """Return ``curves.csv``; ``direction`` is 1 or -1 for travel of the input axis in + or -, 0 for both."""
+        rows = [
+            f"{table.name},{table.direction},{shortest(float(at))},{fixed(float(value), _DECIMALS)}"
+            for table in tables
+            for at, value in zip(table.position_mm, table.value_um, strict=True)
+        ]
+        return (ControlFile(name="curves.csv", data=ascii_lines([HEADER, *rows, "end,,,"])),)
+
+    def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the curves in the files."""
+        return tuple(table for file in files for table in _tables(file, profile))
+
+    def recognises(self, file: ControlFile) -> bool:
+        """Return whether the file begins with the header row."""
+        return file.data.startswith(HEADER.encode("ascii"))
+
+    def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
+        """Return one row a point."""
+        return plain_rows(table)
+
+    def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
+        """Return what a person must know who carries the numbers into a control by hand."""
+        return (
+            "The numbers are errors: positive where the output axis went too far in its + direction.",
+            "A control that adds its table to the command needs them with the opposite sign; one that subtracts it takes them as they are.",
+            "Try a small bump first (sign test), save the old table, and measure again after loading.",
+        )
+
+
+def _tables(file: ControlFile, profile: Profile) -> list[Table]:
+    lines = [(where, line) for where, line in read_lines(file) if line]
+    if not lines or lines[0][1] != HEADER:
+        raise DataError(file.name, expected=f"the header {HEADER}", found=lines[0][1] if lines else "an empty file")
+    if lines[-1][1] != "end,,,":
+        raise DataError(file.name, expected="the last row end,,,", found=lines[-1][1], remedy="the file is truncated: take it again")
+    groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
+    for where, line in lines[1:-1]:
+        name, direction, at, value = _row(where, line)
+        points = groups.setdefault((name, direction), [])
+        if points and at <= points[-1][0]:
+            raise DataError(where, expected=f"a position above {points[-1][0]:g}", found=f"{at:g}")
+        points.append((at, value))
+    return [_table(name, direction, np.array(points), profile, file.name) for (name, direction), points in groups.items()]
+
+
+def _row(where: str, line: str) -> tuple[str, int, float, float]:
+    cells = line.split(",")
+    if len(cells) != 4 or cells[0] not in FUNCTIONS or cells[1] not in ("0", "1", "-1"):
+        raise DataError(where, expected="function (EXX .. EZZ), direction (0, 1, -1), position, error", found=repr(line))
+    return cells[0], int(cells[1]), finite(cells[2], where), finite(cells[3], where)
+
+
+def _table(name: str, direction: int, points: np.ndarray[tuple[int, int], np.dtype[np.float64]], profile: Profile, source: str) -> Table:
+    if len(points) < 2:
+        raise DataError(f"{source}: {name}", expected="at least two points", found=str(len(points)))
+    return Table(
+        kind=KIND,
+        input_axis=name[2],
+        output_axis=name[1],
+        position_mm=points[:, 0],
+        value_um=points[:, 1],
+        quantum_um=10.0**-_DECIMALS,
+        law=LAW,
+        reference_mm=profile.axis(name[2]).reference_mm,
+        direction=direction,
+    )

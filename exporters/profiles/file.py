@@ -1,0 +1,172 @@
+"""From a profile file to a validated `Profile`, and the stand-in for a quick look.
+
+The files that the profile names (the machine's own tables and punch files) are read with it.
+"""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, Literal
+
+import msgspec
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES, LARGEST_TABLE_BYTES, as_text, read_bytes
+from stepdiag.exporters.files.settings import convert, nearest, read_toml, require_answers
+from stepdiag.exporters.programs.settings import SECTION as PROGRAM
+from stepdiag.exporters.programs.settings import ProgramSection
+from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.profile import (
+    AXIS_LETTERS,
+    MOST_EXISTING,
+    AxisSection,
+    LimitsSection,
+    MachineSection,
+    Profile,
+    SignTestRecord,
+)
+from stepdiag.solver.errors import SafetyError, UsageError
+from stepdiag.solver.geometry.volume import Volume
+
+
+class _Common(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    machine: MachineSection
+    axes: dict[Literal["X", "Y", "Z"], AxisSection]
+    limits: LimitsSection = LimitsSection()
+    sign_test: list[SignTestRecord] = []
+    program: ProgramSection = ProgramSection()
+
+
+def parse_profile(
+    text: str, source: str, controller: Controller, volume: Volume | None, files: Mapping[str, bytes] | None = None
+) -> Profile:
+    """Return the profile in a TOML text; ``files`` holds the bytes of the files that ``machine.existing`` names.
+
+    Where an axis gives no start or end, the table runs to that end of the measured ``volume``; without a volume (a sign test before the
+    first survey) the profile has to give both. Raises ``UsageError``.
+    """
+    tables = read_toml(text, source)
+    _refuse_unknown_sections(tables, controller, source)
+    require_answers(tables, source)
+    section = tables.pop(controller.name, {})
+    common = convert(tables, _Common, source)
+    _refuse_unknown_kinds(common.sign_test, controller, source)
+    return Profile(
+        machine=common.machine,
+        axes={letter: _ends_from(common.axes[letter], volume, index) for index, letter in enumerate(AXIS_LETTERS) if letter in common.axes},
+        limits=common.limits,
+        sign_tests=tuple(common.sign_test),
+        options=convert(section, controller.options, source, controller.name),
+        existing=_existing(common.machine, files or {}, source),
+        source=source,
+    )  # fmt: skip
+
+
+def load_profile(path: Path, controller: Controller, volume: Volume | None) -> Profile:
+    """Return the profile file at ``path`` as `parse_profile` does; the files it names are looked for beside it."""
+    text = read_profile_text(path)
+    machine = read_toml(text, path.name).get("machine", {})
+    named = machine.get("existing", []) if isinstance(machine, dict) else []
+    field = f"{path.name}: machine.existing"
+    files = {
+        name: read_bytes(path.parent / name, field, largest=LARGEST_TABLE_BYTES, expected=f"a readable file {name}", blame=UsageError)
+        for name in (named[:MOST_EXISTING] if isinstance(named, list) else [])
+        if isinstance(name, str)
+    }
+    return parse_profile(text, path.name, controller, volume, files)
+
+
+def read_profile_text(path: Path) -> str:
+    """Return the text of a profile file. Raises ``UsageError`` where it cannot be read, is too large to be one, or is not UTF-8."""
+    data = read_bytes(path, largest=LARGEST_SETTINGS_BYTES, expected="a readable profile (TOML, UTF-8)", blame=UsageError)
+    return as_text(data, str(path), UsageError)
+
+
+def quick_profile(controller: Controller, volume: Volume, step_mm: float) -> Profile:
+    """Return the stand-in for a profile (contract 5): axes AX1 AX2 AX3, low to high end in steps, reference at the low end."""
+    axes = {
+        letter: AxisSection(
+            name=f"AX{index + 1}",
+            step_mm=step_mm,
+            reference_mm=volume.origin_mm[index],
+            start_mm=volume.origin_mm[index],
+            end_mm=volume.origin_mm[index] + volume.size_mm[index],
+        )
+        for index, letter in enumerate(AXIS_LETTERS)
+    }
+    return Profile(
+        machine=MachineSection(name="machine without a profile", controller=controller.name, measured_with="off"),
+        axes=axes,
+        limits=LimitsSection(),
+        sign_tests=(),
+        options=controller.quick_options(),
+        assumed=True,
+        source="--step-mm",
+    )
+
+
+def _refuse_unknown_sections(tables: dict[str, Any], controller: Controller, source: str) -> None:
+    """Refuse a foreign top-level table by the nearest name; another controller's section means another controller's profile."""
+    machine = tables.get("machine", {})
+    named = machine.get("controller", controller.name) if isinstance(machine, dict) else controller.name
+    if named != controller.name:
+        raise UsageError(f"{source}: machine.controller", expected=controller.name, found=str(named))
+    known = ["machine", "axes", "limits", "sign_test", PROGRAM, controller.name]
+    for key in tables:
+        if key not in known:
+            raise UsageError(f"{source}: {key}", expected="a known section", found=key, remedy=nearest(key, known))
+
+
+def _refuse_unknown_kinds(records: Sequence[SignTestRecord], controller: Controller, source: str) -> None:
+    """Refuse a sign test of a kind of table that the control has not: it would be evidence for nothing, unseen."""
+    for index, record in enumerate(records):
+        if record.kind not in controller.kinds:
+            expected = " or ".join(controller.kinds)
+            raise UsageError(
+                f"{source}: sign_test[{index}].kind",
+                expected=expected,
+                found=f'"{record.kind}"',
+                remedy="`stepdiag signtest` prints the record as it has to stand here",
+            )
+
+
+def _ends_from(axis: AxisSection, volume: Volume | None, index: int) -> AxisSection:
+    if volume is None:
+        return axis
+    low = volume.origin_mm[index]
+    high = low + volume.size_mm[index]
+    return msgspec.structs.replace(
+        axis,
+        start_mm=low if axis.start_mm is None else axis.start_mm,
+        end_mm=high if axis.end_mm is None else axis.end_mm,
+    )
+
+
+def _existing(machine: MachineSection, files: Mapping[str, bytes], source: str) -> tuple[ControlFile, ...]:
+    """Return the named files; they must be the ones that were active while measuring (controllers.md 9, rule 5)."""
+    missing = [name for name in machine.existing if name not in files]
+    if missing:
+        raise UsageError(f"{source}: machine.existing", expected="files that can be read", found=", ".join(missing))
+    if machine.measured_with == "on":
+        _same_as_measured(machine, files, source)
+    return tuple(ControlFile(name=Path(name).name, data=files[name]) for name in machine.existing)
+
+
+def _same_as_measured(machine: MachineSection, files: Mapping[str, bytes], source: str) -> None:
+    if not machine.existing:
+        raise SafetyError(
+            f"{source}: machine.existing",
+            code="active-table-unknown",
+            expected="the table files that were active while measuring",
+            found="nothing",
+            remedy="back the active tables up from the control, or measure again with compensation off",
+        )
+    actual = sorted(hashlib.sha256(files[name]).hexdigest() for name in machine.existing)
+    if sorted(digest.lower() for digest in machine.active_sha256) != actual:
+        raise SafetyError(
+            f"{source}: machine.active_sha256",
+            code="active-table-differs",
+            expected="the SHA-256 of every file in machine.existing: " + ", ".join(actual),
+            found=", ".join(machine.active_sha256) or "nothing",
+            remedy="give the very tables that were active while measuring, or measure again",
+        )

@@ -1,0 +1,27 @@
+"""The controllers that stepdiag can write for, by the word of ``--controller``."""
+
+from collections.abc import Mapping
+from types import MappingProxyType
+
+from stepdiag.exporters.beckhoff.control import Beckhoff
+from stepdiag.exporters.fagor.control import Fagor
+from stepdiag.exporters.fanuc.control import Fanuc
+from stepdiag.exporters.files.settings import nearest
+from stepdiag.exporters.heidenhain.control import Heidenhain
+from stepdiag.exporters.linuxcnc.control import LinuxCnc
+from stepdiag.exporters.mitsubishi.control import Mitsubishi
+from stepdiag.exporters.neutral.curves_csv import Neutral
+from stepdiag.exporters.siemens.control import Siemens
+from stepdiag.exporters.tables.controller import Controller
+from stepdiag.solver.errors import UsageError
+
+_ALL: tuple[Controller, ...] = (Siemens(), Fanuc(), Heidenhain(), LinuxCnc(), Beckhoff(), Mitsubishi(), Fagor(), Neutral())
+
+CONTROLLERS: Mapping[str, Controller] = MappingProxyType({controller.name: controller for controller in _ALL})
+
+
+def controller_named(name: str) -> Controller:
+    """Return the controller called ``name``. Raises ``UsageError`` with the nearest name."""
+    if name not in CONTROLLERS:
+        raise UsageError("--controller", expected="a known controller", found=name, remedy=nearest(name, list(CONTROLLERS)))
+    return CONTROLLERS[name]

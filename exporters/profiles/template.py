@@ -1,0 +1,66 @@
+"""The commented profile that ``stepdiag profile C`` writes: every field, its meaning, its default; ``"?"`` is a question."""
+
+from stepdiag.exporters.programs import CONTROLS, default_decimals, default_signals
+from stepdiag.exporters.programs.settings import program_template
+from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.curves import FUNCTIONS
+
+_COMMON = """\
+# Controller profile of stepdiag for {title}.
+# Every "?" is a question that only you or the machine can answer: nothing is guessed. Lines that begin with # show the defaults.
+
+[machine]
+name = "?"                    # how this machine is called in your shop
+controller = "{name}"
+measured_with = "?"           # "off" or "on": was a compensation active while measuring? (if you do not know: measure again with it off)
+# units = "mm"                # length unit of the control: "mm" or "inch"
+# direction = "mean"          # "mean": one table for both directions and a reversal value in the report; "both": a table for each
+# functions = [{functions}]
+# existing = []               # files of the control, beside this profile: its tables now (restored from, merged with, used as template)
+# active_sha256 = []          # measured_with = "on": SHA-256 of those files as they were active while measuring
+[machine.squareness_into]     # into which straightness of its pair each squareness goes: exactly one of the two
+C0Y = "EXY"                   # EXY or EYX
+B0Z = "EXZ"                   # EXZ or EZX
+A0Z = "EYZ"                   # EYZ or EZY
+{axes}
+[limits]
+# value_um = 100.0            # larger corrections are refused
+# warn_value_um = 50.0        # larger corrections have to be accepted
+# change_um = 20.0            # larger changes against the table of now have to be accepted
+# slope_um_mm = 0.2           # steeper corrections have to be accepted
+# points = 256                # most points in a table, where the control holds fewer than usual
+
+# [[sign_test]]               # one for each kind of table: what the sign test showed on this machine, valid for 12 months
+{kind_line}
+# date = 2026-01-31
+# verdict = "as-error"        # or "as-compensation"
+
+"""
+
+_AXIS = """
+[axes.{letter}]
+name = "?"                    # the name in the control's own data, not the place in a list
+step_mm = "?"                 # distance of the table points; it must divide the length of the table
+reference_mm = "?"            # reference (home) position in machine coordinates: the table is zero there
+# start_mm = 0.0              # first point; left out: the low end of the measured volume
+# end_mm = 500.0              # last point; left out: the high end of the measured volume
+# travel_mm = [-5.0, 505.0]   # software limits; beyond the table its end values are held
+# backlash_um = 0.0           # backlash in the control now (MD32450, 1851, BACKLASH); needed for direction = "both"
+"""
+
+
+def profile_template(controller: Controller) -> str:
+    """Return the template for one controller; it is refused until every question is answered."""
+    common = _COMMON.format(
+        title=controller.title,
+        name=controller.name,
+        functions=", ".join(f'"{name}"' for name in FUNCTIONS),
+        axes="".join(_AXIS.format(letter=letter) for letter in "XYZ"),
+        kind_line=f'# kind = "{controller.kinds[0]}"'.ljust(30) + "# the table that was tried: " + " or ".join(controller.kinds),
+    )
+    return common + controller.options_template + _program(controller.name)
+
+
+def _program(control: str) -> str:
+    """Return the section about NC programs for a control that `exporters.programs` can write for."""
+    return program_template(default_signals(control), default_decimals(control)) if control in CONTROLS else ""

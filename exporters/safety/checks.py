@@ -1,0 +1,279 @@
+"""The safety checks before anything is written (controllers.md 10), each with its own code.
+
+An error refuses the export. A warning refuses it too unless its code is accepted by name. What only has to be said, and never
+refuses, is in ``remarks``. Numbers in the docstrings are those of controllers.md 10; 1 (grid), 5 (overlap) and 9 (axes) are in part made
+where the numbers arise: in the profile and in the controller modules.
+"""
+
+from collections.abc import Callable, Collection, Iterator, Sequence
+from dataclasses import dataclass
+from datetime import date
+
+import numpy as np
+
+from stepdiag.exporters.neutral import curves_csv
+from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.solver.errors import SafetyError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.result import Result
+
+SIGN_TEST_DAYS = 365
+"""A sign test is evidence for twelve months."""
+_ZERO_UM = 1e-3
+_METRIC_ONLY = ("siemens", "fanuc", "heidenhain", "beckhoff", "mitsubishi", "fagor")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Case:
+    """Everything the checks look at. ``previous`` are the tables in the control now, as far as the profile gives them."""
+
+    controller: Controller
+    profile: Profile
+    result: Result
+    curves: Sequence[Curve]
+    tables: Sequence[Table]
+    previous: Sequence[Table]
+    today: date
+
+    def axis_label(self, letter: str) -> str:
+        """Return an axis as ``X (AX1)``."""
+        return f"{letter} ({self.profile.axis(letter).name})"
+
+
+Check = Callable[[Case], Iterator[Finding]]
+
+
+def check_finite(case: Case) -> Iterator[Finding]:
+    """1: finite values, ascending positions."""
+    for table in case.tables:
+        if not (np.isfinite(table.value_um).all() and np.isfinite(table.position_mm).all()):
+            yield _error("table-not-finite", f"{table.label}: a value or position is not a number")
+        elif np.any(np.diff(table.position_mm) <= 0):
+            yield _error("grid-not-ascending", f"{table.label}: positions do not rise")
+
+
+def check_values(case: Case) -> Iterator[Finding]:
+    """2: the size of the correction, and what the control itself can hold."""
+    limits = case.profile.limits
+    for table in case.tables:
+        largest = float(np.max(np.abs(table.absolute_um)))
+        own = case.controller.limits(table, case.profile).value_um
+        if largest > limits.value_um or (own is not None and largest > own):
+            limit = min(limits.value_um, own or np.inf)
+            yield _error("value-beyond-limit", f"{table.label}: {largest:.1f} um, the limit is {limit:g} um")
+        elif largest > limits.warn_value_um:
+            yield _warning("value-large", f"{table.label}: {largest:.1f} um, above {limits.warn_value_um:g} um: is the machine sound?")
+
+
+def check_change(case: Case) -> Iterator[Finding]:
+    """3: the change against the previous table; and a previous table that would stay active beside the new one.
+
+    A table of zeros is no previous table: the first compensation of a machine is judged by its size alone (check 2).
+    """
+    for table in case.tables:
+        before = [old for old in case.previous if old.name == table.name and np.any(old.value_um)]
+        if not before:
+            continue
+        change = float(np.max(np.abs(movement_um(table, [table]) - movement_um(table, before))))
+        if change > case.profile.limits.change_um:
+            yield _warning("change-large", f"{table.label}: differs by {change:.1f} um from the table in the control now")
+        for old in before:
+            if not any(_replaces(new, old) for new in case.tables):
+                yield _error(
+                    "old-table-left-active", f"{old.label}: would act together with the new {table.label}; give the new one its place"
+                )
+
+
+def check_slope(case: Case) -> Iterator[Finding]:
+    """4: change per mm, and from point to point as far as the control limits it."""
+    for table in case.tables:
+        own = case.controller.limits(table, case.profile)
+        spacing = np.diff(table.position_mm)
+        steps = np.abs(np.diff(table.absolute_um))
+        steepest = float(np.max(steps / spacing))
+        if steepest > case.profile.limits.slope_um_mm:
+            yield _warning("slope-steep", f"{table.label}: {steepest:.3f} um/mm, above {case.profile.limits.slope_um_mm:g} um/mm")
+        allowed = np.full(steps.shape, np.inf if own.neighbour_um is None else own.neighbour_um)
+        if own.neighbour_um_mm is not None:
+            allowed = np.minimum(allowed, own.neighbour_um_mm * spacing)
+        if np.any(steps > allowed + _ZERO_UM):
+            yield _error(
+                "neighbour-beyond-limit",
+                f"{table.label}: {np.max(steps):.1f} um from one point to the next, the control takes {np.min(allowed):g} um",
+            )
+
+
+def check_points(case: Case) -> Iterator[Finding]:
+    """5: number of points."""
+    for table in case.tables:
+        own = case.controller.limits(table, case.profile).points
+        allowed = min((limit for limit in (own, case.profile.limits.points) if limit is not None), default=None)
+        if allowed is not None and len(table.position_mm) > allowed:
+            yield _error(
+                "points-beyond-limit", f"{table.label}: {len(table.position_mm)} points, the control holds {allowed}: take a larger step"
+            )
+
+
+def check_reference(case: Case) -> Iterator[Finding]:
+    """6: zero at the reference position, or the axis jumps when the table becomes active."""
+    for table in case.tables:
+        if table.law.ends == "extended" or table.direction < 0:
+            continue
+        at_reference = abs(float(correction_um(table, np.array([table.reference_mm]), table.direction or 1)[0]))
+        if at_reference > table.quantum_um / 2 + _ZERO_UM:
+            yield _error("reference-not-zero", f"{table.label}: {at_reference:.2f} um at the reference position {table.reference_mm:g} mm")
+
+
+def check_travel(case: Case) -> Iterator[Finding]:
+    """7: the table covers the travel of its axis, or holds its end values beyond it."""
+    for table in case.tables:
+        travel = case.profile.axis(table.input_axis).travel_mm
+        if travel is None or table.law.ends == "extended":
+            continue
+        if table.position_mm[0] > travel[0] + _ZERO_UM or table.position_mm[-1] < travel[1] - _ZERO_UM:
+            low, high = table.absolute_um[[0, -1]]
+            yield _warning(
+                "travel-not-covered",
+                f"{table.label}: from {table.position_mm[0]:g} to {table.position_mm[-1]:g} mm, "
+                f"the axis travels {travel[0]:g} to {travel[1]:g} mm; {low:.2f} and {high:.2f} um are held outside",
+            )
+
+
+def check_units(case: Case) -> Iterator[Finding]:
+    """8: the unit system of the control."""
+    if case.profile.machine.units != "mm" and case.controller.name in _METRIC_ONLY:
+        yield _error(
+            "units-not-metric", f"{case.controller.title}: tables are written in mm, the profile says {case.profile.machine.units}"
+        )
+
+
+def check_axes(case: Case) -> Iterator[Finding]:
+    """9: every axis has a name of its own."""
+    names = [axis.name for axis in case.profile.axes.values()]
+    for name in sorted({name for name in names if names.count(name) > 1}):
+        yield _error("axis-name-doubled", f"{case.profile.source}: two axes are called {name}")
+
+
+def check_reversal(case: Case) -> Iterator[Finding]:
+    """12: reversal error in the tables and in the backlash parameter at the same time."""
+    for letter in sorted({table.input_axis for table in case.tables if table.direction and table.input_axis == table.output_axis}):
+        backlash = case.profile.axis(letter).backlash_um
+        if backlash is None:
+            yield _warning(
+                "reversal-unasked",
+                f"{case.axis_label(letter)}: backlash_um is not in the profile; tables for both directions need it to be 0",
+            )
+        elif backlash != 0:
+            yield _error(
+                "reversal-twice", f"{case.axis_label(letter)}: backlash of {backlash:g} um stays active beside tables for both directions"
+            )
+
+
+def check_quality(case: Case) -> Iterator[Finding]:
+    """13: what the solver says about the data, and the correction against repeatability and its own uncertainty."""
+    for finding in case.result.findings:
+        if finding.severity == "error":
+            yield _error("data-quality", f"{finding.code}: {finding.text}")
+    largest = max((float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0)
+    stated = {name: report.get("repeatability_um") for name, report in case.result.setups.items()}
+    spreads = {name: value for name, value in stated.items() if isinstance(value, int | float) and value > 0}
+    if spreads and max(spreads.values()) > largest / 2:
+        worst = max(spreads, key=lambda name: spreads[name])
+        text = f"{worst}: a stop repeats to {spreads[worst]:.1f} um, the largest correction is {largest:.1f} um: measure again"
+        yield _warning("repeatability-exceeds-correction", text)
+    uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]
+    if uncertain and all(np.max(np.abs(curve.mean_um)) < 2 * np.nanmax(curve.u_um) for curve in uncertain):
+        yield _warning(
+            "correction-within-uncertainty", "no correction is larger than its expanded uncertainty (k = 2): there is nothing to correct"
+        )
+
+
+def check_sign(case: Case) -> Iterator[Finding]:
+    """14: a sign test that contradicts the sense of a table. That none was made is said in the file names instead."""
+    for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
+        for record in case.profile.sign_tests:
+            if record.kind == kind and record.verdict != sense:
+                yield _error(
+                    "sign-contradicted", f"{kind}: the sign test of {record.date} showed {record.verdict}, the tables are written {sense}"
+                )
+
+
+CHECKS: tuple[Check, ...] = (
+    check_values,
+    check_change,
+    check_slope,
+    check_points,
+    check_reference,
+    check_travel,
+    check_units,
+    check_axes,
+    check_reversal,
+    check_quality,
+    check_sign,
+)
+
+
+def run_checks(case: Case) -> tuple[Finding, ...]:
+    """Return every error and every warning; tables that are not finite or not ascending are beyond any further check."""
+    broken = tuple(check_finite(case))
+    return broken or tuple(finding for check in CHECKS for finding in check(case))
+
+
+def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterator[Finding]:
+    """11: what the control reads from the bytes is what was planned, to half a unit at every point."""
+    for table in planned:
+        alike = [[other for other in tables if (other.name, other.kind) == (table.name, table.kind)] for tables in (planned, read)]
+        meant, found = (movement_um(table, tables) for tables in alike)
+        off = float(np.max(np.abs(found - meant))) if alike[1] else np.inf
+        if not off <= table.quantum_um / 2 + _ZERO_UM:
+            yield _error("round-trip", f"{table.label}: read back from the file it differs by {off:.3f} um")
+
+
+def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -> None:
+    """Raise ``SafetyError`` with the code of the first finding that is an error, or a warning that nobody accepted."""
+    open_findings = [item for item in findings if item.severity == "error" or (item.severity == "warning" and item.code not in accept)]
+    if not open_findings:
+        return
+    first = min(open_findings, key=lambda item: item.severity != "error")
+    others = [f"{item.code}: {item.text}" for item in open_findings if item is not first]
+    remedy = "mend the cause" if first.severity == "error" else f"mend the cause, or accept it by its name: {first.code}"
+    raise SafetyError(
+        where,
+        code=first.code,
+        expected="tables that pass the safety checks",
+        found=first.text,
+        remedy=remedy + (f" (also refused: {'; '.join(others)})" if others else ""),
+    )
+
+
+def untested_kinds(case: Case) -> tuple[str, ...]:
+    """Return the kinds of table without a sign test in the twelve months before today; neutral curves have no sense to test."""
+    if case.controller.name == curves_csv.NAME:
+        return ()
+    tested = {record.kind for record in case.profile.sign_tests if 0 <= (case.today - record.date).days <= SIGN_TEST_DAYS}
+    return tuple(sorted({table.kind for table in case.tables} - tested))
+
+
+def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
+    """Return the summed correction of tables at the points of one of them, in its direction of travel."""
+    total = np.zeros(grid_of.position_mm.shape)
+    for table in tables:
+        total += correction_um(table, grid_of.position_mm, grid_of.direction or 1)
+    return total
+
+
+def _replaces(new: Table, old: Table) -> bool:
+    """Return whether the new table overwrites the old one; numbered tables act together unless they have the same number."""
+    return new.kind == old.kind and new.place.get("table") == old.place.get("table")
+
+
+def _error(code: str, text: str) -> Finding:
+    return Finding(code=code, severity="error", text=text)
+
+
+def _warning(code: str, text: str) -> Finding:
+    return Finding(code=code, severity="warning", text=text)

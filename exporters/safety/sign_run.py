@@ -1,0 +1,73 @@
+"""The run of a sign test as data: from readings of two linear runs, or from a small CSV for what a dial or straightness laser showed."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import finite, read_lines
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import AXES, Vector
+from stepdiag.solver.readings.readings import Readings
+
+HEADER = "position_mm,off_um,on_um"
+_SAME_MM = 1e-3
+
+
+class SignRun(NamedTuple):
+    """Commanded positions of the input axis, and where the output axis stood there with the table off and on; ascending."""
+
+    position_mm: Vector
+    off_um: Vector
+    on_um: Vector
+
+
+def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
+    """Return the run along ``axis`` (X, Y, Z) from its linear run with the table off and the same with it on.
+
+    All passes of ``linear-x`` .. are averaged by position. Raises ``DataError`` where a run is missing or the positions differ.
+    """
+    before, after = (_by_position(readings, axis, state) for readings, state in ((off, "off"), (on, "on")))
+    if len(before) != len(after) or any(abs(one - other) > _SAME_MM for one, other in zip(before, after, strict=True)):
+        raise DataError(
+            f"sign test along {axis}",
+            expected="the same commanded positions with the table off and on",
+            found=f"{len(before)} and {len(after)} positions",
+        )
+    position = np.array(list(before))
+    shift = 1000.0 * position
+    return SignRun(position, np.array(list(before.values())) - shift, np.array(list(after.values())) - shift)
+
+
+def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float]:
+    """Return the mean actual position in um at each commanded position in mm, ascending; a pass counts from its own first stop."""
+    along = readings.position_mm[:, AXES.index(axis.lower())]
+    actual: dict[float, list[float]] = {}
+    for key, rows in readings.passes().items():
+        if key.setup == f"linear-{axis.lower()}":
+            for row in rows:
+                actual.setdefault(round(float(along[row]), 4), []).append(1000.0 * float(along[rows[0]] + readings.reading_mm[row]))
+    if not actual:
+        raise DataError(
+            f"sign test, table {state}",
+            expected=f"a run linear-{axis.lower()}",
+            found=", ".join(sorted(set(readings.setup))) or "nothing",
+        )
+    return {at: float(np.mean(actual[at])) for at in sorted(actual)}
+
+
+def read_sign_run(file: ControlFile) -> SignRun:
+    """Return the run in a CSV ``position_mm,off_um,on_um``. Raises ``DataError`` with the line where it is damaged."""
+    lines = [(where, line) for where, line in read_lines(file) if line]
+    if not lines or lines[0][1] != HEADER:
+        raise DataError(file.name, expected=f"the header {HEADER}", found=lines[0][1] if lines else "an empty file")
+    rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 3)
+    position, off, on = rows[np.argsort(rows[:, 0])].T
+    return SignRun(position, off, on)
+
+
+def _row(where: str, line: str) -> list[float]:
+    cells = line.split(",")
+    if len(cells) != 3:
+        raise DataError(where, expected="three numbers", found=repr(line))
+    return [finite(cell, where) for cell in cells]

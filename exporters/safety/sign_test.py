@@ -1,0 +1,158 @@
+"""The sign test: a bump table for one function, and the verdict from the movement that it causes (controllers.md 11).
+
+A sense learnt from a manual is a claim; this is the experiment. Zero everywhere but for one trapezium with gentle flanks; the axis is
+driven to the same commanded positions with the table off and on, and what the laser sees between the two is the table's doing.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+
+import msgspec
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.safety.restore import restore_files
+from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Sense, Table, correction_um
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
+from stepdiag.solver.geometry.volume import Vector
+
+HEIGHT_UM = 10.0
+SLOPE_UM_MM = 0.2
+"""Flank of the bump: the safety checks let it pass."""
+_ACTIVE = 0.5
+"""Share of the expected movement that a verdict needs; less than half of that counts as no movement."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Bump:
+    """A sign test ready to be loaded: what the control's stated law will do at the three positions that decide.
+
+    ``files`` go into the control for the test, ``restore`` after it.
+    """
+
+    function: str
+    tables: tuple[Table, ...]
+    files: tuple[ControlFile, ...]
+    restore: tuple[ControlFile, ...]
+    reference_mm: float
+    top_mm: float
+    beyond_mm: float
+
+    @property
+    def expected_um(self) -> float:
+        """Return the movement of the output axis on top of the bump if the stated sense is right."""
+        return _moved(self.tables, self.top_mm)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verdict:
+    """What the sign test showed; ``sense`` is None where it decides nothing, and ``text`` says why."""
+
+    kind: str
+    sense: Sense | None
+    moved_um: float
+    text: str
+
+    def as_toml(self, day: date) -> str:
+        """Return the record for the profile. Raises ``DataError`` for a test that decided nothing."""
+        if self.sense is None:
+            raise DataError("sign test", expected="a test that decides", found=self.text)
+        return f'[[sign_test]]\nkind = "{self.kind}"\ndate = {day.isoformat()}\nverdict = "{self.sense}"\n'
+
+
+def bump(controller: Controller, profile: Profile, function: str) -> Bump:
+    """Return the bump table for ``function`` (EXX, EYX ..) on the longer side of its reference.
+
+    Raises ``SafetyError`` where the travel is too short for a bump that a laser can see, ``UsageError`` for an unknown function.
+    """
+    if function not in FUNCTIONS:
+        raise UsageError("--function", expected="one of " + ", ".join(FUNCTIONS), found=function)
+    letter = function[2]
+    grid = profile.grid_mm(letter)
+    reference = profile.axis(letter).reference_mm
+    corners, height = _trapezium(grid, reference, profile.source)
+    shape = np.interp(grid, np.sort(corners), [0.0, height, height, 0.0])
+    curve = Curve(name=function, position_mm=grid, forward_um=shape, u_um=np.zeros(grid.shape), parts=("sign test",))
+    one_way = replace(profile, machine=msgspec.structs.replace(profile.machine, direction="mean"))
+    plan = controller.plan([curve], one_way)
+    settled = replace(one_way, options=plan.options or profile.options)
+    return Bump(
+        function=function,
+        tables=plan.tables,
+        files=controller.render(plan.tables, settled, notes=("SIGN TEST: a bump, no compensation",)),
+        restore=tuple(restore_files(controller, plan.tables, settled)),
+        reference_mm=reference,
+        top_mm=float(np.mean(corners[1:3])),
+        beyond_mm=float(grid[-1] if corners[3] > corners[0] else grid[0]),
+    )
+
+
+def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> Verdict:
+    """Return what the movement between table off and table on says about the sense.
+
+    ``position_mm``: commanded positions of the input axis; ``off_um``, ``on_um``: actual position of the output axis there, in its +
+    direction, from any common zero. The run must reach the reference, the top of the bump and the end beyond it; raises ``DataError`` else.
+    """
+    table = test.tables[-1]
+    moved = _from_reference(test, position_mm, np.asarray(on_um) - np.asarray(off_um))
+    at_top, beyond = (float(np.interp(at, *moved)) for at in (test.top_mm, test.beyond_mm))
+    expected = test.expected_um
+    if abs(at_top) < _ACTIVE / 2 * abs(expected):
+        return Verdict(kind=table.kind, sense=None, moved_um=at_top, text=f"the axis moved {at_top:.1f} um: the table is not active")
+    if abs(beyond) > _ACTIVE * abs(expected):
+        text = f"{beyond:.1f} um are left beyond the bump: the control reads {_other_data(table)} data"
+        return Verdict(kind=table.kind, sense=None, moved_um=at_top, text=text)
+    if abs(at_top) < _ACTIVE * abs(expected):
+        return Verdict(kind=table.kind, sense=None, moved_um=at_top, text=f"the axis moved {at_top:.1f} um of {expected:.1f} um: not clear")
+    right = (at_top > 0) == (expected > 0)
+    sense = table.law.sense if right else _opposite(table.law.sense)
+    text = f"the axis moved {at_top:+.1f} um: the table is {sense}" + ("" if right else f", NOT {table.law.sense} as it was written")
+    return Verdict(kind=table.kind, sense=sense, moved_um=at_top, text=text)
+
+
+def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, float]:
+    """Return the four corners, from the one next to the reference outwards, on grid points, and the height in um."""
+    up = grid[-1] - reference >= reference - grid[0]
+    outward = grid[grid >= reference] if up else grid[grid <= reference][::-1]
+    flank = max(1, round(HEIGHT_UM / SLOPE_UM_MM / float(grid[1] - grid[0])))
+    flank = min(flank, (len(outward) - 2) // 3)
+    if flank < 1:
+        raise SafetyError(
+            where,
+            code="bump-does-not-fit",
+            expected="at least five points of the grid on one side of the reference",
+            found=str(len(outward)),
+            remedy="take a smaller step_mm in the profile for this test",
+        )
+    start = 1 if len(outward) > 3 * flank + 1 else 0
+    corners = outward[[start, start + flank, start + 2 * flank, start + 3 * flank]]
+    return corners, min(HEIGHT_UM, SLOPE_UM_MM * abs(float(corners[1] - corners[0])))
+
+
+def _moved(tables: Sequence[Table], at_mm: float) -> float:
+    return sum(float(correction_um(table, np.array([at_mm]))[0]) for table in tables)
+
+
+def _from_reference(test: Bump, position_mm: Vector, moved_um: Vector) -> tuple[Vector, Vector]:
+    """Return positions in ascending order and the movement relative to the reference."""
+    order = np.argsort(position_mm)
+    position, moved = np.asarray(position_mm)[order], moved_um[order]
+    needed = (test.reference_mm, test.top_mm, test.beyond_mm)
+    if len(position) < 3 or position[0] > min(needed) + 1e-3 or position[-1] < max(needed) - 1e-3:
+        raise DataError(
+            "sign test", expected=f"positions from {min(needed):g} to {max(needed):g} mm", found=f"{len(position)} positions",
+            remedy="drive the run over the reference, the bump and the end beyond it",
+        )  # fmt: skip
+    return position, moved - np.interp(test.reference_mm, position, moved)
+
+
+def _opposite(sense: Sense) -> Sense:
+    return "as-compensation" if sense == "as-error" else "as-error"
+
+
+def _other_data(table: Table) -> str:
+    return "incremental" if table.law.data == "absolute" else "absolute"

@@ -1,0 +1,134 @@
+"""What the files will do: parsed as written, applied by the control's law, against the error field of the result.
+
+The field comes from the solver's rigid-body model with its Abbe arms; the correction comes from nothing but the bytes of the files.
+Statistics are given twice: as they are, counted from the low corner of the volume, and without the rigid motion that fits best, which
+is a matter of where the workpiece lies.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.files import read_bytes
+from stepdiag.exporters.profiles.file import quick_profile
+from stepdiag.exporters.profiles.registry import CONTROLLERS
+from stepdiag.exporters.tables import lattice
+from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table, mean_correction_um
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.solver.result.result import Result
+
+NODES = 11
+"""Points along each axis of the grid on which the effect is predicted."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """Length of the error vector over the grid, in um."""
+
+    largest_um: float
+    rms_um: float
+
+    @classmethod
+    def of(cls, errors_um: Vector) -> "Figures":
+        """Return the figures of error vectors, shape (N, 3)."""
+        length = np.linalg.norm(errors_um, axis=1)
+        return cls(largest_um=float(np.max(length)), rms_um=float(np.sqrt(np.mean(length**2))))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """The error before and after at grid points: ``points_mm``, ``before_um`` and ``after_um`` have shape (N, 3)."""
+
+    volume: Volume
+    points_mm: Vector
+    before_um: Vector
+    after_um: Vector
+
+    def figures(self, *, rigid_motion: bool) -> tuple[Figures, Figures]:
+        """Return the figures before and after, with or without the rigid motion of the whole volume."""
+        return Figures.of(self._errors(self.before_um, rigid_motion)), Figures.of(self._errors(self.after_um, rigid_motion))
+
+    def improvement(self) -> float:
+        """Return the largest error before over the largest after, both without rigid motion; infinite if nothing is left."""
+        before, after = self.figures(rigid_motion=False)
+        return before.largest_um / after.largest_um if after.largest_um > 0 else float("inf")
+
+    def picture(self) -> dict[str, list[list[float]]]:
+        """Return plain lists for a plot: points in mm, error vectors before and after in um without rigid motion."""
+        before, after = (self._errors(errors, False) for errors in (self.before_um, self.after_um))
+        return {"points_mm": self.points_mm.tolist(), "before_um": before.tolist(), "after_um": after.tolist()}
+
+    def _errors(self, errors_um: Vector, rigid_motion: bool) -> Vector:
+        return errors_um if rigid_motion else without_rigid_motion(self.volume, self.points_mm, errors_um)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Verification:
+    """What was found in the files and what it will do; ``assumed`` says that axis names and references were (no profile)."""
+
+    controller: str
+    assumed: bool
+    tables: tuple[Table, ...]
+    prediction: Prediction
+
+
+def grid_points_mm(volume: Volume, nodes: int = NODES) -> Vector:
+    """Return a regular grid over the volume, shape (nodes ** 3, 3)."""
+    axes = [low + size * np.linspace(0.0, 1.0, nodes) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def predict(result: Result, tables: Sequence[Table], replaced: Sequence[Table] = (), nodes: int = NODES) -> Prediction:
+    """Return the effect of ``tables`` on the error field of the result, mean of both directions of travel.
+
+    ``replaced`` are tables that were active while the result was measured and that the new ones take the place of.
+    """
+    points = grid_points_mm(result.volume, nodes)
+    return _prediction(result, points, mean_correction_um(tables, points) - mean_correction_um(replaced, points))
+
+
+def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:
+    """Return what the files of one controller, told by their contents, will do to the machine of the result.
+
+    Without a profile the axes are AX1 AX2 AX3. Raises ``DataError`` for files that no controller knows or that are mixed or damaged.
+    """
+    if len(files) == 1 and lattice.recognises(files[0]):
+        points = grid_points_mm(result.volume, nodes)
+        prediction = _prediction(result, points, lattice.parse(files[0]).correction_um(points))
+        return Verification(controller=lattice.NAME, assumed=False, tables=(), prediction=prediction)
+    controller = controller_of(files)
+    reading = profile or quick_profile(controller, result.volume, float(result.volume.step_mm[0]))
+    tables = controller.parse(files, reading)
+    prediction = predict(result, tables, nodes=nodes)
+    return Verification(controller=controller.name, assumed=reading.assumed, tables=tables, prediction=prediction)
+
+
+def read_files(paths: Sequence[Path]) -> tuple[ControlFile, ...]:
+    """Return files from disk. Raises ``UsageError`` for one that cannot be read."""
+    return tuple(ControlFile(name=path.name, data=read_bytes(path)) for path in paths)
+
+
+def controller_of(files: Sequence[ControlFile]) -> Controller:
+    """Return the one controller whose format all files have. Raises ``DataError``."""
+    named: dict[str, str] = {}
+    for file in files:
+        names = [name for name, controller in CONTROLLERS.items() if controller.recognises(file)]
+        if len(names) != 1:
+            raise DataError(file.name, expected="a compensation file of a known controller", found=" or ".join(names) or "none of them")
+        named.setdefault(names[0], file.name)
+    if len(named) != 1:
+        found = ", ".join(f"{file} of {name}" for name, file in named.items()) or "no file"
+        raise DataError("files", expected="files of one controller", found=found)
+    return CONTROLLERS[next(iter(named))]
+
+
+def _prediction(result: Result, points: Vector, correction: Vector) -> Prediction:
+    before = error_field_um(result, points)
+    return Prediction(volume=result.volume, points_mm=points, before_um=before, after_um=before + correction)

@@ -1,0 +1,186 @@
+"""SINUMERIK 840D, 840D sl, 828D and ONE: EEC for the positioning errors, CEC for straightness with squareness.
+
+A curve that is corrected for each direction of travel goes into two CEC tables with DIRECTION 1 and -1, also for a positioning error
+(K3 p. 264: the same axis as base and compensated axis). Everything else about the formats is in ``siemens_eec`` and ``siemens_cec``.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.siemens import cec, eec, loader
+from stepdiag.exporters.tables.controller import Limits, Plan
+from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
+from stepdiag.exporters.tables.tables import Sense, Table, plain_rows
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.findings import Finding
+
+_NEWLINE = "\n"
+Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
+"""Points of a table, or a number of one: far above what the machine data allow."""
+
+
+class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """``[siemens]``: measuring system, sizes of the tables in the control, numbers of the CEC tables."""
+
+    measuring_system: Annotated[int, msgspec.Meta(ge=1, le=2)]
+    eec_points: dict[str, Size] = {}
+    cec_points: Size | None = None
+    first_cec_table: Size = 0
+    cec_tables: dict[str, list[Size]] = {}
+    cec_sense: Sense = "as-error"
+    decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
+    metric_line: bool = False
+
+
+_TEMPLATE = """\
+[siemens]
+measuring_system = "?"        # 1 or 2: which encoder the position control uses now (DB31.. DBX1.5 = 1, DBX1.6 = 2)
+# eec_points = { X = 100, Y = 100, Z = 100 }   # MD38000 of each axis; then surplus points are written as 0
+# cec_points = 100            # MD18342, the same for every table used here (828D: 200)
+# first_cec_table = 0         # index of the first free CEC table ($AN_CEC[t,..] counts from 0)
+# cec_tables = { EYX = [2] }  # index by function; two indices where each direction has its own table
+# cec_sense = "as-error"      # sense of the CEC tables: the manual does not state it, the sign test does
+# decimals = 4                # places in mm
+# metric_line = false         # true: begin data files with METRIC, as backups of some controls do
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Siemens:
+    """The SINUMERIK family as `exporters.tables.controller.Controller`."""
+
+    name: str = "siemens"
+    title: str = "Siemens SINUMERIK 840D, 840D sl, 828D, ONE (EEC and CEC)"
+    kinds: tuple[str, ...] = (eec.KIND, cec.KIND)
+    options: type[msgspec.Struct] = SiemensOptions
+    options_template: str = _TEMPLATE
+
+    def quick_options(self) -> SiemensOptions:
+        """Return the options of a quick look: first measuring system, CEC tables from index 0."""
+        return SiemensOptions(measuring_system=1)
+
+    def limits(self, table: Table, profile: Profile) -> Limits:
+        """Return MD38000 or MD18342 as the profile gives them; the control limits neither values nor slopes."""
+        options = profile.options_as(SiemensOptions)
+        return Limits(points=options.eec_points.get(table.input_axis) if table.kind == eec.KIND else options.cec_points)
+
+    def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
+        """Return EEC tables for positioning errors and CEC tables for the rest, CEC table numbers given out in order."""
+        options = profile.options_as(SiemensOptions)
+        quantum_um = 1000.0 * 10.0**-options.decimals
+        law = cec.law(options.cec_sense)
+        tables: list[Table] = []
+        numbers = _free_numbers(options)
+        for curve in curves:
+            if curve.name in POSITIONING and not is_directional(curve, profile):
+                place: dict[str, int | str] = {
+                    "measuring system": options.measuring_system,
+                    "axis": profile.axis(curve.input_axis).name,
+                }
+                tables += absolute_tables(curve, profile, kind=eec.KIND, law=eec.LAW, quantum_um=quantum_um, place=place)
+            else:
+                planned = absolute_tables(curve, profile, kind=cec.KIND, law=law, quantum_um=quantum_um, place={})
+                tables += _numbered(planned, options, numbers, profile)
+        return Plan(tables=tuple(tables), findings=tuple(_remarks(tables, options)))
+
+    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+        """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and ``LOAD_CEC.MPF`` that write the same."""
+        options = profile.options_as(SiemensOptions)
+        eec_tables = [table for table in tables if table.kind == eec.KIND]
+        cec_tables = [table for table in tables if table.kind == cec.KIND]
+        eec_lines = [eec.assignments(table, options.decimals, options.eec_points.get(table.input_axis, 0)) for table in eec_tables]
+        cec_lines = [cec.assignments(table, profile, options.decimals, options.cec_points or 0) for table in cec_tables]
+        files: list[ControlFile] = []
+        if eec_tables:
+            files += [_data_file("AX_EEC", eec_lines, options, notes), loader.eec_program(eec_tables, eec_lines, notes)]
+        if cec_tables:
+            files += [_data_file("NC_CEC", cec_lines, options, notes), loader.cec_program(cec_tables, cec_lines, profile, notes)]
+        return tuple(files)
+
+    def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables in data files and part programs; the same table in two files must be the same."""
+        sense = profile.options_as(SiemensOptions).cec_sense
+        found: dict[tuple[str, str], tuple[Table, str]] = {}
+        for file in files:
+            tables = eec.read_tables(file, profile) + cec.read_tables(file, profile, sense)
+            if not tables:
+                raise DataError(file.name, expected="an EEC or CEC table", found="none", remedy="give the data files of the control")
+            for table in tables:
+                key = (table.kind, str(sorted(table.place.items())))
+                if key in found and not _same(found[key][0], table):
+                    raise DataError(file.name, expected=f"the same {table.label} as in {found[key][1]}", found="another")
+                found.setdefault(key, (table, file.name))
+        return tuple(table for table, _ in found.values())
+
+    def recognises(self, file: ControlFile) -> bool:
+        """Return whether the file assigns EEC or CEC variables."""
+        return b"$AA_ENC_COMP" in file.data or b"$AN_CEC" in file.data
+
+    def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
+        """Return one row a point: the point numbers are those of the control."""
+        return plain_rows(table)
+
+    def instructions(self, profile: Profile) -> tuple[str, ...]:
+        """Return the steps for the service engineer (K3 pp. 237-264; controllers.md 3)."""
+        system = profile.options_as(SiemensOptions).measuring_system
+        return (
+            "Back up NC data and machine data. Changing MD38000 or MD18342 reformats the static memory at the next start.",
+            f"Check that measuring system {system} is the one in use, and that MD38000 and MD18342 hold at least the points of each table.",
+            "Run LOAD_EEC.MPF and LOAD_CEC.MPF: they check the sizes, switch off, write, switch on.",
+            "Or by hand: MD32700 = 0 (EEC), MD32710 = 0 and SD41300 = 0 (CEC), load AX_EEC.INI and NC_CEC.INI, switch on again.",
+            "For CEC set SD41310 (weight) = 1, and see that MD32720 and MD32730 allow the sums. The CEC option must be set (alarm 8040).",
+            "NCK reset. EEC needs its axis referenced, CEC needs base and compensated axis referenced: reference all axes.",
+            "The positions on the screen do not show the compensation. Measure again; if the residual has grown, load the restore files.",
+        )
+
+
+def _free_numbers(options: SiemensOptions) -> Iterator[int]:
+    taken = {number for numbers in options.cec_tables.values() for number in numbers}
+    number = options.first_cec_table
+    while True:
+        if number not in taken:
+            yield number
+        number += 1
+
+
+def _numbered(planned: Sequence[Table], options: SiemensOptions, free: Iterator[int], profile: Profile) -> list[Table]:
+    given = options.cec_tables.get(planned[0].name)
+    if given is not None and len(given) != len(planned):
+        raise UsageError(
+            f"{profile.source}: siemens.cec_tables.{planned[0].name}",
+            expected=f"{len(planned)} table numbers, one for each direction that has its own",
+            found=str(given),
+        )
+    return [replace(table, place={"table": given[index] if given is not None else next(free)}) for index, table in enumerate(planned)]
+
+
+def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Finding]:
+    sized = {eec.KIND: bool(options.eec_points), cec.KIND: options.cec_points is not None}
+    if any(not sized[table.kind] for table in tables):
+        text = "MD38000 or MD18342 is not in the profile: the data files write only MIN to MAX, the part programs zero the rest"
+        yield Finding(code="surplus-points-unknown", severity="info", text=text)
+    if any(table.kind == cec.KIND for table in tables):
+        text = f"CEC is written {options.cec_sense}: the manual does not state its sense, a builder's program shows it; make the sign test"
+        yield Finding(code="sense-derived", severity="info", text=text)
+
+
+def _data_file(name: str, groups: Sequence[list[str]], options: SiemensOptions, notes: Sequence[str]) -> ControlFile:
+    head = [f"%_N_{name}_INI", *(f"; {note}" for note in notes), *(["METRIC"] if options.metric_line else []), "CHANDATA(1)"]
+    lines = [*head, *(line for group in groups for line in group), "M17", ""]
+    return ControlFile(name=f"{name}.INI", data=_NEWLINE.join(lines).encode("ascii"))
+
+
+def _same(one: Table, other: Table) -> bool:
+    return (
+        one.direction == other.direction
+        and one.name == other.name
+        and np.array_equal(one.position_mm, other.position_mm)
+        and np.array_equal(one.value_um, other.value_um)
+    )

@@ -1,0 +1,93 @@
+"""The text of SINUMERIK data files: assignments of system variables, as archives and services read and write them.
+
+A data file is ``%_N_<name>_INI``, an optional ``METRIC``, ``CHANDATA(1)``, assignments, ``M17`` (controllers.md 3.1, 3.2:
+manual samples and a production archive, which has no ``%`` line and starts with ``METRIC``). Comments begin with ``;``. A part program
+holds the same assignments among statements; its loops zero surplus points and are passed over here.
+"""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import finite, read_lines
+from stepdiag.solver.errors import DataError
+
+_ASSIGNMENT = re.compile(r"^(?:N\d+\s*)?\$(?P<name>A[AN]_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*(?P<value>\S+)$")
+_FRAME = re.compile(r"^(%_N_\w+_INI|METRIC|CHANDATA\(\d+\))$")
+_END = re.compile(r"^(M17|M30|M02|M2)$")
+_COMPENSATION = ("AA_ENC_COMP", "AN_CEC")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Assignment:
+    """``$name[index] = value`` with the place where it stands, for messages."""
+
+    name: str
+    index: tuple[str, ...]
+    value: str
+    where: str
+
+    def number(self) -> float:
+        """Return the value as a finite number. Raises ``DataError``."""
+        return finite(self.value, self.where)
+
+    def axis(self) -> str:
+        """Return an axis name without the parentheses of the CEC variables."""
+        return self.value.removeprefix("(").removesuffix(")")
+
+
+def read_assignments(file: ControlFile) -> list[Assignment]:
+    """Return the EEC and CEC assignments of a data file or part program, in order.
+
+    Raises ``DataError`` with the line for anything that a data file cannot hold, for inches, and for a file without its end.
+    """
+    program = _is_program(file)
+    found: list[Assignment] = []
+    ended = False
+    for where, line in _lines(file):
+        if ended and not program:
+            raise DataError(where, expected="nothing after the end of the file", found=line)
+        if match := _ASSIGNMENT.match(line):
+            if match["name"].startswith(_COMPENSATION):
+                index = tuple(part.strip() for part in match["index"].split(","))
+                found.append(Assignment(name=match["name"], index=index, value=match["value"], where=where))
+        elif line == "INCH":
+            raise DataError(where, expected="a metric file", found="INCH", remedy="back the table up with metric scaling")
+        elif _END.match(line):
+            ended = True
+        elif not program and not _FRAME.match(line):
+            raise DataError(where, expected="an assignment of a SINUMERIK data file", found=line)
+    if not ended:
+        raise DataError(file.name, expected="M17 at the end", found="no end of file", remedy="the file is truncated: take it again")
+    return found
+
+
+def _is_program(file: ControlFile) -> bool:
+    return file.role == "program" or file.name.upper().endswith((".MPF", ".SPF"))
+
+
+def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
+    """Yield place and text of every line that says something; comments and the bodies of loops are left out."""
+    in_loop = False
+    for where, raw in read_lines(file):
+        line = raw.partition(";")[0].strip()
+        in_loop = in_loop or line.startswith("FOR ")
+        if line and not in_loop:
+            yield where, line
+        in_loop = in_loop and line != "ENDFOR"
+
+
+def grid_mm(start: float, step: float, end: float, written: int, where: str) -> list[float]:
+    """Return the positions of a table as the control uses them, ``end`` included.
+
+    A table made elsewhere may end between two points (controllers.md 3.2, MAX 950 with STEP 100): its last position is then the end.
+    Raises ``DataError`` for a grid that cannot be, or that needs more than the ``written`` points.
+    """
+    if step <= 0 or end <= start:
+        raise DataError(where, expected="STEP above 0 and MAX above MIN", found=f"MIN {start:g}, MAX {end:g}, STEP {step:g}")
+    if (end - start) / step > written:
+        raise DataError(where, expected=f"{(end - start) / step + 1:.0f} points from MIN to MAX", found=f"{written}")
+    count = int((end - start) / step + 1e-9)
+    grid = [start + step * index for index in range(count + 1)]
+    return grid if abs(grid[-1] - end) <= 1e-6 else [*grid, end]

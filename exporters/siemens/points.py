@@ -1,0 +1,63 @@
+"""Points and grid of one table, which EEC and CEC write and read alike (function manual K3 pp. 237-264)."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag.exporters.files.numbers import fixed, shortest
+from stepdiag.exporters.siemens.ini import Assignment, grid_mm
+from stepdiag.exporters.tables.tables import Table, require_rising
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Points:
+    """What a table holds: ``value_um`` at ``position_mm``, both of shape (N,), written to ``quantum_um``."""
+
+    position_mm: Vector
+    value_um: Vector
+    quantum_um: float
+
+
+def point_lines(table: Table, variable: str, decimals: int, points: int) -> list[str]:
+    """Return the assignments of all points in mm, ``variable`` holding ``{}`` for the number, zeros up to ``points``.
+
+    Points that are not written keep their old values (K3, CAUTION): the surplus is written as 0.
+    """
+    values = [float(value) / 1000 for value in table.value_um]
+    values += [0.0] * (points - len(values))
+    return [f"${variable.format(number)}={fixed(value, decimals)}" for number, value in enumerate(values)]
+
+
+def grid_lines(table: Table, variable: str, place: str) -> list[str]:
+    """Return the assignments of the grid of the table at ``place``: step, first and last position in mm."""
+    first, second, last = (float(table.position_mm[index]) for index in (0, 1, -1))
+    named = (("STEP", second - first), ("MIN", first), ("MAX", last))
+    return [f"${variable}_{name}[{place}]={shortest(value)}" for name, value in named]
+
+
+def read_points(written: Mapping[int, Assignment], step_mm: float, start_mm: float, end_mm: float, where: str) -> Points:
+    """Return the points of a table; every one up to its last must have been written (``DataError``).
+
+    Between two points, where a foreign table ends off its grid, the value is the interpolated one.
+    """
+    position = np.array(grid_mm(start_mm, step_mm, end_mm, len(written), where))
+    require_rising(position, where)
+    on_grid = abs(position[-1] - position[0] - step_mm * (len(position) - 1)) <= 1e-6
+    count = len(position) if on_grid else len(position) - 1
+    missing = [str(number) for number in range(count) if number not in written]
+    if missing:
+        raise DataError(
+            where, expected=f"points 0 to {count - 1}", found="no point " + ", ".join(missing[:5]), remedy="take the file again"
+        )
+    numbers = sorted(written)
+    value_um = np.interp(position, start_mm + step_mm * np.array(numbers), [written[number].number() * 1000 for number in numbers])
+    return Points(position_mm=position, value_um=value_um, quantum_um=_quantum_um(written))
+
+
+def _quantum_um(written: Mapping[int, Assignment]) -> float:
+    """Return one unit of the last decimal that a file writes, in um; at least the 0.1 um of four decimals."""
+    decimals = max((len(item.value.partition(".")[2]) for item in written.values()), default=4)
+    return 1000.0 * 10.0 ** -max(decimals, 4)

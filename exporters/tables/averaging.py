@@ -1,0 +1,39 @@
+"""For tables that know no direction of travel: the mean of both, with a remark about what is left over."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import msgspec
+
+from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import is_directional
+from stepdiag.solver.findings import Finding
+
+
+def averaging(profile: Profile) -> Profile:
+    """Return the profile as if it asked for the mean of both directions."""
+    return replace(profile, machine=msgspec.structs.replace(profile.machine, direction="mean"))
+
+
+def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
+    """Yield ``direction-averaged`` for every curve whose two directions go into one table although the profile asks for both."""
+    for curve in curves:
+        if is_directional(curve, profile):
+            text = f"{curve.name}: the mean of both directions is written, {curve.reversal_um:.1f} um of reversal are left to the backlash"
+            yield Finding(code="direction-averaged", severity="warning", text=text)
+
+
+def straightness_remark(curves: Sequence[Curve], control: str) -> Iterator[Finding]:
+    """Yield ``straightness-not-written``: how much of each straightness curve, end-point line apart, stays in the machine."""
+    left = [f"{curve.name} {_straightness_um(curve):.1f} um" for curve in curves if curve.name not in POSITIONING]
+    if left:
+        text = f"{control} has no table for straightness; up to this much stays in the machine: {', '.join(left)}"
+        yield Finding(code="straightness-not-written", severity="info", text=text)
+
+
+def _straightness_um(curve: Curve) -> float:
+    first, last = curve.position_mm[[0, -1]]
+    share = (curve.position_mm - first) / (last - first)
+    line = curve.mean_um[0] + share * (curve.mean_um[-1] - curve.mean_um[0])
+    return float(max(abs(curve.mean_um - line)))

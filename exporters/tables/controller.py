@@ -1,0 +1,102 @@
+"""What every controller module offers: plan, render, parse, and the law by which its control applies a table.
+
+curves --plan--> tables --render--> files          (export)
+files  --parse-> tables --law-----> correction     (verify, merge, sign test)
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Protocol
+
+import msgspec
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table
+from stepdiag.solver.findings import Finding
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Limits:
+    """What the control itself accepts; None where it sets no limit.
+
+    ``points``: most points in one table; ``neighbour_um``: largest change from point to point; ``neighbour_um_mm``:
+    the same per mm of spacing; ``value_um``: largest value.
+    """
+
+    points: int | None = None
+    neighbour_um: float | None = None
+    neighbour_um_mm: float | None = None
+    value_um: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """The tables of one export, with what the planning has to say about them.
+
+    ``listed`` are tables that no file can hold: they stand in the report, to be entered by hand. ``options`` are the profile's
+    with every choice that the planning made, None where it made none; ``render`` and ``parse`` need them.
+    """
+
+    tables: tuple[Table, ...]
+    findings: tuple[Finding, ...] = ()
+    listed: tuple[Table, ...] = ()
+    options: msgspec.Struct | None = None
+
+
+class Controller(Protocol):
+    """One controller family. Implementations hold no state: everything about a machine is in its profile."""
+
+    @property
+    def name(self) -> str:
+        """Return the word of ``--controller``."""
+
+    @property
+    def title(self) -> str:
+        """Return maker and models, for people."""
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Return the kinds of table this control has; each has a sense of its own, and a sign test of its own."""
+
+    @property
+    def options(self) -> type[msgspec.Struct]:
+        """Return the model of the profile's section ``[<name>]``."""
+
+    @property
+    def options_template(self) -> str:
+        """Return that section as commented TOML, header line included; a value that must be asked stands as "?"."""
+
+    def quick_options(self) -> msgspec.Struct:
+        """Return the options for a quick look without a profile (contract 5), every assumption in them stated by ``plan``."""
+
+    def limits(self, table: Table, profile: Profile) -> Limits:
+        """Return what the control of this profile accepts in such a table."""
+
+    def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
+        """Return the tables for the curves: sampled on the profile's grid, zero at the reference, quantised once.
+
+        Raises ``SafetyError`` where the control cannot hold the curve at all.
+        """
+
+    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+        """Return the files for the control, ``notes`` as comments at the head of every file that may hold comments.
+
+        Notes are plain ASCII, one line each. Raises ``SafetyError`` where a needed template is missing.
+        """
+
+    def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables as the control would read them from these files.
+
+        Raises ``DataError`` naming file and line for a foreign, damaged or incomplete file.
+        """
+
+    def recognises(self, file: ControlFile) -> bool:
+        """Return whether the file is in this controller's format, from its name and first lines."""
+
+    def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:
+        """Return the table for the report, in the control's own words and numbers (`plain_rows` where it has none)."""
+
+    def instructions(self, profile: Profile) -> tuple[str, ...]:
+        """Return the steps of a person who loads the files, in order, precautions first."""

@@ -1,0 +1,154 @@
+"""From a result to neutral curves e(p): the error of one output axis as a function of the position of one input axis.
+
+A curve says what the machine does wrong, in the + direction of the output axis, before any controller's sense, unit
+or differencing enters: ``e = actual - commanded`` (contract 1). Nine curves describe a three-axis machine without
+its angular errors: three positioning errors and six straightness errors. Each squareness is one number for two axes; as
+a displacement it may be written into the straightness of either axis of the pair, and into exactly one of them.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from types import MappingProxyType
+
+import numpy as np
+
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.result import Result
+
+POSITIONING = ("EXX", "EYY", "EZZ")
+STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
+FUNCTIONS = POSITIONING + STRAIGHTNESS
+"""The nine functions that a table of one input and one output axis can correct."""
+
+SQUARENESS_SLOPE: Mapping[str, Mapping[str, float]] = MappingProxyType(
+    {
+        "C0Y": MappingProxyType({"EXY": -1.0, "EYX": -1.0}),
+        "B0Z": MappingProxyType({"EXZ": +1.0, "EZX": +1.0}),
+        "A0Z": MappingProxyType({"EYZ": -1.0, "EZY": -1.0}),
+    }
+)
+"""Slope in the straightness curve for one unit of squareness: the first of each pair is the displacement of
+contract 1 (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second the same after a rigid rotation of the workpiece."""
+
+FOLD_DEFAULT: Mapping[str, str] = MappingProxyType({"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"})
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Curve:
+    """The error of one output axis along one input axis, as shown by ``name`` (``EYX``: Y error along X).
+
+    ``forward_um`` belongs to travel in the + direction of the input axis, ``reverse_um`` to the - direction; None
+    where the measurement does not separate them. ``u_um`` is the standard uncertainty, NaN where unknown. ``parts`` names what
+    was added together. ``slope_known`` is False where only the shape was identified and the end-point line is missing.
+    """
+
+    name: str
+    position_mm: Vector
+    forward_um: Vector
+    reverse_um: Vector | None = None
+    u_um: Vector
+    parts: tuple[str, ...]
+    slope_known: bool = True
+
+    @property
+    def output_axis(self) -> str:
+        """Return the axis that errs: X, Y or Z."""
+        return self.name[1]
+
+    @property
+    def input_axis(self) -> str:
+        """Return the axis that moves: X, Y or Z."""
+        return self.name[2]
+
+    @property
+    def mean_um(self) -> Vector:
+        """Return the mean of both directions, shape of ``position_mm``."""
+        return self.forward_um if self.reverse_um is None else (self.forward_um + self.reverse_um) / 2
+
+    @property
+    def reversal_um(self) -> float:
+        """Return the mean of reverse minus forward in um; 0 where the directions are not separated."""
+        return 0.0 if self.reverse_um is None else float(np.mean(self.reverse_um - self.forward_um))
+
+    def at(self, position_mm: Vector, direction: int = 0) -> Vector:
+        """Return the error in um at positions, linear between the nodes and held outside them.
+
+        ``direction`` is +1 or -1 for the travel of the input axis, 0 for the mean of both.
+        """
+        return np.interp(position_mm, self.position_mm, self.toward(direction))
+
+    def toward(self, direction: int) -> Vector:
+        """Return the node values for travel in ``direction`` (+1, -1, or 0 for the mean of both)."""
+        if direction == 0 or self.reverse_um is None:
+            return self.mean_um
+        return self.forward_um if direction > 0 else self.reverse_um
+
+
+def curves_of(result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[str, str] = FOLD_DEFAULT) -> tuple[Curve, ...]:
+    """Return the curves called ``names``, each squareness added to the one straightness curve that ``fold`` names.
+
+    Raises ``DataError`` for a function or squareness that the result does not identify, and ``UsageError`` for a
+    name that is no function of a three-axis machine or a fold into a function of another pair.
+    """
+    if len(set(names)) != len(names):
+        raise UsageError("functions", expected="each function once", found=", ".join(names))
+    slopes = _folded_slopes(result, names, fold)
+    return tuple(_curve(result, name, slopes.get(name, {})) for name in names)
+
+
+def _folded_slopes(result: Result, names: Sequence[str], fold: Mapping[str, str]) -> dict[str, dict[str, float]]:
+    """Return, per function, the slope in um/mm that each squareness adds."""
+    slopes: dict[str, dict[str, float]] = {}
+    for squareness, target in fold.items():
+        pair = SQUARENESS_SLOPE.get(squareness, {})
+        if target not in pair:
+            raise UsageError(f"squareness_into.{squareness}", expected=" or ".join(pair) or "C0Y, B0Z or A0Z", found=repr(target))
+        if target in names:
+            slopes.setdefault(target, {})[squareness] = pair[target] * _squareness_urad(result, squareness) / 1000.0
+    return slopes
+
+
+def _squareness_urad(result: Result, name: str) -> float:
+    quantity = result.squareness.get(name)
+    if quantity is None or quantity.value is None:
+        raise DataError(
+            f"{result.source}: squareness.{name}",
+            expected="an identified squareness",
+            found="null",
+            remedy="measure all four body diagonals, or leave the straightness it folds into out of the export",
+        )
+    return float(quantity.value)
+
+
+def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
+    if name not in FUNCTIONS:
+        raise UsageError("functions", expected="one of " + ", ".join(FUNCTIONS), found=repr(name))
+    function = result.errors.get(name)
+    if function is None or function.value is None:
+        raise DataError(
+            f"{result.source}: errors.{name}",
+            expected="an identified function",
+            found="null",
+            remedy=f"the measurement does not identify {name}: see the findings of the result, or export without it",
+        )
+    position = function.position_mm
+    mean = function.value + sum(slopes.values()) * (position - position[0])
+    half = _half_reversal(result, name, position)
+    return Curve(
+        name=name,
+        position_mm=position,
+        forward_um=mean if half is None else mean + half,
+        reverse_um=None if half is None else mean - half,
+        u_um=np.full(position.shape, np.nan) if function.u is None else function.u,
+        parts=(name, *slopes),
+        slope_known=function.slope_identified,
+    )
+
+
+def _half_reversal(result: Result, name: str, position_mm: Vector) -> Vector | None:
+    """Return half of (approach in + minus approach in -) at the positions, None where the data do not give it."""
+    reversal = result.reversal.get(name)
+    if reversal is None or reversal.value is None:
+        return None
+    return np.interp(position_mm, reversal.position_mm, reversal.value) / 2

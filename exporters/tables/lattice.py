@@ -1,0 +1,106 @@
+"""The correction as a lattice of vectors: the neutral form for volumetric compensation (FANUC 3-D and others), as CSV.
+
+Every vertex holds the displacement that has to be ADDED to the command, minus the error field of the result with its Abbe arms: this form
+alone can hold what the angular errors do. Between the vertices a control interpolates linearly in three directions (A-79351E p. 3).
+"""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import MOST_LINES, ascii_lines, finite, read_lines
+from stepdiag.exporters.files.numbers import fixed, shortest
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
+from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.result import Result
+
+NAME = "lattice"
+HEADER = "x_mm,y_mm,z_mm,cx_um,cy_um,cz_um"
+_DECIMALS = 3
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lattice:
+    """Vertices at all combinations of three ascending axes; ``vectors_um`` has shape (nx, ny, nz, 3)."""
+
+    axes_mm: tuple[Vector, Vector, Vector]
+    vectors_um: Vector
+
+    def correction_um(self, points_mm: Vector) -> Vector:
+        """Return the trilinear correction at points, shape (N, 3); outside the lattice the values of its faces are held."""
+        total = np.zeros(points_mm.shape)
+        cells = [_cell(axis, points_mm[:, index]) for index, axis in enumerate(self.axes_mm)]
+        for corner in np.ndindex(2, 2, 2):
+            at = tuple(low + side for (low, _), side in zip(cells, corner, strict=True))
+            weight = np.prod([share if side else 1 - share for (_, share), side in zip(cells, corner, strict=True)], axis=0)
+            total += weight[:, None] * self.vectors_um[at]
+        return total
+
+
+def _cell(axis: Vector, at: Vector) -> tuple[np.ndarray[tuple[int, ...], np.dtype[np.int64]], Vector]:
+    """Return the lower vertex of the cell of each position, and how far into the cell it lies (0 to 1)."""
+    inside = np.clip(at, axis[0], axis[-1])
+    low = np.clip(np.searchsorted(axis, inside, side="right") - 1, 0, len(axis) - 2).astype(np.int64)
+    return low, (inside - axis[low]) / (axis[low + 1] - axis[low])
+
+
+def lattice_of(result: Result, step_mm: float) -> Lattice:
+    """Return the lattice over the measured volume in steps of ``step_mm``. Raises ``SafetyError`` where the step does not fit."""
+    count = math.prod(size / step_mm + 1.0 for size in result.volume.size_mm)
+    if not count <= MOST_LINES:
+        raise UsageError("--step-mm", expected=f"a step that gives at most {MOST_LINES} vertices", found=f"{step_mm:g} mm")
+    axes = [_axis(result.volume, index, step_mm) for index in range(3)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
+    vectors = -error_field_um(result, points.reshape(-1, 3)).reshape(points.shape)
+    return Lattice(axes_mm=(axes[0], axes[1], axes[2]), vectors_um=vectors)
+
+
+def render(lattice: Lattice) -> ControlFile:
+    """Return ``lattice.csv``: one row a vertex, z fastest, vectors to a nanometre."""
+    rows = [HEADER]
+    for index in np.ndindex(lattice.vectors_um.shape[:3]):
+        place = [shortest(float(axis[n])) for axis, n in zip(lattice.axes_mm, index, strict=True)]
+        rows.append(",".join([*place, *(fixed(float(value), _DECIMALS) for value in lattice.vectors_um[index])]))
+    return ControlFile(name="lattice.csv", data=ascii_lines(rows))
+
+
+def recognises(file: ControlFile) -> bool:
+    """Return whether the file begins with the header of a lattice."""
+    return file.data.startswith(HEADER.encode("ascii"))
+
+
+def parse(file: ControlFile) -> Lattice:
+    """Return the lattice in a file. Raises ``DataError`` with the line where it is damaged, or for a lattice with holes."""
+    lines = [(where, line) for where, line in read_lines(file) if line]
+    if not lines or lines[0][1] != HEADER:
+        raise DataError(file.name, expected=f"the header {HEADER}", found=lines[0][1] if lines else "an empty file")
+    rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 6)
+    axes = tuple(np.unique(rows[:, index]) for index in range(3))
+    shape = tuple(len(axis) for axis in axes)
+    whole = min(shape) >= 2 and math.prod(shape) == len(rows)
+    if not whole or not np.array_equal(rows[:, :3], np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)):
+        raise DataError(
+            file.name, expected="a complete lattice, z fastest", found=f"{len(rows)} rows", remedy="the file is truncated or mixed up"
+        )
+    return Lattice(axes_mm=(axes[0], axes[1], axes[2]), vectors_um=rows[:, 3:].reshape(*shape, 3))
+
+
+def _row(where: str, line: str) -> list[float]:
+    cells = line.split(",")
+    if len(cells) != 6:
+        raise DataError(where, expected="six numbers", found=repr(line))
+    return [finite(cell, where) for cell in cells]
+
+
+def _axis(volume: Volume, index: int, step_mm: float) -> Vector:
+    low, size = volume.origin_mm[index], volume.size_mm[index]
+    count = round(size / step_mm)
+    if count < 1 or abs(size / step_mm - count) > 1e-9 * max(1.0, size / step_mm):
+        raise SafetyError(
+            "--step-mm", code="grid-not-integral", expected=f"a step that divides {size:g} mm of {'XYZ'[index]}", found=f"{step_mm:g} mm"
+        )
+    steps: Vector = low + step_mm * np.arange(count + 1, dtype=np.float64)
+    return steps

@@ -1,0 +1,62 @@
+"""Merging a new measurement with the table that was active while it was made (controllers.md 9).
+
+The residual r was measured WITH the old correction A_old; without it the machine would have erred by e = r - A_old. A new table for e
+replaces the old one. This holds for every sense and for incremental data, because A_old is what the control's law makes of the file.
+Old and new are taken as functions and evaluated on the new grid; the planning zeroes the result at the reference and quantises it once.
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.solver.errors import SafetyError
+from stepdiag.solver.geometry.volume import Vector
+
+
+def merged(curves: Sequence[Curve], active: Sequence[Table], profile: Profile) -> tuple[Curve, ...]:
+    """Return the curves of the machine without the ``active`` tables.
+
+    Raises ``SafetyError`` (code ``merge-direction``) where an active table acts in one direction only and the new one would act in both.
+    """
+    return tuple(_merged(curve, [table for table in active if table.name == curve.name], profile) for curve in curves)
+
+
+def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
+    if not active:
+        return curve
+    directional = any(table.direction for table in active)
+    if directional and profile.machine.direction == "mean":
+        raise SafetyError(
+            f"{profile.source}: machine.direction",
+            code="merge-direction",
+            expected=f'"both": the active table of {curve.name} has a column for each direction of travel',
+            found='"mean"',
+            remedy="a table for the mean would lose the reversal correction that was active while measuring",
+        )
+    grid = profile.grid_mm(curve.input_axis)
+    forward = curve.at(grid, +1) - active_um(active, grid, +1)
+    reverse = curve.at(grid, -1) - active_um(active, grid, -1)
+    return Curve(
+        name=curve.name,
+        position_mm=grid,
+        forward_um=forward,
+        reverse_um=reverse if directional or curve.reverse_um is not None else None,
+        u_um=np.interp(grid, curve.position_mm, curve.u_um),
+        parts=(*curve.parts, "active table"),
+        slope_known=curve.slope_known,
+    )
+
+
+def active_um(active: Sequence[Table], grid_mm: Vector, direction: int) -> Vector:
+    """Return what active tables add at positions, in um, linear between their points and held outside (controllers.md 9, rule 1).
+
+    Also for a stepped control: the residual itself is known at measured positions only and is joined by straight lines.
+    """
+    total = np.zeros(grid_mm.shape)
+    for table in active:
+        total += correction_um(replace(table, law=replace(table.law, between="linear")), grid_mm, direction)
+    return total

@@ -1,0 +1,56 @@
+"""From a curve to the values of a table: sampled on the profile's grid, zero at the reference, quantised once."""
+
+import numpy as np
+
+from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Law, Table
+from stepdiag.solver.geometry.volume import Vector
+
+
+def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:
+    """Return grid (mm), error when travelling in + and in - (um); the error in + is zero at the axis' reference position.
+
+    With ``machine.direction = "mean"`` both directions hold the mean. What is left at the reference in - is the reversal there. The
+    zero is that of the table as it is interpolated, not of the curve: the reference need not be a point of the grid.
+    """
+    grid = profile.grid_mm(curve.input_axis)
+    if profile.machine.direction == "mean":
+        forward = reverse = curve.at(grid)
+    else:
+        forward, reverse = curve.at(grid, +1), curve.at(grid, -1)
+    at_reference = np.interp(profile.axis(curve.input_axis).reference_mm, grid, forward)
+    return grid, forward - at_reference, reverse - at_reference
+
+
+def is_directional(curve: Curve, profile: Profile) -> bool:
+    """Return whether the table needs one column for each direction of travel."""
+    return profile.machine.direction == "both" and curve.reverse_um is not None
+
+
+def quantised(value_um: Vector, quantum_um: float) -> Vector:
+    """Return values as whole units of ``quantum_um``, never a negative zero."""
+    return np.asarray(np.round(np.asarray(value_um) / quantum_um) * quantum_um + 0.0)
+
+
+def absolute_tables(
+    curve: Curve, profile: Profile, *, kind: str, law: Law, quantum_um: float, place: dict[str, int | str]
+) -> tuple[Table, ...]:
+    """Return one table for a curve, or one for each direction (+ first), for controls that take absolute values."""
+    grid, forward, reverse = sampled_um(curve, profile)
+    ways = ((1, forward), (-1, reverse)) if is_directional(curve, profile) else ((0, forward),)
+    return tuple(
+        Table(
+            kind=kind,
+            input_axis=curve.input_axis,
+            output_axis=curve.output_axis,
+            position_mm=grid,
+            value_um=quantised(-law.factor * error, quantum_um),
+            quantum_um=quantum_um,
+            law=law,
+            reference_mm=profile.axis(curve.input_axis).reference_mm,
+            direction=direction,
+            place=place,
+        )
+        for direction, error in ways
+    )

@@ -1,0 +1,147 @@
+"""A compensation table as a control holds it, the law that turns its numbers into movement, and the file it stands in.
+
+One function, ``correction_um``, runs every law, so that a new controller states its behaviour as data and cannot hide a sign.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import AXES, Vector
+
+Sense = Literal["as-error", "as-compensation"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Law:
+    """How a control applies a table (controllers.md 1).
+
+    ``sense``: a positive value moves the output axis in - (``as-error``) or in + (``as-compensation``).
+    ``data``: values stand for themselves, or are the change since the point before, read in the + direction.
+    ``between``: interpolated linearly, or stepped: the value changes when its point is passed.
+    ``ends``: outside the table the end value is held, or the end section is extended as a straight line.
+    """
+
+    sense: Sense
+    data: Literal["absolute", "incremental"] = "absolute"
+    between: Literal["linear", "stepped"] = "linear"
+    ends: Literal["held", "extended"] = "held"
+
+    @property
+    def factor(self) -> int:
+        """Return the movement per table value: -1 as error, +1 as compensation."""
+        return -1 if self.sense == "as-error" else 1
+
+    def describe(self) -> str:
+        """Return the law in one sentence for the report."""
+        way = "-" if self.sense == "as-error" else "+"
+        outside = "end values are held outside" if self.ends == "held" else "the end sections are extended outside"
+        return f"a positive value moves the axis in {way} ({self.sense}); {self.data} data, {self.between} between points; {outside}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Table:
+    """One compensation table as the control holds it.
+
+    ``value_um`` are the written values turned into um, one for each of ``position_mm`` (ascending); with incremental data the first is 0,
+    because there is no point before it. ``quantum_um`` is one unit of the written numbers. ``direction``: 0 the table acts in both
+    directions of travel of the input axis, +1 or -1 in one only. ``reference_mm`` is where an incremental table counts from, and
+    ``offset_um`` what it holds there. ``place`` says where in the control it lives (table index, measuring system, first point number),
+    in the controller's own words.
+    """
+
+    kind: str
+    input_axis: str
+    output_axis: str
+    position_mm: Vector
+    value_um: Vector
+    quantum_um: float
+    law: Law
+    reference_mm: float
+    direction: int = 0
+    offset_um: float = 0.0
+    place: Mapping[str, int | str] = field(default_factory=lambda: MappingProxyType({}))
+
+    @property
+    def name(self) -> str:
+        """Return the ISO 230-1 name of the function that the table corrects, for example EYX."""
+        return f"E{self.output_axis}{self.input_axis}"
+
+    @property
+    def label(self) -> str:
+        """Return a name for messages: function, kind, direction and place."""
+        way = {0: "", 1: ", + direction", -1: ", - direction"}[self.direction]
+        return f"{self.name} ({self.kind}{way}{''.join(f', {k} {v}' for k, v in self.place.items())})"
+
+    @property
+    def absolute_um(self) -> Vector:
+        """Return the values as absolute numbers in the table's own sense, shape of ``position_mm``."""
+        if self.law.data == "absolute":
+            return self.value_um
+        summed = np.cumsum(self.value_um)
+        origin = np.searchsorted(self.position_mm, self.reference_mm + 1e-6, side="right") - 1
+        return np.asarray(summed - summed[max(int(origin), 0)] + self.offset_um)
+
+
+def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vector:
+    """Return how far the law moves the output axis, in um in its + direction, at positions of the input axis.
+
+    ``direction`` is the travel of the input axis, +1 or -1; a table of the other direction gives 0.
+    """
+    at = np.asarray(position_mm, dtype=np.float64)
+    if table.direction not in (0, direction):
+        return np.zeros(at.shape)
+    absolute = table.absolute_um
+    if table.law.between == "stepped":
+        # 1 nm of slack: a commanded position that is the point itself, but for rounding, has passed it.
+        passed = np.searchsorted(table.position_mm, at + 1e-6, side="right") - 1
+        return np.asarray(table.law.factor * absolute[np.clip(passed, 0, None)])
+    moved = np.interp(at, table.position_mm, absolute)
+    if table.law.ends == "extended":
+        moved = _extended(at, table.position_mm, absolute, moved)
+    return np.asarray(table.law.factor * moved)
+
+
+def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Vector:
+    """Return ``inside`` with the first and last section drawn on as straight lines."""
+    low = value[0] + (at - position[0]) * (value[1] - value[0]) / (position[1] - position[0])
+    high = value[-1] + (at - position[-1]) * (value[-1] - value[-2]) / (position[-1] - position[-2])
+    return np.where(at < position[0], low, np.where(at > position[-1], high, inside))
+
+
+def total_correction_um(tables: Iterable[Table], points_mm: Vector, direction: int = 1) -> Vector:
+    """Return the sum of all tables at commanded points, shape (N, 3): the displacement of the tool they cause."""
+    total = np.zeros(np.shape(points_mm))
+    for table in tables:
+        moved = correction_um(table, points_mm[:, AXES.index(table.input_axis.lower())], direction)
+        total[:, AXES.index(table.output_axis.lower())] += moved
+    return total
+
+
+def mean_correction_um(tables: Sequence[Table], points_mm: Vector) -> Vector:
+    """Return `total_correction_um`, mean of both directions of travel."""
+    return (total_correction_um(tables, points_mm, +1) + total_correction_um(tables, points_mm, -1)) / 2
+
+
+def plain_rows(table: Table) -> tuple[str, ...]:
+    """Return one row a point for the report: number, position in mm, value in um."""
+    rows = zip(table.position_mm, table.value_um, strict=True)
+    return (
+        f"{'point':>6} {'position mm':>14} {'value um':>12}",
+        *(f"{index:>6} {position:>14.4f} {value + 0.0:>12.3f}" for index, (position, value) in enumerate(rows)),
+    )
+
+
+def require_rising(position_mm: Vector, where: str) -> None:
+    """Raise ``DataError`` unless there are two or more positions, each above the one before."""
+    if len(position_mm) < 2 or np.any(np.diff(position_mm) <= 0.0):
+        raise DataError(where, expected="two or more rising positions", found=f"{len(position_mm)} that do not all rise")
+
+
+def zeroed(tables: Iterable[Table]) -> tuple[Table, ...]:
+    """Return the same tables with every value 0: what a restore file writes when no table was active before."""
+    return tuple(replace(table, value_um=np.zeros(table.value_um.shape), offset_um=0.0) for table in tables)

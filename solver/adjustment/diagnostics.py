@@ -1,0 +1,142 @@
+"""How every setup stood and how well the readings agree: what a service engineer looks at before believing a result."""
+
+from typing import Any
+
+import numpy as np
+
+from stepdiag.solver.adjustment.adjustment import Adjustment
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.model.vector import closure_um, diagonal_data
+
+TILT_LIMIT_MRAD = 2.0
+"""Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms reach micrometres."""
+DRIFT_LIMIT_UM = 2.0
+NOISE_LIMIT_UM = 1.0
+NORMAL_999 = 3.09
+"""The 99.9 % point of the normal distribution."""
+
+
+def setup_reports(found: Adjustment) -> dict[str, dict[str, Any]]:
+    """Return for each setup: kind, passes, stops, mirror tilt (mrad), drift, repeatability and residuals (um)."""
+    layout = found.layout
+    reports: dict[str, dict[str, Any]] = {}
+    for index, setup in enumerate(layout.setups):
+        mine = layout.setup_index == index
+        used = mine & np.isfinite(found.u_um)
+        tilt = found.tilt_mrad[index] if setup.kind in ("step", "face") else None
+        reports[setup.name] = {
+            "kind": setup.kind,
+            "passes": [key.number for key in layout.passes if key.setup == setup.name],
+            "stops": int(np.count_nonzero(mine)),
+            "tilt_mrad": None if tilt is None else float(np.linalg.norm(tilt)),
+            "tilt_xyz_mrad": None if tilt is None else tilt,
+            "drift": _drifts(found, setup.name),
+            "repeatability_um": _repeatability_um(layout, setup.name),
+            "residual_um": float(np.sqrt(np.mean(found.residual_um[used] ** 2))) if used.any() else None,
+            "noise_um": float(np.sqrt(np.mean(found.u_um[used] ** 2))) if used.any() else None,
+            "redundancy": float(np.sum(found.fit.redundancy[: len(layout)][used])),
+        }
+    return reports
+
+
+def _drifts(found: Adjustment, setup: str) -> list[dict[str, Any]]:
+    """Return the drift of every out-and-back pair over its whole duration, where it is identified."""
+    columns, inverse = found.design.columns, found.fit.inverse
+    drifts: list[dict[str, Any]] = []
+    for index, (name, pair, timed) in enumerate(found.design.drift_pairs):
+        column = columns.drift + index
+        alone = Rows(np.array([[column]]), np.ones((1, 1)), columns.count)
+        if name != setup or not inverse.sees(alone)[0]:
+            continue
+        mine = [place for place, key in enumerate(found.layout.passes) if key.setup == setup and (key.number + 1) // 2 == pair]
+        span = float(np.max(found.layout.clock[np.isin(found.layout.pass_index, mine)]))
+        unit = np.zeros(columns.count)
+        unit[column] = 1.0
+        u = float(np.sqrt(max(inverse.solve(unit)[column], 0.0)))
+        rate = float(found.fit.unknowns[column])
+        drifts.append({"pair": pair, "rate": rate, "unit": "um/h" if timed else "um/stop", "total_um": rate * span, "u_um": u * span})
+    return drifts
+
+
+def _repeatability_um(layout: Layout, setup: str) -> float | None:
+    """Return the standard deviation of a stop between passes in the same direction, None without repeats."""
+    squares, freedom = 0.0, 0
+    for outward in (True, False):
+        mine = [index for index, key in enumerate(layout.passes) if key.setup == setup and key.outward == outward]
+        passes = [layout.deviation_um[layout.pass_index == index] for index in mine]
+        if len(passes) < 2 or len({len(values) for values in passes}) > 1:
+            continue
+        table = np.array(passes)
+        table = table - table.mean(axis=1, keepdims=True)
+        squares += float(np.sum((table - table.mean(axis=0)) ** 2))
+        freedom += (table.shape[0] - 1) * (table.shape[1] - 1)
+    return float(np.sqrt(squares / freedom)) if freedom else None
+
+
+def closure_report(layout: Layout) -> dict[str, Vector] | None:
+    """Return the closure residual by axis (um, node by node), None unless all four diagonals have the same stops."""
+    names = {setup.name for setup in layout.setups}
+    stops = 3 * layout.volume.increments + 1
+    counts = np.bincount(layout.pass_index, minlength=len(layout.passes))
+    same = all(counts[index] == stops for index, key in enumerate(layout.passes) if key.setup in BODY_DIAGONALS)
+    if not same or not names.issuperset(BODY_DIAGONALS):
+        return None
+    closure = closure_um(diagonal_data(layout))
+    return {axis: closure[index] for index, axis in enumerate(AXES)}
+
+
+def chi_square_limit(freedom: int) -> float:
+    """Return the 99.9 % point of chi-square (Wilson and Hilferty's approximation, good to a per cent from 3 degrees of freedom)."""
+    spread = 2.0 / (9.0 * freedom)
+    return float(freedom * (1.0 - spread + NORMAL_999 * np.sqrt(spread)) ** 3)
+
+
+def inflation(found: Adjustment) -> float:
+    """Return the factor by which uncertainties grow because the residuals are larger than the stated noise allows, else 1."""
+    freedom = found.fit.freedom
+    if freedom < 1 or found.fit.chi_square <= chi_square_limit(freedom):
+        return 1.0
+    return float(np.sqrt(found.fit.chi_square / freedom))
+
+
+def setup_findings(found: Adjustment, reports: dict[str, dict[str, Any]]) -> list[Finding]:
+    """Return what is remarkable about setups and residuals."""
+    findings = [finding for name, report in reports.items() for finding in _of_setup(name, report)] + _poor(reports)
+    factor = inflation(found)
+    if factor > 1.0:
+        text = (
+            f"the readings disagree {factor:.2g} times more than their uncertainties allow (chi-square {found.fit.chi_square:.4g} "
+            f"for {found.fit.freedom} degrees of freedom): angular errors, drift or poor repeatability; uncertainties are enlarged by it"
+        )
+        findings.append(Finding(code="chi-square-high", severity="warning", text=text))
+    return findings
+
+
+def _of_setup(name: str, report: dict[str, Any]) -> list[Finding]:
+    findings: list[Finding] = []
+    tilt = report["tilt_mrad"] or 0.0
+    if tilt > TILT_LIMIT_MRAD:
+        text = f"setup {name}: the mirror leans {tilt:.2f} mrad from the diagonal (limit {TILT_LIMIT_MRAD:g}): realign, repeat"
+        findings.append(Finding(code="mirror-misaligned", severity="warning", text=text))
+    for drift in report["drift"]:
+        if abs(drift["total_um"]) > max(DRIFT_LIMIT_UM, 3 * drift["u_um"]):
+            text = f"setup {name}: {drift['total_um']:+.1f} um of drift during out-and-back pair {drift['pair']}; let the machine warm up"
+            findings.append(Finding(code="drift-large", severity="warning", text=text))
+    return findings
+
+
+def _poor(reports: dict[str, dict[str, Any]]) -> list[Finding]:
+    """Return one finding for noisy readings and one for stops that do not repeat, each naming its setups."""
+    findings = []
+    for key, code, what in (
+        ("noise_um", "noise-high", "a single reading is uncertain by up to"),
+        ("repeatability_um", "repeatability-poor", "a stop repeats only to"),
+    ):
+        bad = {name: report[key] for name, report in reports.items() if (report[key] or 0.0) > NOISE_LIMIT_UM}
+        if bad:
+            text = f"{', '.join(bad)}: {what} {max(bad.values()):.2g} um (usual: below {NOISE_LIMIT_UM:g}): vibration, draughts, angles?"
+            findings.append(Finding(code=code, severity="warning", text=text))
+    return findings

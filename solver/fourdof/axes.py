@@ -1,0 +1,110 @@
+"""From the head's lateral axes to the names of ISO 230-1: straightness EYX .. and rotations EAX .. of the axis that moved."""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.geometry.volume import AXES
+from stepdiag.solver.model.angles import KnownAngle
+from stepdiag.solver.standards.straightness import LineMethod, residuals_um
+
+Vector = NDArray[np.float64]
+Direction = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mount:
+    """How the head stood during a run along ``axis``.
+
+    ``beam`` is the direction in which the laser leaves the head; ``detector_x`` and ``detector_y`` are the machine
+    directions of the detectors' axes. With the target on the workpiece side (``target_on="work"``) the target's motion is
+    minus that of the tool relative to the workpiece.
+    """
+
+    axis: Literal["x", "y", "z"]
+    beam: Direction
+    detector_x: Direction
+    detector_y: Direction
+    target_on: Literal["tool", "work"] = "tool"
+
+    def __post_init__(self) -> None:
+        """Refuse directions that are not three different axes with the beam along the one that moves."""
+        if self.beam[1] != self.axis:
+            raise UsageError("head: beam", expected=f"+{self.axis} or -{self.axis} for a run along {self.axis}", found=self.beam)
+        if {self.beam[1], self.detector_x[1], self.detector_y[1]} != set(AXES):
+            found = f"{self.beam}, {self.detector_x}, {self.detector_y}"
+            raise UsageError("head: beam, detector_x, detector_y", expected="three different axes", found=found)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisErrors:
+    """Errors of one axis: two straightness functions in um and two rotations in urad, by ISO 230-1 name.
+
+    Positions ascend; every value is the mean of the samples there and ``u`` its standard error (NaN for a single sample).
+    Rotations are zero at the first position; straightness has its reference line removed. The roll is not measured.
+    """
+
+    position_mm: Vector
+    straightness_um: dict[str, Vector]
+    rotation_urad: dict[str, Vector]
+    u: dict[str, Vector]
+
+
+def axis_errors(
+    position_mm: Vector, straightness_um: Vector, angle_urad: Vector, mount: Mount, line: LineMethod = "end-point"
+) -> AxisErrors:
+    """Return the machine's errors from a run: axis positions (N,), straightness and angle (N, 2) in the detectors' axes.
+
+    A mirror that turns by ``w`` deflects the beam ``b`` by ``2 b x w``: the head's angle in lateral direction ``e`` is ``(b x w).e``.
+    """
+    positions, at = np.unique(position_mm, return_inverse=True)
+    side = 1.0 if mount.target_on == "tool" else -1.0
+    beam = _unit(mount.beam)
+    straight: dict[str, Vector] = {}
+    turning: dict[str, Vector] = {}
+    u: dict[str, Vector] = {}
+    for column, direction in enumerate((mount.detector_x, mount.detector_y)):
+        lateral = _unit(direction)
+        about = np.cross(lateral, beam)
+        shift_name = f"E{direction[1].upper()}{mount.axis.upper()}"
+        turn_name = f"E{'ABC'[int(np.argmax(np.abs(about)))]}{mount.axis.upper()}"
+        shift, u[shift_name] = _mean_at(at, len(positions), side * lateral.sum() * straightness_um[:, column])
+        turn, u[turn_name] = _mean_at(at, len(positions), side * about.sum() * angle_urad[:, column])
+        straight[shift_name] = residuals_um(positions, shift, line)
+        turning[turn_name] = turn - turn[0]
+    return AxisErrors(position_mm=positions, straightness_um=straight, rotation_urad=turning, u=u)
+
+
+def known_angles(errors: AxisErrors, u_calibration_urad: float) -> dict[str, KnownAngle]:
+    """Return pitch and yaw as the angular functions that the estimator takes (`solver.model.angles`).
+
+    The scatter of repeated stops and the head's calibration make up the uncertainty; a stop visited once has the latter only.
+    """
+    return {
+        name: KnownAngle(
+            position_mm=errors.position_mm,
+            value_urad=value,
+            u_urad=np.hypot(np.nan_to_num(errors.u[name], nan=0.0), u_calibration_urad),
+        )
+        for name, value in errors.rotation_urad.items()
+    }
+
+
+def _unit(direction: Direction) -> Vector:
+    unit = np.zeros(3)
+    unit[AXES.index(direction[1])] = 1.0 if direction[0] == "+" else -1.0
+    return unit
+
+
+def _mean_at(at: NDArray[np.intp], places: int, values: Vector) -> tuple[Vector, Vector]:
+    """Return mean and standard error of the values at each place."""
+    count = np.bincount(at, minlength=places)
+    mean = np.bincount(at, weights=values, minlength=places) / count
+    squares = np.bincount(at, weights=(values - mean[at]) ** 2, minlength=places)
+    u = np.full(places, np.nan)
+    repeated = count > 1
+    u[repeated] = np.sqrt(squares[repeated] / (count[repeated] - 1) / count[repeated])
+    return mean, u

@@ -1,0 +1,188 @@
+"""Commissioning of the four-degree-of-freedom head: signs and lever at standstill, and the detectors' curves.
+
+At standstill only the laser's pointing moves, so ``QD / 2 = L * psd1`` and ``PSD2 / 2 = -psd1 / 2`` (theory.md 9): the
+slopes of two regressions give the signs and the lever, and two distances give the dead path.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.fourdof.detector import Curve, CurveKind, curve_variable
+
+Vector = NDArray[np.float64]
+
+MIN_CORRELATION = 0.9
+"""Below it the wobble of the laser drowns in other motion and a sign would be a guess."""
+MAX_GAIN_ERROR = 0.05
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standstill:
+    """One lateral axis at standstill while the pointing is wobbled: QD shift in um, PSD1 and PSD2 in urad, shape (N,).
+
+    The QD's own sign must be right already: moving the target by hand towards + must read +.
+    """
+
+    travel_mm: float
+    qd_um: Vector
+    psd1_urad: Vector
+    psd2_urad: Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SignsAndLever:
+    """What the wobble tells about one lateral axis.
+
+    ``psd1_sign`` and ``psd2_sign`` are the factors to put on these detectors' present signs. ``lever_mm`` and its
+    ``u_lever_mm`` belong to the distances; ``dead_path_mm`` and ``lever_scale`` are the line through them (scale 1 assumed
+    for a single distance). ``angle_gain`` is PSD2's gain over PSD1's, 1 when both focal lengths are right.
+    """
+
+    psd1_sign: Literal[1, -1]
+    psd2_sign: Literal[1, -1]
+    lever_mm: Vector
+    u_lever_mm: Vector
+    dead_path_mm: float
+    u_dead_path_mm: float
+    lever_scale: float
+    u_lever_scale: float | None
+    angle_gain: float
+    findings: tuple[Finding, ...]
+
+
+def signs_and_lever(wobbles: Sequence[Standstill]) -> SignsAndLever:
+    """Return signs, lever and gain of one lateral axis from standstills at one distance or more.
+
+    Refused (DataError) where the wobble is too small to tell a sign or the distances contradict each other.
+    """
+    lines = [_regression(wobble.psd1_urad, wobble.qd_um / 2, wobble.travel_mm, "QD") for wobble in wobbles]
+    angles = [_regression(wobble.psd1_urad, wobble.psd2_urad, wobble.travel_mm, "PSD2") for wobble in wobbles]
+    slope, u_slope = np.array(lines).T
+    angle_slope = np.array(angles)[:, 0]
+    psd1_sign, relative = _common_sign(slope, "QD"), _common_sign(angle_slope, "PSD2")
+    lever, u_lever = 1e3 * np.abs(slope), 1e3 * u_slope
+    travel = np.array([wobble.travel_mm for wobble in wobbles])
+    dead_path, u_dead, scale, u_scale = _lever_line(travel, lever, u_lever)
+    gain = float(np.mean(np.abs(angle_slope)))
+    return SignsAndLever(
+        psd1_sign=psd1_sign,
+        psd2_sign=1 if psd1_sign != relative else -1,
+        lever_mm=lever,
+        u_lever_mm=u_lever,
+        dead_path_mm=dead_path,
+        u_dead_path_mm=u_dead,
+        lever_scale=scale,
+        u_lever_scale=u_scale,
+        angle_gain=gain,
+        findings=_gain_findings(scale, gain),
+    )
+
+
+def _regression(x: Vector, y: Vector, travel_mm: float, name: str) -> tuple[float, float]:
+    """Return the slope of y over x and its standard uncertainty; the slow drift of either has no say in the sign."""
+    correlation, power = 0.0, 0.0
+    if len(x) >= 3:
+        x, y = x - x.mean(), y - y.mean()
+        power = float(x @ x)
+        both = np.sqrt(power * float(y @ y))
+        correlation = abs(float(x @ y)) / both if both > 0 else 0.0
+    if correlation < MIN_CORRELATION:
+        raise DataError(
+            f"signs: {name} at travel {travel_mm:g} mm",
+            expected=f"a correlation with PSD1 of at least {MIN_CORRELATION:g} over 3 samples or more",
+            found=f"{correlation:.2f} over {len(x)}",
+            remedy="wobble the laser's pointing harder while the target stands",
+        )
+    slope = float(x @ y) / power
+    residual = y - slope * x
+    return slope, float(np.sqrt(residual @ residual / (len(x) - 2) / power))
+
+
+def _common_sign(slopes: Vector, name: str) -> Literal[1, -1]:
+    if (np.sign(slopes) != np.sign(slopes[0])).any():
+        raise DataError(f"signs: {name}", expected="one sign at every distance", found="both signs", remedy="repeat the wobble")
+    return 1 if slopes[0] > 0 else -1
+
+
+def _lever_line(travel: Vector, lever: Vector, u_lever: Vector) -> tuple[float, float, float, float | None]:
+    """Return dead path, its u, scale, its u: weighted line of the lever over the travel."""
+    # a noiseless wobble must not divide by zero; a nanometre of lever is far below anything real
+    weight = 1 / np.maximum(u_lever, 1e-6) ** 2
+    if np.ptp(travel) == 0.0:
+        return float(np.average(lever - travel, weights=weight)), float(weight.sum() ** -0.5), 1.0, None
+    design = np.column_stack([np.ones_like(travel), travel])
+    covariance = np.linalg.inv(design.T @ (weight[:, None] * design))
+    dead_path, scale = covariance @ design.T @ (weight * lever)
+    u_dead, u_scale = np.sqrt(np.diag(covariance))
+    return float(dead_path), float(u_dead), float(scale), float(u_scale)
+
+
+def _gain_findings(scale: float, gain: float) -> tuple[Finding, ...]:
+    texts = []
+    if abs(scale - 1) > MAX_GAIN_ERROR:
+        texts.append(f"the lever grows {scale:.3f} mm per mm of travel: check PSD1's focal length and gain")
+    if abs(gain - 1) > MAX_GAIN_ERROR:
+        texts.append(f"PSD2 answers {gain:.3f} times as strongly as PSD1: check their focal lengths and gains")
+    return tuple(Finding(code="fourdof-gain-mismatch", severity="warning", text=text) for text in texts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CurveFit:
+    """A detector's curve, its residuals in um at every row and its standard uncertainty there (reference included)."""
+
+    curve: Curve
+    residual_um: Vector
+    u_um: Vector
+
+
+def fit_curve(
+    reading: ArrayLike, shift_um: ArrayLike, *, kind: CurveKind = "polynomial", degree: int = 5, u_reference_um: float = 0.0
+) -> CurveFit:
+    """Return the curve of a detector axis from a two-column run: normalised reading and the spot shift it stands for.
+
+    The shift is twice the reference stage's displacement on the QD, and ``2 f tan(angle)`` on PSD2. The fit is least
+    squares in powers of the reading, or of its inverse error function. Refused (DataError) with fewer than two rows
+    more than coefficients, or where a reading does not decide its shift.
+    """
+    readings, shifts = np.asarray(reading, dtype=np.float64), np.asarray(shift_um, dtype=np.float64)
+    variable = curve_variable(kind, readings)
+    freedom = len(readings) - degree - 1
+    if freedom < 2 or not np.isfinite(variable).all() or not np.isfinite(shifts).all():
+        expected = f"at least {degree + 3} rows with readings inside the detector's range"
+        raise DataError("calibration", expected=expected, found=f"{int(np.isfinite(variable).sum())} such rows")
+    design = np.vander(variable, degree + 1, increasing=True)
+    # powers up to the fifth of a number below one: scale the columns or the normal equations lose half their digits
+    column = np.linalg.norm(design, axis=0)
+    gain = np.linalg.pinv(design / column)
+    coefficients = gain @ shifts / column
+    residual = shifts - design @ coefficients
+    scatter = float(np.sqrt(residual @ residual / freedom))
+    leverage = np.einsum("ij,ji->i", design / column, gain)
+    u = np.sqrt(scatter**2 * leverage + u_reference_um**2)
+    curve = Curve(
+        kind=kind,
+        coefficients_um=tuple(coefficients.tolist()),
+        low=float(readings.min()),
+        high=float(readings.max()),
+        u_um=float(np.sqrt(np.mean(u**2) + scatter**2)),
+    )
+    _require_monotonic(curve)
+    return CurveFit(curve=curve, residual_um=residual, u_um=u)
+
+
+def _require_monotonic(curve: Curve) -> None:
+    grid = np.linspace(curve.low, curve.high, 501)
+    steps = np.diff(curve.shift_um(grid))
+    if not ((steps > 0).all() or (steps < 0).all()):
+        raise DataError(
+            "calibration",
+            expected="a shift that grows with the reading all the way",
+            found="a curve that turns back",
+            remedy="use a lower degree or a shorter range",
+        )

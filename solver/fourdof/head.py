@@ -1,0 +1,167 @@
+"""The four-degree-of-freedom head: straightness, pitch and yaw with common-path compensation of the beam's drift.
+
+Feng, Zhang, Kuang 2008, Eqs 1 to 5, with the signs and the lever of theory.md 9: with all detectors seen in one lateral
+axis, a pointing drift ``a`` of the source moves the spot on the quadrant detector (QD) by ``-2 L a``, on the drift
+detector (PSD1) by the angle ``-a`` and on the angle detector (PSD2) by ``+a``. Hence
+
+    straightness = QD / 2 - L * psd1        angle = (PSD2 + psd1) / 2
+
+and the signs in Feng's Eqs 2 and 4 are opposite to each other. Only pointing of the source is undone: air that bends
+the beam on the way bends it back for PSD1 and stays in the result.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.fourdof.detector import Detector, Mask, Spots, spots
+
+Vector = NDArray[np.float64]
+
+URAD_PER_ARCSEC = np.pi / 648000 * 1e6
+STRAIGHTNESS_RANGE_UM = 650.0
+"""Range over which the published head was calibrated (Feng 2008, abstract)."""
+ANGLE_RANGE_ARCSEC = 600.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crosstalk:
+    """Calibrated corrections (theory.md 9, a to d); zero means not corrected. Pairs belong to the detectors' x and y.
+
+    ``vertex_mm``: corner-cube vertex from the point whose straightness is wanted: lateral x, y and along the beam
+    (positive towards the head). ``psd1_leak``, ``psd2_leak``: angle a lateral beam shift pretends, urad per um, where a
+    detector stands out of its lens's focus. ``qd_gain_per_m``: relative growth of the QD's gain with the distance beyond
+    ``qd_calibrated_at_mm``, because the spot grows.
+    """
+
+    vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    psd1_leak: tuple[float, float] = (0.0, 0.0)
+    psd2_leak: tuple[float, float] = (0.0, 0.0)
+    qd_gain_per_m: tuple[float, float] = (0.0, 0.0)
+    qd_calibrated_at_mm: float = 0.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Head:
+    """The head as configured and calibrated.
+
+    The lever at travel ``d`` (away from the head) is ``dead_path_mm + lever_scale * d + extra_path_mm / 2``: the whole
+    way from the source's pivot to the cube, and half of the extra way from the cube back to the QD. A lever found by
+    `solver.fourdof.commissioning.signs_and_lever` holds the extra path already. ``lever_scale`` differs from 1 when PSD1's gain does.
+    """
+
+    qd: Detector = field(default_factory=Detector)
+    psd1: Detector = field(default_factory=Detector)
+    psd2: Detector = field(default_factory=Detector)
+    psd1_focal_length_mm: float
+    psd2_focal_length_mm: float
+    dead_path_mm: float
+    extra_path_mm: float = 0.0
+    lever_scale: float = 1.0
+    crosstalk: Crosstalk = field(default_factory=Crosstalk)
+
+    def lever_mm(self, travel_mm: ArrayLike) -> Vector:
+        """Return the effective lever at each travel away from the head, shape like ``travel_mm``."""
+        lever: Vector = self.dead_path_mm + 0.5 * self.extra_path_mm + self.lever_scale * np.asarray(travel_mm, dtype=np.float64)
+        return lever
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Motion:
+    """The target's motion per sample in the detectors' x and y, shape (N, 2); NaN where the light was not usable.
+
+    ``raw_*`` is the same without drift compensation; ``drift_urad`` is PSD1's angle; ``u_*`` come from the detectors'
+    calibration; ``usable`` is False where the sample was blocked, saturated or outside the calibrated range.
+    """
+
+    straightness_um: Vector
+    angle_urad: Vector
+    raw_straightness_um: Vector
+    raw_angle_urad: Vector
+    drift_urad: Vector
+    u_straightness_um: Vector
+    u_angle_urad: Vector
+    usable: Mask
+    findings: tuple[Finding, ...]
+
+
+def beam_angle_urad(shift_um: ArrayLike, focal_length_mm: float) -> Vector:
+    """Return the beam's angle from the spot's shift in the focal plane (Feng Eq. 1, arctangent kept)."""
+    angle: Vector = 1e6 * np.arctan(np.asarray(shift_um, dtype=np.float64) * 1e-3 / focal_length_mm)
+    return angle
+
+
+def motion(channels: Vector, travel_mm: ArrayLike, head: Head, roll_urad: ArrayLike = 0.0) -> Motion:
+    """Return the motion of the target from the head's nine channels (N, 9): x, y, sum of QD, PSD1, PSD2.
+
+    ``travel_mm`` (N,) is the target's travel away from the head since the position to which ``dead_path_mm`` belongs;
+    ``roll_urad`` (scalar or (N,)), from a level, serves the correction of the cube's lateral offset only.
+    """
+    lever = head.lever_mm(np.broadcast_to(travel_mm, len(channels)))[:, None]
+    seen = {
+        name: spots(detector, channels[:, 3 * i : 3 * i + 2], channels[:, 3 * i + 2])
+        for i, (name, detector) in enumerate((("QD", head.qd), ("PSD1", head.psd1), ("PSD2", head.psd2)))
+    }
+    qd_um = _qd_at_distance(seen["QD"].shift_um, lever, head.crosstalk)
+    psd1 = beam_angle_urad(seen["PSD1"].shift_um, head.psd1_focal_length_mm) - np.array(head.crosstalk.psd1_leak) * qd_um
+    psd2 = beam_angle_urad(seen["PSD2"].shift_um, head.psd2_focal_length_mm)
+    # the beam on PSD2 has walked sideways by its angle times the distance
+    psd2 = psd2 / (1 + np.array(head.crosstalk.psd2_leak) * lever * 1e-3)
+    angle = (psd2 + psd1) / 2
+    straightness = _at_reference(qd_um / 2 - 1e-3 * lever * psd1, angle, np.broadcast_to(roll_urad, len(channels)), head.crosstalk)
+    u_psd1 = 1e3 * np.array(seen["PSD1"].u_um) / head.psd1_focal_length_mm
+    u_psd2 = 1e3 * np.array(seen["PSD2"].u_um) / head.psd2_focal_length_mm
+    usable, findings = _quality(seen, straightness, angle)
+    return Motion(
+        straightness_um=straightness,
+        angle_urad=angle,
+        raw_straightness_um=qd_um / 2,
+        raw_angle_urad=psd2 / 2,
+        drift_urad=psd1,
+        u_straightness_um=np.hypot(np.array(seen["QD"].u_um) / 2, 1e-3 * lever * u_psd1),
+        u_angle_urad=np.broadcast_to(np.hypot(u_psd1, u_psd2) / 2, angle.shape).copy(),
+        usable=usable,
+        findings=findings,
+    )
+
+
+def _qd_at_distance(qd_um: Vector, lever: Vector, crosstalk: Crosstalk) -> Vector:
+    beyond_m = 1e-3 * (lever - crosstalk.qd_calibrated_at_mm)
+    corrected: Vector = qd_um / (1 + np.array(crosstalk.qd_gain_per_m) * beyond_m)
+    return corrected
+
+
+def _at_reference(vertex_um: Vector, angle: Vector, roll_urad: Vector, crosstalk: Crosstalk) -> Vector:
+    """Move the straightness from the cube's vertex to the reference point (theory.md 9, crosstalk a and b)."""
+    x, y, along = crosstalk.vertex_mm
+    arm_um = 1e-3 * np.column_stack([-roll_urad * y, roll_urad * x])
+    moved: Vector = vertex_um - arm_um - 1e-3 * along * angle
+    return moved
+
+
+def _quality(seen: dict[str, Spots], straightness: Vector, angle: Vector) -> tuple[Mask, tuple[Finding, ...]]:
+    findings = []
+    usable = np.ones(len(straightness), dtype=bool)
+    for name, spot in seen.items():
+        for code, mask, words in (
+            ("fourdof-beam-blocked", spot.blocked, "no light"),
+            ("fourdof-saturated", spot.saturated, "saturated"),
+            ("fourdof-uncalibrated", spot.outside, "spot beyond the calibrated range"),
+        ):
+            usable &= ~mask
+            findings += _remark(code, mask, f"{name}: {words}")
+    with np.errstate(invalid="ignore"):
+        far: Mask = np.abs(straightness).max(axis=1) > STRAIGHTNESS_RANGE_UM
+        tilted: Mask = np.abs(angle).max(axis=1) > ANGLE_RANGE_ARCSEC * URAD_PER_ARCSEC
+    findings += _remark("fourdof-out-of-range", far, f"straightness beyond +-{STRAIGHTNESS_RANGE_UM:g} um")
+    findings += _remark("fourdof-out-of-range", tilted, f"angle beyond +-{ANGLE_RANGE_ARCSEC:g} arc-seconds")
+    return usable & ~far & ~tilted, tuple(findings)
+
+
+def _remark(code: str, mask: Mask, words: str) -> list[Finding]:
+    if not mask.any():
+        return []
+    text = f"{words} in {int(mask.sum())} of {len(mask)} samples, first in sample {int(np.argmax(mask))}"
+    return [Finding(code=code, severity="warning", text=text)]

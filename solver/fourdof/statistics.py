@@ -1,0 +1,104 @@
+"""Stability and comparison tests of the four-degree-of-freedom head (Feng 2008, sections 3.1 and 3.3)."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.standards.straightness import LineMethod, residuals_um
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stability:
+    """Fluctuation of one quantity at standstill, raw and compensated, in the quantity's unit.
+
+    ``removed_percent`` is the part of the raw fluctuation (largest minus smallest) that the compensation took away;
+    negative when it made things worse. ``raw_allan`` and ``compensated_allan`` belong to the averaging times ``tau_s``.
+    """
+
+    raw_fluctuation: float
+    compensated_fluctuation: float
+    removed_percent: float
+    raw_s: float
+    compensated_s: float
+    tau_s: Vector
+    raw_allan: Vector
+    compensated_allan: Vector
+
+
+def stability(raw: Vector, compensated: Vector, interval_s: float) -> Stability:
+    """Return the stability figures of two equally spaced series (N,) of one quantity."""
+    if len(raw) != len(compensated) or len(raw) < 3:
+        raise DataError("stability", expected="two series of 3 samples or more", found=f"{len(raw)} and {len(compensated)}")
+    before, after = float(np.ptp(raw)), float(np.ptp(compensated))
+    tau_s, raw_allan = allan_deviation(raw, interval_s)
+    return Stability(
+        raw_fluctuation=before,
+        compensated_fluctuation=after,
+        removed_percent=100 * (1 - after / before) if before > 0 else 0.0,
+        raw_s=float(raw.std(ddof=1)),
+        compensated_s=float(compensated.std(ddof=1)),
+        tau_s=tau_s,
+        raw_allan=raw_allan,
+        compensated_allan=allan_deviation(compensated, interval_s)[1],
+    )
+
+
+def allan_deviation(values: Vector, interval_s: float) -> tuple[Vector, Vector]:
+    """Return averaging times (octaves) and the overlapping Allan deviation of readings at equal intervals.
+
+    Half the mean square of the difference of neighbouring averages, from every start (NIST SP 1065, 5.2.4).
+    """
+    sums = np.concatenate([[0.0], np.cumsum(values - np.mean(values))])
+    lengths = [1 << octave for octave in range(len(values).bit_length()) if 2 << octave <= len(values)]
+    deviation = []
+    for length in lengths:
+        averages = (sums[length:] - sums[:-length]) / length
+        steps = averages[length:] - averages[:-length]
+        deviation.append(np.sqrt(np.mean(steps**2) / 2))
+    return interval_s * np.array(lengths, dtype=np.float64), np.array(deviation)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """Residuals of one quantity against a reference instrument at the measured positions, in the quantity's unit."""
+
+    position_mm: Vector
+    residual: Vector
+    lowest: float
+    highest: float
+    rms: float
+
+
+def compare(
+    position_mm: ArrayLike, measured: ArrayLike, reference_mm: ArrayLike, reference: ArrayLike, line: LineMethod | None = None
+) -> Comparison:
+    """Return measured minus reference, the reference read linearly between its own positions.
+
+    With ``line`` both are first freed of their own reference line, as straightness is; without it (angles) of their
+    value at the first common position. Only positions that the reference covers count; refused (DataError) with fewer than two.
+    """
+    position, ours = np.asarray(position_mm, dtype=np.float64), np.asarray(measured, dtype=np.float64)
+    order = np.argsort(np.asarray(reference_mm, dtype=np.float64))
+    known = np.asarray(reference_mm, dtype=np.float64)[order]
+    low, high = (known[0], known[-1]) if len(known) else (0.0, 0.0)
+    covered = (position >= low) & (position <= high)
+    count = len(np.unique(position[covered])) if len(known) else 0
+    if count < 2:
+        raise DataError("comparison", expected=f"two positions or more within {low:g} to {high:g} mm", found=str(count))
+    position, ours = position[covered], ours[covered]
+    theirs = np.interp(position, known, np.asarray(reference, dtype=np.float64)[order])
+    if line is None:
+        residual = ours - ours[0] - (theirs - theirs[0])
+    else:
+        residual = residuals_um(position, ours, line) - residuals_um(position, theirs, line)
+    return Comparison(
+        position_mm=position,
+        residual=residual,
+        lowest=float(residual.min()),
+        highest=float(residual.max()),
+        rms=float(np.sqrt(np.mean(residual**2))),
+    )

@@ -1,0 +1,73 @@
+"""Kinematic chains and their Abbe arms (theory of the rigid-body model, section 2.2).
+
+A chain is the order of the axes from workpiece to tool. ``FXYZ`` puts the bed ``F`` first: all axes carry the tool. In the ISO 10791-6 form
+``[w X' b Y Z t]`` the bed is ``b`` and a prime marks an axis that carries the work; primes may be left out, for the place of ``b`` says it.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.geometry.volume import AXES, Vector
+
+
+class Chain(NamedTuple):
+    """Axes (0, 1, 2) that carry the work, from workpiece to bed, and those that carry the tool, from bed to tool."""
+
+    work: tuple[int, ...]
+    tool: tuple[int, ...]
+
+
+def parse_chain(text: str, where: str = "chain") -> Chain:
+    """Return the axes on both sides of the bed. Raises ``UsageError`` for anything but each axis once and one bed."""
+    stripped = text.strip()
+    iso = stripped.startswith("[") and stripped.endswith("]")
+    words = stripped[1:-1].split() if iso else list(stripped)
+    if iso:
+        words = words[1:-1] if len(words) > 2 and words[0] == "w" and words[-1] == "t" else []
+    bed = "b" if iso else "F"
+    names = [word.rstrip("'’′") for word in words]
+    if sorted(names) != sorted(("X", "Y", "Z", bed)):
+        raise _refusal(where, text)
+    at = names.index(bed)
+    primed = [word != name for word, name in zip(words, names, strict=True)]
+    if any(primed[at:]) or (any(primed[:at]) and not all(primed[:at])):
+        raise _refusal(where, text)
+    axes = [AXES.index(name.lower()) if name != bed else -1 for name in names]
+    return Chain(work=tuple(axes[:at]), tool=tuple(axes[at + 1 :]))
+
+
+def _refusal(where: str, text: str) -> UsageError:
+    return UsageError(
+        where,
+        expected="X, Y, Z and the bed once each, such as FXYZ, XYFZ or [w X' b Y Z t]",
+        found=repr(text),
+        remedy="axes left of the bed (F or b) carry the work, and only they may have a prime",
+    )
+
+
+def abbe_mask(chain: str, where: str = "chain") -> NDArray[np.float64]:
+    """Return which coordinates of a point are in the Abbe arm of each axis, shape (axis, coordinate), entries 0 or 1.
+
+    The arm of axis ``a`` is ``r_a = mask[a] * (P - origin)`` (theory 2.2). The carriage of a tool-side axis stands where all work-side
+    axes, the tool-side axes from the bed up to it, and itself have brought it; the carriage of a work-side axis stands where the
+    axes nearer to the workpiece have.
+    """
+    work, tool = parse_chain(chain, where)
+    mask = np.ones((3, 3))
+    for place, axis in enumerate(work):
+        mask[axis, list(work[:place])] = 0.0
+    for place, axis in enumerate(tool):
+        mask[axis, [*work, *tool[: place + 1]]] = 0.0
+    return mask
+
+
+def cross_matrix(vector: Vector) -> Vector:
+    """Return the matrices ``K`` with ``K @ a = vector x a``, shape (..., 3, 3)."""
+    matrix = np.zeros((*vector.shape, 3))
+    x, y, z = np.moveaxis(vector, -1, 0)
+    matrix[..., 0, 1], matrix[..., 0, 2], matrix[..., 1, 2] = -z, y, -x
+    matrix[..., 1, 0], matrix[..., 2, 0], matrix[..., 2, 1] = z, -y, x
+    return matrix

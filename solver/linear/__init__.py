@@ -1,0 +1,4 @@
+"""Weighted linear least squares with structure.
+
+In: sparse rows. Out: solutions, null spaces, covariances. Imported by model and above; knows nothing of machines.
+"""

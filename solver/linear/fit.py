@@ -1,0 +1,62 @@
+"""One weighted least-squares fit: unknowns, residuals, leverages."""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.elimination import Blocks
+from stepdiag.solver.linear.least_squares import Inverse, invert
+from stepdiag.solver.linear.rows import Rows
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """``unknowns`` (count,) minimise sum weight * (target - rows @ unknowns)^2; weight = 1/u^2, 0 where a row is left out."""
+
+    rows: Rows
+    weight: Vector
+    inverse: Inverse
+    unknowns: Vector
+    residual: Vector
+
+    @cached_property
+    def operator(self) -> Vector:
+        """Return the matrix (count, m) that turns targets into unknowns."""
+        spread = self.inverse.solve(self.rows.dense().T)
+        gain: Vector = spread * self.weight
+        return gain
+
+    @cached_property
+    def redundancy(self) -> Vector:
+        """Return for each row the share of its own error that shows in its residual, shape (m,), from 0 (not checked) to 1.
+
+        A row of weight 0 is predicted by the others entirely: 1.
+        """
+        picked = self.operator[self.rows.column, np.arange(len(self.rows))[:, None]]
+        share: Vector = 1.0 - np.einsum("ik,ik->i", self.rows.value, picked)
+        return np.clip(share, 0.0, 1.0)
+
+    @property
+    def freedom(self) -> int:
+        """Return the degrees of freedom."""
+        return int(np.count_nonzero(self.weight)) - self.inverse.rank
+
+    @property
+    def chi_square(self) -> float:
+        """Return the weighted sum of squared residuals."""
+        return float(np.sum(self.weight * self.residual**2))
+
+
+def fit(rows: Rows, blocks: Blocks, target: Vector, weight: Vector, null: Vector | None = None) -> Fit:
+    """Fit the unknowns; one step of iterative refinement restores what squaring the rows costs in precision."""
+    inverse = invert(rows, weight, blocks, null)
+    return refit(rows, target, weight, inverse)
+
+
+def refit(rows: Rows, target: Vector, weight: Vector, inverse: Inverse) -> Fit:
+    """Fit another target with the inverse of the same rows and weights."""
+    unknowns = inverse.solve(rows.transposed_times(weight * target))
+    unknowns = unknowns + inverse.solve(rows.transposed_times(weight * (target - rows.times(unknowns))))
+    return Fit(rows, weight, inverse, unknowns, target - rows.times(unknowns))

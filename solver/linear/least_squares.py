@@ -1,0 +1,167 @@
+"""Weighted least squares whose null space is computed: the generalised inverse of the normal equations."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.elimination import Blocks, Elimination, eliminate
+from stepdiag.solver.linear.rows import Rows
+
+NULL_TOLERANCE = 1e-7
+"""A direction whose rows, in columns scaled to unit length, are shorter than this is not seen by the data."""
+_SHIFT = 1e-8
+_CANDIDATE = 1e-3
+_FIRST_BLOCK = 12
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Inverse:
+    """A generalised inverse C of the normal matrix, for unknowns in their own order.
+
+    ``null`` (count, k) spans what the rows do not see. k unknowns (``fixed``) are held at zero instead: a combination that the
+    rows do see has the same value and variance whichever are held.
+    """
+
+    null: Vector
+    fixed: NDArray[np.int64]
+    scale: Vector
+    elimination: Elimination
+
+    @property
+    def rank(self) -> int:
+        """Return how many combinations of the unknowns the rows determine."""
+        return len(self.scale) - len(self.fixed)
+
+    def solve(self, right: Vector) -> Vector:
+        """Return C @ right, shape (count,) or (count, k)."""
+        place = self.elimination.blocks.place
+        ordered = np.zeros((len(place), 1 if right.ndim == 1 else right.shape[1]))
+        scaled = self.scale[:, None] * right.reshape(len(place), -1)
+        scaled[self.fixed] = 0.0
+        ordered[place] = scaled
+        solved: Vector = self.scale[:, None] * self.elimination.solve(ordered)[place]
+        return solved[:, 0] if right.ndim == 1 else solved
+
+    def variance(self) -> Vector:
+        """Return the diagonal of C, shape (count,)."""
+        diagonal = self.elimination.diagonal()[self.elimination.blocks.place]
+        diagonal[self.fixed] = 0.0
+        scaled: Vector = diagonal * self.scale**2
+        return scaled
+
+    def sees(self, combinations: Rows) -> NDArray[np.bool_]:
+        """Tell for each row of ``combinations``, a linear function of the unknowns, whether the data determine it, shape (q,)."""
+        length = np.sqrt(np.sum((combinations.value * self.scale[combinations.column]) ** 2, axis=1))
+        hidden = np.linalg.norm(combinations.times(self.null), axis=1)
+        seen: NDArray[np.bool_] = hidden <= 10 * NULL_TOLERANCE * length
+        return seen
+
+
+def invert(rows: Rows, weight: Vector, blocks: Blocks, null: Vector | None = None) -> Inverse:
+    """Return a generalised inverse of A.T diag(weight) A.
+
+    ``null`` may carry over the null space of the same rows under other (positive) weights, which does not depend on them.
+    """
+    system = _scaled(rows.renumbered(blocks.place), weight, blocks)
+    if null is None:
+        basis, held, elimination = _null_space(system)
+    else:
+        basis = np.linalg.qr(null[np.argsort(blocks.place)] / system.scale[:, None])[0]
+        held = _pivots(basis)
+        elimination = system.hold(held)
+    place = blocks.place
+    return Inverse(
+        null=(basis * system.scale[:, None])[place],
+        fixed=np.argsort(place)[held],
+        scale=system.scale[place],
+        elimination=elimination,
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _System:
+    """Rows in block order, weighted, with columns scaled to unit length, and their normal matrix."""
+
+    rows: Rows
+    root_weight: Vector
+    normal: Vector
+    scale: Vector
+    blocks: Blocks
+
+    def unseen(self, block: Vector, tolerance: float) -> Vector:
+        """Return an orthonormal basis of what the rows do not see of the span of orthonormal ``block`` (count, k), k > 0."""
+        image = self.root_weight[:, None] * self.rows.times(block * self.scale[:, None])
+        if np.linalg.norm(image) < tolerance:
+            return block
+        _, singular, right = np.linalg.svd(np.linalg.qr(image, mode="r"))
+        lengths = np.concatenate([singular, np.zeros(block.shape[1] - len(singular))])
+        basis: Vector = block @ right.T[:, lengths < tolerance]
+        return basis
+
+    def hold(self, held: NDArray[np.int64]) -> Elimination:
+        """Eliminate with the unknowns ``held`` kept at zero."""
+        matrix = self.normal.copy()
+        matrix[held, :] = 0.0
+        matrix[:, held] = 0.0
+        matrix[held, held] = 1.0
+        return eliminate(matrix, self.blocks)
+
+
+def _scaled(rows: Rows, weight: Vector, blocks: Blocks) -> _System:
+    normal = rows.normal(weight)
+    diagonal = np.diag(normal)
+    scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
+    normal *= scale[:, None] * scale
+    return _System(rows, np.sqrt(weight), normal, scale, blocks)
+
+
+def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination]:
+    """Return an orthonormal basis (count, k) of the null space, the unknowns held at zero for it, and the elimination.
+
+    Inverse iteration proposes candidates. Holding one unknown for each makes the matrix regular and gives the candidates
+    to full precision; the rows themselves then judge which are null, which squaring them could not.
+    """
+    held = _pivots(_candidates(system))
+    elimination = system.hold(held)
+    if not len(held):
+        return np.zeros((len(system.scale), 0)), held, elimination
+    coupling = system.normal[:, held]
+    coupling[held] = 0.0
+    exact = -elimination.solve(coupling)
+    exact[held] = np.eye(len(held))
+    basis = system.unseen(np.linalg.qr(exact)[0], NULL_TOLERANCE)
+    if basis.shape[1] < len(held):
+        held = _pivots(basis)
+        elimination = system.hold(held)
+    return basis, held, elimination
+
+
+def _candidates(system: _System) -> Vector:
+    """Return an orthonormal basis of directions that the rows hardly see, by inverse iteration on a growing block."""
+    count = len(system.scale)
+    shifted = system.normal.copy()
+    shifted[np.diag_indices(count)] += _SHIFT
+    nearly = eliminate(shifted, system.blocks)
+    size = min(_FIRST_BLOCK, count)
+    draw = np.random.default_rng(0)
+    while True:
+        block = np.linalg.qr(nearly.solve(draw.standard_normal((count, size))))[0]
+        square, mix = np.linalg.eigh(block.T @ (system.normal @ block))
+        basis: Vector = block @ mix[:, square < _CANDIDATE**2]
+        if basis.shape[1] < size or size == count:
+            return basis
+        size = min(2 * size, count)
+
+
+def _pivots(basis: Vector) -> NDArray[np.int64]:
+    """Return as many unknowns as the basis (count, k) has columns, such that none but the zero vector of its span vanishes there."""
+    left = basis.copy()
+    chosen = np.zeros(basis.shape[1], dtype=np.int64)
+    for index in range(basis.shape[1]):
+        length = np.einsum("ij,ij->i", left, left)
+        chosen[index] = int(np.argmax(length))
+        direction = left[chosen[index]] / np.sqrt(length[chosen[index]])
+        left = left - np.outer(left @ direction, direction)
+    return chosen

@@ -1,0 +1,133 @@
+"""The closed forms as methods of the solver: four body step diagonals in, a result out."""
+
+from collections.abc import Callable
+
+import numpy as np
+
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.model.noise import ASSUMED_U_UM
+from stepdiag.solver.model.vector import (
+    DiagonalData,
+    VectorSolution,
+    closure_um,
+    diagonal_data,
+    least_squares,
+    wang2000,
+    without_end_line,
+)
+from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, Function, Quantity, Result, Scale
+
+THETA_OF = {"C0Y": ("xy", -1.0), "B0Z": ("zx", 1.0), "A0Z": ("yz", -1.0)}
+"""Wang's theta (sign of Eq. 12) behind each ISO 230-1 squareness, and its sign."""
+
+
+def solve_wang2000(layout: Layout, chain: str) -> Result:
+    """Return the result of Eqs 7, 8 and 13 as printed.
+
+    Contract 4 holds: straightness is given without its end-point line, although the equations keep it. Raises ``DataError``
+    unless all four diagonals are there.
+    """
+    return _result(layout, chain, "wang2000", wang2000, terms=2)
+
+
+def solve_least_squares(layout: Layout, chain: str) -> Result:
+    """Return the result of the four equations: shapes, squareness, scale sum. Raises ``DataError`` unless all four are there."""
+    return _result(layout, chain, "least-squares", least_squares, terms=4)
+
+
+def _result(layout: Layout, chain: str, method: str, solution_of: Callable[[DiagonalData], VectorSolution], *, terms: int) -> Result:
+    data = diagonal_data(layout)
+    solution = solution_of(data)
+    closure = closure_um(data)
+    reading_u, findings = _reading_u(layout, data, closure)
+    errors = _functions(layout.volume, solution, reading_u, terms)
+    return Result(
+        volume=layout.volume,
+        chain=chain,
+        method=method,
+        errors=errors,
+        squareness=_squareness(layout.volume, solution, reading_u * float(np.sqrt(2.0)), terms),
+        scale={letter: _scale(errors[f"E{letter}{letter}"]) for letter in AXIS_LETTERS},
+        setups={name: {"passes": int(count)} for name, count in zip(_used(layout), data.passes, strict=True)},
+        findings=(*layout.findings, *_method_findings(method), *_unused(layout), *findings),
+        extra={
+            "closure_um": {axis: closure[index] for index, axis in enumerate(AXES)},
+            "scale_sum_um": solution.scale_sum_um,
+            "fit": {"noise_um": reading_u},
+        },
+    )
+
+
+def _functions(volume: Volume, solution: VectorSolution, reading_u: float, terms: int) -> dict[str, Function]:
+    """Return the nine functions; positioning keeps its slope where the method claims to know it."""
+    size = np.array(volume.size_mm)
+    nodes = np.arange(volume.increments + 1)
+    bridge = np.sqrt(2.0 * nodes * (volume.increments - nodes) / volume.increments)
+    walk = np.sqrt(2.0 * nodes)
+    functions = {}
+    for index, name in enumerate(DISPLACEMENTS):
+        axis, component = divmod(index, 3)
+        raw = solution.error_um[component, axis]
+        sloped = axis == component and solution.scale_sum_um is None
+        gain = np.linalg.norm(size) / size[component] / np.sqrt(terms)
+        functions[name] = Function(
+            position_mm=volume.nodes_mm(axis),
+            value=raw if sloped else without_end_line(raw),
+            u=reading_u * gain * (walk if sloped else bridge),
+            unit="um",
+            slope_identified=sloped or axis != component,
+        )
+    return functions
+
+
+def _squareness(volume: Volume, solution: VectorSolution, end_u: float, terms: int) -> dict[str, Quantity]:
+    size = np.array(volume.size_mm)
+    squareness = {}
+    for name, (plane, sign) in THETA_OF.items():
+        area = float(np.prod([size["xyz".index(axis)] for axis in plane]))
+        u = end_u * 1e3 * float(np.linalg.norm(size)) / (area * np.sqrt(terms))
+        squareness[name] = Quantity(value=sign * solution.theta_urad[plane], u=u)
+    return squareness
+
+
+def _scale(positioning: Function) -> Scale:
+    """Return the slope of a positioning function where the method keeps it."""
+    if not positioning.slope_identified or positioning.value is None or positioning.u is None:
+        return Scale(value=None, u=None, identified=False)
+    per_metre = 1e3 / float(positioning.position_mm[-1] - positioning.position_mm[0])
+    return Scale(value=float(positioning.value[-1]) * per_metre, u=float(positioning.u[-1]) * per_metre, identified=True)
+
+
+def _reading_u(layout: Layout, data: DiagonalData, closure: Vector) -> tuple[float, list[Finding]]:
+    """Return the standard uncertainty of an averaged reading: as stated, else from the increments of the closure residual."""
+    used = np.isin([key.setup for key in layout.passes], _used(layout))[layout.pass_index]
+    stated = layout.u_um[used]
+    if np.all(np.isfinite(stated)):
+        return float(np.sqrt(np.mean(stated**2) / np.mean(data.passes))), []
+    increments = np.diff(closure, axis=1)
+    if increments.shape[1] > 1:
+        freedom = increments.size - len(increments)
+        return float(np.sqrt(np.sum(increments**2) / freedom / 8.0)), []
+    text = f"the noise of the readings is neither stated nor visible: {ASSUMED_U_UM:g} um is assumed"
+    return ASSUMED_U_UM, [Finding(code="noise-assumed", severity="warning", text=text)]
+
+
+def _used(layout: Layout) -> list[str]:
+    return [setup.name for setup in layout.setups if setup.kind == "step" and setup.variant == 0]
+
+
+def _method_findings(method: str) -> list[Finding]:
+    if method == "wang2000":
+        text = "Wang 2000 as printed: mirror tilt appears as slopes, scale errors as squareness; for comparison only"
+        return [Finding(code="method-as-printed", severity="warning", text=text)]
+    text = "four diagonals show only the weighted sum of the three scales: EXX, EYY, EZZ have no slope; add linear runs and use `estimate`"
+    return [Finding(code="scale-unidentified", severity="warning", text=text)]
+
+
+def _unused(layout: Layout) -> list[Finding]:
+    others = [setup.name for setup in layout.setups if setup.name not in _used(layout)]
+    if not others:
+        return []
+    return [Finding(code="runs-not-used", severity="info", text="this method uses the four body diagonals only, not " + ", ".join(others))]

@@ -1,0 +1,64 @@
+"""The methods of the solver by name."""
+
+import difflib
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.methods.closed_form import solve_least_squares, solve_wang2000
+from stepdiag.solver.methods.estimate import solve_estimate
+from stepdiag.solver.model.angles import Angles
+from stepdiag.solver.model.lateral import MeasuredStraightness
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.result.result import Result
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Options:
+    """What a method is told: the chain, angular functions that are known, whether the others are to be estimated, and straightness
+    that a 4-DOF head measured."""
+
+    chain: str
+    angles: Angles | None = None
+    estimate_angles: bool = False
+    straightness: tuple[MeasuredStraightness, ...] = ()
+
+
+Method = Callable[[Layout, Options], Result]
+
+
+def _estimate(layout: Layout, options: Options) -> Result:
+    return solve_estimate(
+        layout,
+        options.chain,
+        angles=options.angles,
+        estimate_angles=options.estimate_angles,
+        straightness=options.straightness,
+    )
+
+
+def _without_angles(name: str, solve: Callable[[Layout, str], Result]) -> Method:
+    def method(layout: Layout, options: Options) -> Result:
+        if options.angles or options.estimate_angles or options.straightness:
+            expected = "estimate, which can use angles and the head's straightness"
+            raise UsageError("method", expected=expected, found=repr(name), remedy="leave them out")
+        return solve(layout, options.chain)
+
+    return method
+
+
+METHODS: dict[str, Method] = {
+    "estimate": _estimate,
+    "least-squares": _without_angles("least-squares", solve_least_squares),
+    "wang2000": _without_angles("wang2000", solve_wang2000),
+}
+"""``estimate``: everything the readings can say; ``least-squares``: four equations, corrected; ``wang2000``: as printed."""
+
+
+def method_of(name: str) -> Method:
+    """Return a method. Raises ``UsageError`` for a name nobody knows, with the nearest known one."""
+    if name not in METHODS:
+        near = difflib.get_close_matches(name, METHODS, n=1)
+        remedy = f"did you mean {near[0]!r}?" if near else ""
+        raise UsageError("method", expected="one of " + ", ".join(METHODS), found=repr(name), remedy=remedy)
+    return METHODS[name]

@@ -1,0 +1,114 @@
+"""Angular functions known from a 4-DOF head or a level: the angles file (contract 4) and its values at the nodes."""
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM
+from stepdiag.solver.readings.csv_table import number_in, read_table
+from stepdiag.solver.result.result import ROTATIONS
+
+ROTATION_COLUMNS = ("EA_urad", "EB_urad", "EC_urad")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class KnownAngle:
+    """One angular function: positions ascending in mm, values in urad, standard uncertainties in urad (NaN where not stated)."""
+
+    position_mm: Vector
+    value_urad: Vector
+    u_urad: Vector
+
+
+Angles = Mapping[str, KnownAngle]
+"""The angular functions that are known, by name (EAX .. ECZ)."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    axis: str
+    position_mm: float
+    urad: tuple[float, float, float]
+    u_urad: float
+
+
+def parse_angles(text: str, source: str = "angles.csv") -> Angles:
+    """Return the functions of an angles file (contract 4); an empty field is unknown, a column without any number is no function.
+
+    Raises ``DataError`` that names the line for anything else, and for a function known at less than two positions.
+    """
+    table = read_table(text, source, ("axis", "position_mm", *ROTATION_COLUMNS))
+    rows = [_row(source, number, fields) for number, fields in table]
+    angles: dict[str, KnownAngle] = {}
+    for index, name in enumerate(ROTATIONS):
+        axis, component = divmod(index, 3)
+        known = sorted(
+            (row for row in rows if row.axis == AXES[axis] and not math.isnan(row.urad[component])), key=lambda row: row.position_mm
+        )
+        if known:
+            angles[name] = _function(f"{source}: {name}", known, component)
+    return angles
+
+
+def _row(source: str, number: int, fields: dict[str, str]) -> _Row:
+    axis = fields["axis"].lower()
+    if axis not in AXES:
+        raise DataError(f"{source}: line {number}: axis", expected="x, y or z", found=repr(fields["axis"]))
+    where = f"{source}: line {number}"
+    a, b, c = (number_in(fields, name, where, optional=True) for name in ROTATION_COLUMNS)
+    return _Row(axis, number_in(fields, "position_mm", where), (a, b, c), number_in(fields, "u_urad", where, optional=True, least=0.0))
+
+
+def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
+    position = np.array([row.position_mm for row in rows])
+    if len(rows) < 2:
+        raise DataError(where, expected="values at two positions at least", found="one", remedy="leave the column empty if it is unknown")
+    if np.any(np.diff(position) <= 0):
+        at = position[int(np.argmin(np.diff(position)))]
+        raise DataError(where, expected="every position once", found=f"{at:g} mm twice", remedy="average repeated runs first")
+    return KnownAngle(
+        position_mm=position,
+        value_urad=np.array([row.urad[component] for row in rows]),
+        u_urad=np.array([row.u_urad for row in rows]),
+    )
+
+
+def render_angles(angles: Angles) -> str:
+    """Return the angles file of contract 4, LF line ends, six decimals, same bytes for the same functions."""
+    lines = ["axis,position_mm," + ",".join(ROTATION_COLUMNS) + ",u_urad"]
+    for axis, letter in enumerate(AXES):
+        mine = [angles.get(name) for name in ROTATIONS[3 * axis : 3 * axis + 3]]
+        for position in sorted({float(at) for known in mine if known for at in known.position_mm}):
+            values = [_at(known.position_mm, known.value_urad, position) if known else math.nan for known in mine]
+            u = [_at(known.position_mm, known.u_urad, position) for known in mine if known]
+            stated = [value for value in u if not math.isnan(value)]
+            fields = [*values, max(stated) if stated else math.nan]
+            lines.append(f"{letter},{position:.6f}," + ",".join("" if math.isnan(value) else f"{value:.6f}" for value in fields))
+    return "\n".join(lines) + "\n"
+
+
+def _at(position_mm: Vector, values: Vector, at_mm: float) -> float:
+    place = np.flatnonzero(position_mm == at_mm)
+    return float(values[place[0]]) if len(place) else math.nan
+
+
+def angle_at_nodes(known: KnownAngle, name: str, volume: Volume) -> tuple[Vector, Vector]:
+    """Return an angular function and its standard uncertainty at nodes 1 .. n of its axis, relative to node 0, shapes (n,), in urad.
+
+    Linear between the positions given. Raises ``DataError`` where the file does not reach both ends of the volume.
+    """
+    nodes = volume.nodes_mm(AXES.index(name[2].lower()))
+    low, high = known.position_mm[0], known.position_mm[-1]
+    if low > nodes[0] + POSITION_TOLERANCE_MM or high < nodes[-1] - POSITION_TOLERANCE_MM:
+        raise DataError(
+            f"angles: {name}",
+            expected=f"positions from {nodes[0]:g} to {nodes[-1]:g} mm, the whole volume",
+            found=f"{low:g} to {high:g} mm",
+            remedy="measure the angles over the whole travel of the diagonals",
+        )
+    value = np.interp(nodes, known.position_mm, known.value_urad)
+    return value[1:] - value[0], np.interp(nodes, known.position_mm, known.u_urad)[1:]

@@ -1,0 +1,239 @@
+"""The linear reading model: every reading as a sum over the machine's errors at the nodes and the nuisances of its setup.
+
+    deviation = d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)     theory 4.3, first order exact for a rigid body
+              + approach_a / 2 * d . reversal_a(a)                                where out-and-back data separate the directions
+              + nu . (P - P_0) + offset of the pass + drift * time                mirror tilt: theory 4.2
+
+Units: um, urad, mm; tilts in mrad. Unknowns of the machine are node values, zero at the first node of each axis, linear
+between nodes. Rigid rotations are left free here: what the readings do not see is found by `solver.linear.least_squares`, not assumed.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
+from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.linear.elimination import Blocks, order_blocks
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM, Layout
+from stepdiag.solver.readings.readings import PassKey
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Model:
+    """What is unknown besides displacements, offsets, tilts and drifts. ``lines`` counts passes of the 4-DOF head by direction."""
+
+    angles: bool = False
+    reversal: bool = False
+    lines: int = 0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Columns:
+    """Where each unknown stands. Functions are numbered by part (0 displacement, 1 rotation, 2 reversal), axis and component.
+
+    From ``line`` on stand offset and slope of every line that `solver.model.lateral` fits with.
+    """
+
+    nodes: int
+    parts: tuple[int, ...]
+    offset: int
+    tilt: int
+    tilt_setup: tuple[int, ...]
+    drift: int
+    line: int
+    count: int
+
+    @property
+    def machine(self) -> int:
+        """Return the number of unknowns that belong to the machine: they stand first."""
+        return self.offset
+
+    def of(self, part: int, axis: int, component: int) -> NDArray[np.int64]:
+        """Return the columns of a function at nodes 1 .. n, shape (n,)."""
+        start = self.parts.index(part) * 9 * self.nodes
+        nodes: NDArray[np.int64] = start + (axis * self.nodes + np.arange(self.nodes)) * 3 + component
+        return nodes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Design:
+    """The rows of all readings, and what the nuisance columns mean.
+
+    ``tilt_direction`` (k, 3) is the direction in which each tilt column leans its mirror; ``drift_pairs`` names setup and out-and-back pair
+    of each drift column and whether it is per hour.
+    """
+
+    volume: Volume
+    chain: str
+    columns: Columns
+    rows: Rows
+    blocks: Blocks
+    tilt_direction: Vector
+    drift_pairs: tuple[tuple[str, int, bool], ...]
+
+
+def build_design(layout: Layout, chain: str, model: Model) -> Design:
+    """Return the design of a survey for a kinematic chain. Raises ``UsageError`` for a chain that is none."""
+    tilt_setup, tilt_direction = _tilts(layout)
+    pairs = _drift_pairs(layout)
+    parts = tuple(part for part, wanted in enumerate((True, model.angles, model.reversal)) if wanted)
+    nodes = layout.volume.increments
+    offset = 9 * nodes * len(parts)
+    tilt = offset + len(layout.passes)
+    drift = tilt + len(tilt_setup)
+    line = drift + len(pairs)
+    columns = Columns(
+        nodes=nodes,
+        parts=parts,
+        offset=offset,
+        tilt=tilt,
+        tilt_setup=tilt_setup,
+        drift=drift,
+        line=line,
+        count=line + 2 * model.lines,
+    )
+    pieces = [_machine_entries(layout, chain, columns), _offset_entries(layout, columns)]
+    pieces += [_tilt_entries(layout, columns, tilt_direction), _drift_entries(layout, columns, pairs)]
+    rows = Rows(np.hstack([column for column, _ in pieces]), np.hstack([value for _, value in pieces]), columns.count)
+    return Design(
+        volume=layout.volume,
+        chain=chain,
+        columns=columns,
+        rows=rows,
+        blocks=order_blocks(_groups(layout, columns, rows)),
+        tilt_direction=tilt_direction,
+        drift_pairs=tuple((setup, pair, bool(np.all(layout.timed[rows]))) for setup, pair, rows in pairs),
+    )
+
+
+def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64], Vector]:
+    """Return the lower node and the fraction towards the next for positions (m, 3); positions near a node lie on it."""
+    steps = (position_mm - volume.origin_mm) / volume.step_mm
+    near = np.round(steps)
+    steps = np.where(np.abs(steps - near) * volume.step_mm <= POSITION_TOLERANCE_MM, near, steps)
+    lower = np.clip(np.floor(steps), 0, volume.increments - 1)
+    return lower.astype(np.int64), steps - lower
+
+
+def displacement_coefficients(layout: Layout) -> Vector:
+    """Return d for every axis, shape (m, axis, component): um of reading per um of displacement."""
+    return np.repeat(layout.direction[:, None, :], 3, axis=1)
+
+
+def rotation_coefficients(layout: Layout, chain: str) -> Vector:
+    """Return (spot - O_a) x d in m, shape (m, axis, component): um of reading per urad of rotation (theory 4.3).
+
+    Abbe arms count from the low corner of the volume: the displacement functions hold on the lines through it.
+    """
+    from_corner = layout.position_mm - layout.volume.origin_mm
+    carriage = (1.0 - abbe_mask(chain)) * from_corner[:, None, :]
+    arm = (layout.spot_mm - layout.volume.origin_mm)[:, None, :] - carriage
+    lever: Vector = np.einsum("macb,mb->mac", cross_matrix(arm), layout.direction)
+    return lever * 1e-3
+
+
+def _machine_entries(layout: Layout, chain: str, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
+    coefficients = {0: displacement_coefficients(layout)}
+    if 1 in columns.parts:
+        coefficients[1] = rotation_coefficients(layout, chain)
+    if 2 in columns.parts:
+        coefficients[2] = coefficients[0] * layout.approach[:, :, None] / 2.0
+    lower, fraction = between_nodes(layout.volume, layout.position_mm)
+    on_nodes = bool(np.all((fraction == 0) | (fraction == 1)))
+    neighbours = [(np.where(fraction == 1, lower + 1, lower), np.ones_like(fraction))] if on_nodes else []
+    neighbours = neighbours or [(lower, 1.0 - fraction), (lower + 1, fraction)]
+    pieces = [
+        _function_entries(columns, part, node, weight[:, :, None] * coefficient)
+        for part, coefficient in coefficients.items()
+        for node, weight in neighbours
+    ]
+    return np.hstack([column for column, _ in pieces]), np.hstack([value for _, value in pieces])
+
+
+def _function_entries(columns: Columns, part: int, node: NDArray[np.int64], value: Vector) -> tuple[NDArray[np.int64], Vector]:
+    """Return nine entries a row; the first node of an axis is the zero of its functions and has no unknown."""
+    start = columns.parts.index(part) * 9 * columns.nodes
+    known = np.maximum(node, 1) - 1
+    column = start + ((np.arange(3) * columns.nodes + known) * 3)[:, :, None] + np.arange(3)
+    return column.reshape(len(node), 9), (value * (node > 0)[:, :, None]).reshape(len(node), 9)
+
+
+def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
+    """Every pass has an offset: its first stop is as uncertain as the others, and all are relative to it."""
+    return (columns.offset + layout.pass_index)[:, None], np.ones((len(layout), 1))
+
+
+def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:
+    """Return the setup and direction of every tilt that the travel of a setup can show: none for travel along the beam."""
+    setups: list[int] = []
+    directions: list[Vector] = [np.zeros((0, 3))]
+    for index in range(len(layout.setups)):
+        mine = layout.setup_index == index
+        position, direction = layout.position_mm[mine], layout.direction[mine]
+        away = position - position[:1]
+        across = away - direction * np.sum(away * direction, axis=1, keepdims=True)
+        _, size, axes = np.linalg.svd(across, full_matrices=False)
+        shown = axes[size > 1e-3 * np.linalg.norm(layout.volume.size_mm)] if mine.any() else axes[:0]
+        setups += [index] * len(shown)
+        directions.append(shown * np.sign(shown[np.arange(len(shown)), np.argmax(np.abs(shown), axis=1)])[:, None])
+    return tuple(setups), np.vstack(directions)
+
+
+def _tilt_entries(layout: Layout, columns: Columns, tilt_direction: Vector) -> tuple[NDArray[np.int64], Vector]:
+    column = np.zeros((len(layout), 2), dtype=np.int64)
+    value = np.zeros((len(layout), 2))
+    from_corner = layout.position_mm - layout.volume.origin_mm
+    for tilt, (setup, direction) in enumerate(zip(columns.tilt_setup, tilt_direction, strict=True)):
+        place = tilt - columns.tilt_setup.index(setup)
+        mine = layout.setup_index == setup
+        column[mine, place] = columns.tilt + tilt
+        value[mine, place] = from_corner[mine] @ direction
+    return column, value
+
+
+def _drift_pairs(layout: Layout) -> list[tuple[str, int, NDArray[np.bool_]]]:
+    """Return setup, pair number and rows of every outward pass with its return: only there can drift be told from the machine."""
+    numbers = {key: index for index, key in enumerate(layout.passes)}
+    pairs = []
+    for key, index in numbers.items():
+        back = numbers.get(PassKey(key.setup, key.number + 1))
+        if key.outward and back is not None:
+            pairs.append((key.setup, (key.number + 1) // 2, np.isin(layout.pass_index, [index, back])))
+    return pairs
+
+
+def _drift_entries(layout: Layout, columns: Columns, pairs: list[tuple[str, int, NDArray[np.bool_]]]) -> tuple[NDArray[np.int64], Vector]:
+    column = np.zeros((len(layout), 1), dtype=np.int64)
+    value = np.zeros((len(layout), 1))
+    for index, (_, _, mine) in enumerate(pairs):
+        column[mine] = columns.drift + index
+        value[mine, 0] = layout.clock[mine]
+    return column, value
+
+
+def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
+    """Return the block of every unknown, -1 for the border: nuisances, end nodes, and nodes where an axis stands during a pass."""
+    group = np.full(columns.count, -1, dtype=np.int64)
+    node = np.arange(1, columns.nodes + 1)
+    folded = np.minimum(node, columns.nodes - node) - 1
+    for part in columns.parts:
+        for axis in range(3):
+            for component in range(3):
+                group[columns.of(part, axis, component)] = folded
+    standing = layout.approach == 0
+    touched = rows.column[:, : 9 * (rows.column.shape[1] // 9)].reshape(len(layout), -1, 3, 3)
+    for axis in range(3):
+        group[touched[standing[:, axis], :, axis].ravel()] = -1
+    return _merged(group, rows)
+
+
+def _merged(group: NDArray[np.int64], rows: Rows) -> NDArray[np.int64]:
+    """Return groups merged until every row touches neighbours only."""
+    touched = np.where(rows.value != 0, group[rows.column], -1)
+    highest = touched.max(axis=1)
+    lowest = np.where(touched < 0, highest[:, None], touched).min(axis=1)
+    stride = max(1, int(np.max(highest - lowest)))
+    return np.where(group < 0, -1, group // stride)

@@ -1,0 +1,118 @@
+"""Straightness measured directly by the 4-DOF head, as further rows of the one adjustment.
+
+    value = D_c(a) + (alpha_a(a) x r_a)_c + approach / 2 * R_c(a) + offset + slope * (a - low)
+
+for component c of axis a on the line through the low corner of the volume (theory 2.2, 4.3). Offset and slope belong to the head's
+alignment, so every pass of every direction has its own and neither touches the squareness. The diagonals and the head thus meet with
+their own weights: what they disagree about shows in the residuals and enlarges the uncertainties.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
+from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.angles import Angles
+from stepdiag.solver.model.design import Design, between_nodes
+from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM
+from stepdiag.solver.model.noise import LEAST_U_UM
+from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MeasuredStraightness:
+    """One pass of the head in one lateral direction: ``name`` is EYX .. EYZ, positions in mm, values and standard uncertainties in um.
+
+    ``approach`` is +1 where the axis travelled in +, -1 where in -. The values may hold any straight line.
+    """
+
+    name: str
+    position_mm: Vector
+    value_um: Vector
+    u_um: Vector
+    approach: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Observed:
+    """Rows with their targets and standard uncertainties, both in um."""
+
+    rows: Rows
+    target: Vector
+    u: Vector
+
+
+def lateral_rows(design: Design, measured: Sequence[MeasuredStraightness], angles: Angles) -> Observed:
+    """Return the rows of the head's passes; ``design`` was built with ``Model.lines = len(measured)``.
+
+    Raises ``DataError`` for a position outside the volume: what lies there is no unknown of the survey.
+    """
+    pieces = [_rows_of(design, number, one) for number, one in enumerate(measured)]
+    empty = (np.zeros((0, 1), dtype=np.int64), np.zeros((0, 1)))
+    columns, values = zip(*(pieces or [empty]), strict=True)
+    return Observed(
+        rows=Rows(np.vstack(columns), np.vstack(values), design.columns.count),
+        target=np.concatenate([np.zeros(0), *(one.value_um - _of_known_angles(design, one, angles) for one in measured)]),
+        u=np.concatenate([np.zeros(0), *(np.maximum(one.u_um, LEAST_U_UM) for one in measured)]),
+    )
+
+
+def _rows_of(design: Design, number: int, one: MeasuredStraightness) -> tuple[NDArray[np.int64], Vector]:
+    """Return columns and values, shape (k, 12): two nodes each of displacement, three rotations and reversal, offset and slope."""
+    columns = design.columns
+    axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
+    lower, fraction = _nodes(design.volume, axis, one)
+    terms = [(0, component, np.ones(len(lower)))]
+    if 1 in columns.parts:
+        arms = _arms(design, axis, component, one.position_mm)
+        terms += [(1, about, arms[:, about]) for about in range(3)]
+    if 2 in columns.parts:
+        terms.append((2, component, np.full(len(lower), one.approach / 2.0)))
+    column, value = np.zeros((len(lower), 12), dtype=np.int64), np.zeros((len(lower), 12))
+    for place, (part, which, coefficient) in enumerate(terms):
+        for side, (node, weight) in enumerate(((lower, 1.0 - fraction), (lower + 1, fraction))):
+            known = columns.of(part, axis, which)
+            column[:, 2 * place + side] = known[np.clip(node, 1, columns.nodes) - 1]
+            value[:, 2 * place + side] = np.where(node > 0, coefficient * weight, 0.0)
+    column[:, 10:] = columns.line + 2 * number + np.arange(2)
+    value[:, 10] = 1.0
+    value[:, 11] = (one.position_mm - design.volume.origin_mm[axis]) / design.volume.size_mm[axis]
+    return column, value
+
+
+def _nodes(volume: Volume, axis: int, one: MeasuredStraightness) -> tuple[NDArray[np.int64], Vector]:
+    low, size = volume.origin_mm[axis], volume.size_mm[axis]
+    outside = (one.position_mm < low - POSITION_TOLERANCE_MM) | (one.position_mm > low + size + POSITION_TOLERANCE_MM)
+    if outside.any():
+        found = f"{one.position_mm[int(np.argmax(outside))]:g} mm"
+        raise DataError(f"4-DOF head: {one.name}", expected=f"positions from {low:g} to {low + size:g} mm, the volume", found=found)
+    points = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (len(one.position_mm), 1))
+    points[:, axis] = one.position_mm
+    lower, fraction = between_nodes(volume, points)
+    return lower[:, axis], fraction[:, axis]
+
+
+def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vector:
+    """Return um of displacement in ``component`` per urad about each axis, shape (k, 3): zero where the carriage moves along."""
+    arm = np.zeros((len(position_mm), 3))
+    arm[:, axis] = abbe_mask(design.chain)[axis, axis] * (position_mm - design.volume.origin_mm[axis])
+    lever: Vector = 1e-3 * -cross_matrix(arm)[:, component, :]
+    return lever
+
+
+def _of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
+    """Return what the known rotations of the axis do to the measured values, shape (k,)."""
+    axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
+    arms = _arms(design, axis, component, one.position_mm)
+    total = np.zeros(len(arms))
+    for about, name in enumerate(ROTATIONS[3 * axis : 3 * axis + 3]):
+        if name in angles:
+            known = angles[name]
+            at_low = np.interp(design.volume.origin_mm[axis], known.position_mm, known.value_urad)
+            total += arms[:, about] * (np.interp(one.position_mm, known.position_mm, known.value_urad) - at_low)
+    return total

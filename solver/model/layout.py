@@ -1,0 +1,212 @@
+"""From readings to geometry: the volume, the travel of every pass, the beam, and what each reading deviates from nominal."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.setups import Kind, Setup, setup_of
+from stepdiag.solver.geometry.volume import MOST_INCREMENTS, Vector, Volume
+from stepdiag.solver.readings.readings import PassKey, Readings
+from stepdiag.solver.readings.travel import check_laser, check_route, laser_sense
+
+MOST_SETUPS = 200
+POSITION_TOLERANCE_MM = 0.01
+"""Commanded positions closer than this are the same: registers resolve 0.1 um, and files are rounded."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Layout:
+    """The readings of a survey with their geometry, one row a reading (shape (m,) or (m, 3)), sorted by pass and stop.
+
+    ``direction`` is the unit vector of the setup's outward travel, ``beam_mm`` a point of its beam line, ``spot_mm`` the one under
+    the mirror (theory 4.3), ``approach`` the sign in which every axis travels in the pass, ``deviation_um`` the reading minus its nominal
+    value. ``clock`` counts the drift within an out-and-back pair: hours where ``timed`` (every stop has a stamp), else stops.
+    """
+
+    source: str
+    volume: Volume
+    setups: tuple[Setup, ...]
+    passes: tuple[PassKey, ...]
+    setup_index: NDArray[np.int64]
+    pass_index: NDArray[np.int64]
+    stop: NDArray[np.int64]
+    position_mm: Vector
+    direction: Vector
+    beam_mm: Vector
+    spot_mm: Vector
+    approach: Vector
+    reading_mm: Vector
+    deviation_um: Vector
+    u_um: Vector
+    clock: Vector
+    timed: NDArray[np.bool_]
+    findings: tuple[Finding, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.stop)
+
+    def place(self, row: int) -> str:
+        """Return the name of a reading for a person: setup, pass and stop."""
+        return f"{self.passes[int(self.pass_index[row])]}, stop {int(self.stop[row])}"
+
+    def select(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Layout":
+        """Return the layout of some readings; setups and passes keep their numbers."""
+        return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
+
+    def leaning(self, tilt_mrad: Vector) -> "Layout":
+        """Return the layout with mirror and beam of every setup leaning by ``tilt_mrad`` (setups, 3).
+
+        Machine errors are seen along the mirror's normal, and the spot runs along the beam, which autocollimation makes the same
+        line. What the lean does to the nominal travel stays with the deviation, where the tilt unknowns explain it.
+        """
+        leaning = self.direction + 1e-3 * tilt_mrad[self.setup_index]
+        leaning /= np.linalg.norm(leaning, axis=1, keepdims=True)
+        return replace(self, direction=leaning, spot_mm=_foot(self.beam_mm, leaning, self.position_mm))
+
+
+_COLUMNS = (
+    "setup_index", "pass_index", "stop", "position_mm", "direction", "beam_mm", "spot_mm", "approach",
+    "reading_mm", "deviation_um", "u_um", "clock", "timed",
+)  # fmt: skip
+
+
+def lay_out(readings: Readings, source: str = "readings", volume: Volume | None = None) -> Layout:
+    """Return the geometry of readings.
+
+    Without ``volume``, it and the increments follow from the body step diagonals, without them from the face diagonals, then the
+    continuous diagonals, then the linear runs. Stops outside the volume are left out with a finding. Raises ``DataError`` where
+    positions do not form a box, a pass does not drive what its setup says, or the laser contradicts the travel, naming the stop.
+    """
+    passes = readings.passes()
+    if not passes:
+        raise DataError(source, expected="readings", found="none")
+    setups = {name: setup_of(name) for name in dict.fromkeys(key.setup for key in passes)}
+    if len(setups) > MOST_SETUPS:
+        raise DataError(source, expected=f"at most {MOST_SETUPS} setups", found=str(len(setups)))
+    volume = volume or infer_volume(readings, setups.values(), source)
+    for key, rows in passes.items():
+        check_route(readings, setups[key.setup], key, rows, volume, source)
+        check_laser(readings, setups[key.setup], key, rows, laser_sense(readings, setups[key.setup], passes), source)
+    return _inside_only(_assemble(readings, passes, list(setups.values()), volume, source))
+
+
+def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "readings") -> Volume:
+    """Return the box that the diagonals span. Raises ``DataError`` where they span none or not the same one."""
+    by_kind: dict[Kind, list[Setup]] = {}
+    for setup in setups:
+        by_kind.setdefault(setup.kind, []).append(setup)
+    kinds: tuple[Kind, ...] = ("step", "face", "body", "linear")
+    kind = next(kind for kind in kinds if kind in by_kind)
+    names = np.array(readings.setup)
+    rows = {setup: readings.position_mm[names == setup.name] for setup in by_kind[kind]}
+    low = np.min([points.min(axis=0) for points in rows.values()], axis=0)
+    high = np.max([points.max(axis=0) for points in rows.values()], axis=0)
+    if np.any(high - low <= POSITION_TOLERANCE_MM):
+        axis = "XYZ"[int(np.argmin(high - low))]
+        raise DataError(source, expected="a volume with length in X, Y and Z", found=f"no travel in {axis}", remedy="add a body diagonal")
+    for setup, points in rows.items():
+        _check_box(setup, points, low, high, source)
+    x, y, z = (float(value) for value in low)
+    a, b, c = (float(value) for value in high - low)
+    return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=_increments(readings, [setup.name for setup in rows], kind, source))
+
+
+def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, source: str) -> None:
+    moves = np.array(setup.signs) != 0
+    off = np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high)) * moves
+    if np.max(off) > POSITION_TOLERANCE_MM:
+        axis = int(np.argmax(off))
+        raise DataError(
+            f"{source}: setup {setup.name}",
+            expected=f"{'XYZ'[axis]} from {low[axis]:g} to {high[axis]:g} mm as in the other diagonals",
+            found=f"{points[:, axis].min():g} to {points[:, axis].max():g} mm",
+            remedy="all diagonals of a survey span one box; a stop may be missing",
+        )
+
+
+def _increments(readings: Readings, names: Sequence[str], kind: Kind, source: str) -> int:
+    """Return the increments of the finest pass."""
+    moved = {"step": 3, "face": 2, "body": 1, "linear": 1}[kind]
+    longest = max(len(rows) for key, rows in readings.passes().items() if key.setup in names)
+    increments = (longest - 1) // moved
+    if increments > MOST_INCREMENTS:
+        raise DataError(source, expected=f"at most {MOST_INCREMENTS} increments", found=str(increments))
+    return increments
+
+
+def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setups: list[Setup], volume: Volume, source: str) -> Layout:
+    keys = tuple(passes)
+    order = np.concatenate(list(passes.values()))
+    pass_index = np.repeat(np.arange(len(keys)), [len(rows) for rows in passes.values()])
+    place = {setup.name: index for index, setup in enumerate(setups)}
+    setup_index = np.array([place[key.setup] for key in keys])[pass_index]
+    position = readings.position_mm[order]
+    first = np.searchsorted(pass_index, np.arange(len(keys)))
+    start = position[first][pass_index]
+    beam = np.where(np.isfinite(readings.beam_mm[order]), readings.beam_mm[order], start)
+    senses = np.array([laser_sense(readings, setup, passes) for setup in setups])
+    direction = (senses[:, None] * np.array([_direction(setup, volume) for setup in setups]))[setup_index]
+    reading = readings.reading_mm[order]
+    nominal = np.sum((position - start) * direction, axis=1)
+    clock, timed = _drift_clock(readings.time_s[order], keys, pass_index)
+    travel = np.array([readings.position_mm[rows[-1]] - readings.position_mm[rows[0]] for rows in passes.values()])
+    return Layout(
+        source=source,
+        volume=volume,
+        setups=tuple(setups),
+        passes=keys,
+        setup_index=setup_index,
+        pass_index=pass_index,
+        stop=readings.stop[order],
+        position_mm=position,
+        direction=direction,
+        beam_mm=beam,
+        spot_mm=_foot(beam, direction, position),
+        approach=np.sign(travel)[pass_index],
+        reading_mm=reading,
+        deviation_um=(reading - reading[first][pass_index] - nominal) * 1e3,
+        u_um=readings.u_um[order],
+        clock=clock,
+        timed=timed,
+    )
+
+
+def _foot(beam_mm: Vector, direction: Vector, position_mm: Vector) -> Vector:
+    """Return the point of the beam line nearest to each position, shape (m, 3)."""
+    along: Vector = np.sum((position_mm - beam_mm) * direction, axis=1, keepdims=True)
+    return beam_mm + direction * along
+
+
+def _direction(setup: Setup, volume: Volume) -> Vector:
+    travel = np.array(setup.signs) * np.array(volume.size_mm)
+    unit: Vector = travel / np.linalg.norm(travel)
+    return unit
+
+
+def _drift_clock(time_s: Vector, keys: Sequence[PassKey], pass_index: NDArray[np.int64]) -> tuple[Vector, NDArray[np.bool_]]:
+    """Return the drift coordinate of every reading and whether it is in hours."""
+    clock = np.zeros(len(time_s))
+    timed = np.zeros(len(time_s), dtype=np.bool_)
+    pair_of = [(key.setup, (key.number + 1) // 2) for key in keys]
+    for pair in dict.fromkeys(pair_of):
+        rows = np.isin(pass_index, [index for index, other in enumerate(pair_of) if other == pair])
+        stamps = time_s[rows]
+        known = bool(np.all(np.isfinite(stamps)))
+        clock[rows] = (stamps - stamps.min()) / 3600.0 if known else np.arange(len(stamps))
+        timed[rows] = known
+    return clock, timed
+
+
+def _inside_only(layout: Layout) -> Layout:
+    low = np.array(layout.volume.origin_mm)
+    beyond = np.maximum(low - layout.position_mm, layout.position_mm - low - layout.volume.size_mm)
+    outside = np.any(beyond > POSITION_TOLERANCE_MM, axis=1)
+    if not outside.any():
+        return layout
+    first = layout.place(int(np.argmax(outside)))
+    text = f"{int(outside.sum())} stops lie outside the volume of the diagonals and are not used, the first is {first}"
+    return replace(layout.select(~outside), findings=(Finding(code="outside-volume", severity="info", text=text),))

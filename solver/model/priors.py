@@ -1,0 +1,91 @@
+"""What is known besides the readings, as rows of the same adjustment: angular functions with their uncertainty, and conventions."""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import AXES, Vector
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.angles import Angles, angle_at_nodes
+from stepdiag.solver.model.design import Columns, Design, rotation_coefficients
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.result.result import ROTATIONS
+
+EXACT = 1e-3
+"""Standard uncertainty (urad, um) of what is held by convention: far below anything measurable, far above rounding."""
+UNKNOWN_ANGLE_URAD = 5.0
+"""Standard uncertainty of a function that nobody measured beside others that were, such as the rolls beside a head's pitch and yaw:
+the rms of an ordinary machine's 10 urad (theory 5.3). Held at zero instead, it would bend what was measured."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Prior:
+    """Rows whose target is zero, and their standard uncertainty."""
+
+    rows: Rows
+    u: Vector
+
+
+def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
+    """Return what known angular functions do to every reading, shape (m,) (theory 4.3).
+
+    Raises ``DataError`` where a function does not reach over the whole volume.
+    """
+    arms = rotation_coefficients(layout, chain)
+    total = np.zeros(len(layout))
+    for name, known in angles.items():
+        axis, component = divmod(ROTATIONS.index(name), 3)
+        angle_at_nodes(known, name, layout.volume)
+        at_corner = np.interp(layout.volume.origin_mm[axis], known.position_mm, known.value_urad)
+        total += arms[:, axis, component] * (np.interp(layout.position_mm[:, axis], known.position_mm, known.value_urad) - at_corner)
+    return total
+
+
+def has_stated_u(angles: Angles) -> bool:
+    """Tell whether any angular function comes with an uncertainty: then it is an observation, not a constant."""
+    return any(bool(np.any(np.isfinite(known.u_urad))) for known in angles.values())
+
+
+def make_prior(design: Design, angles: Angles, *, estimate_angles: bool) -> Prior:
+    """Return the rows for what angular functions may differ from those given, and for the convention on reversal.
+
+    A function given with uncertainty may differ by it, one without may not; a function not given is free where angles are to be
+    estimated, else zero within `UNKNOWN_ANGLE_URAD`. (Where no function has an uncertainty none is an unknown: all others are zero.)
+    """
+    columns = design.columns
+    pieces: list[tuple[NDArray[np.int64], Vector, float | Vector]] = []
+    if 1 in columns.parts:
+        for index, name in enumerate(ROTATIONS):
+            if name in angles or not estimate_angles:
+                nodes = columns.of(1, *divmod(index, 3))
+                pieces.append((nodes[:, None], np.ones((len(nodes), 1)), _difference_u(name, angles, design)))
+    if 2 in columns.parts:
+        pieces += [(*_common_reversal(columns, component), EXACT) for component in range(3)]
+    width = max((column.shape[1] for column, _, _ in pieces), default=1)
+    column = [np.pad(column, ((0, 0), (0, width - column.shape[1]))) for column, _, _ in pieces]
+    value = [np.pad(value, ((0, 0), (0, width - value.shape[1]))) for _, value, _ in pieces]
+    u = [np.broadcast_to(u, len(column)) for column, _, u in pieces]
+    rows = Rows(
+        np.vstack([np.zeros((0, width), dtype=np.int64), *column]).astype(np.int64),
+        np.vstack([np.zeros((0, width)), *value]),
+        columns.count,
+    )
+    return Prior(rows=rows, u=np.concatenate([np.zeros(0), *u]))
+
+
+def _difference_u(name: str, angles: Angles, design: Design) -> float | Vector:
+    if name not in angles:
+        return UNKNOWN_ANGLE_URAD
+    _, u = angle_at_nodes(angles[name], name, design.volume)
+    floored: Vector = np.maximum(np.where(np.isfinite(u), u, EXACT), EXACT)
+    return floored
+
+
+def _common_reversal(columns: Columns, component: int) -> tuple[NDArray[np.int64], Vector]:
+    """Return the row that sets the sum over the axes of a component's end-to-end reversal to zero.
+
+    A reversal that grows along all axes at once looks like linear drift between the outward and the return pass; it is called drift.
+    """
+    column = np.array([[columns.of(2, axis, component)[-1] for axis in range(len(AXES))]])
+    return column, np.ones((1, len(AXES)))

@@ -1,0 +1,95 @@
+"""What a result reports beside the quantities of a forecast: functions with and without their slope, reversal, the sum of the scales."""
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.least_squares import Inverse
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.design import Design
+from stepdiag.solver.model.quantities import Quantities, quantities
+from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
+
+SCALE_SUM = "scale sum"
+"""The weighted sum S = sum L^2 scale / R that four diagonals see of the three scales (theory 3, E5), in um."""
+POSITIONING = ("EXX", "EYY", "EZZ")
+
+
+def sloped(name: str) -> str:
+    """Return the name under which a positioning function stands with its slope."""
+    return f"sloped {name}"
+
+
+def shape(name: str) -> str:
+    """Return the name under which a rotation stands without its end-point line."""
+    return f"shape {name}"
+
+
+def reversal(name: str) -> str:
+    """Return the name under which the direction-dependent part of a function stands."""
+    return f"reversal {name}"
+
+
+def reported(design: Design) -> Quantities:
+    """Return the quantities of `solver.model.quantities.quantities` followed by those named above."""
+    base = quantities(design.columns, design.volume)
+    nodes = np.arange(1, design.columns.nodes + 1)
+    names, node = list(base.names), [base.node]
+    column, value = [_wide(base.combination.column)], [_wide(base.combination.value)]
+    for name, part, index, factor in _further(design):
+        at = design.columns.of(part, *divmod(index, 3))
+        names += [name] * len(at)
+        node.append(nodes)
+        column.append(_wide(np.column_stack([at, np.full(len(at), at[-1])])))
+        value.append(_wide(np.column_stack([np.ones(len(at)), -factor * nodes / design.columns.nodes])))
+    names.append(SCALE_SUM)
+    node.append(np.zeros(1, dtype=np.int64))
+    size = np.array(design.volume.size_mm)
+    column.append(np.array([[design.columns.of(0, axis, axis)[-1] for axis in range(3)]]))
+    value.append(size[None, :] / np.linalg.norm(size))
+    return Quantities(
+        names=tuple(names), node=np.concatenate(node), combination=Rows(np.vstack(column), np.vstack(value), design.columns.count)
+    )
+
+
+def _wide(columns: NDArray[Any]) -> NDArray[Any]:
+    return np.pad(columns, ((0, 0), (0, 3 - columns.shape[1])))
+
+
+def _further(design: Design) -> list[tuple[str, int, int, float]]:
+    """Return name, part, number in its part, and 1 where the end-point line is removed."""
+    parts = design.columns.parts
+    found = [(sloped(name), 0, DISPLACEMENTS.index(name), 0.0) for name in POSITIONING]
+    found += [(shape(name), 1, index, 1.0) for index, name in enumerate(ROTATIONS) if 1 in parts]
+    found += [(reversal(name), 2, index, 0.0) for index, name in enumerate(DISPLACEMENTS) if 2 in parts]
+    return found
+
+
+def identified(found: Quantities, inverse: Inverse) -> dict[str, bool]:
+    """Return for every quantity whether the readings determine all of it."""
+    seen = inverse.sees(found.combination)
+    known = dict.fromkeys(found.names, True)
+    for name, one in zip(found.names, seen.tolist(), strict=True):
+        known[name] = known[name] and one
+    return known
+
+
+def variance(found: Quantities, inverse: Inverse) -> Vector:
+    """Return the variance of every combination, shape (q,), meaningful for identified ones.
+
+    All but the first unknown of a combination are end nodes: few columns of the covariance suffice, however long the functions.
+    """
+    column, value = found.combination.column, found.combination.value
+    ends, place = np.unique(column[:, 1:], return_inverse=True)
+    place = place.reshape(len(column), -1)
+    unit = np.zeros((found.combination.count, len(ends)))
+    unit[ends, np.arange(len(ends))] = 1.0
+    covariance = inverse.solve(unit)
+    total = np.sum(value**2 * inverse.variance()[column], axis=1)
+    for second in range(1, column.shape[1]):
+        for first in range(second):
+            total += 2 * value[:, first] * value[:, second] * covariance[column[:, first], place[:, second - 1]]
+    positive: Vector = np.maximum(total, 0.0)
+    return positive

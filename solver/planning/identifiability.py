@@ -1,0 +1,139 @@
+"""What a survey cannot tell, and the cheapest runs that would.
+
+What is identifiable depends on setups and beam lines, not on how fine the steps are (theory 5.1: the same for n = 1 .. 20). The
+advice is therefore worked out for the same setups in a few increments, which costs milliseconds however fine the survey is.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stepdiag.solver.geometry.setups import FACE_DIAGONALS
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS, LINEAR_RUNS, Vector, Volume, diagonal_direction
+from stepdiag.solver.linear.least_squares import NULL_TOLERANCE, invert
+from stepdiag.solver.model.angles import Angles
+from stepdiag.solver.model.design import Design, Model, build_design
+from stepdiag.solver.model.layout import Layout, lay_out
+from stepdiag.solver.model.priors import make_prior
+from stepdiag.solver.model.quantities import Quantities
+from stepdiag.solver.model.reported import reported
+from stepdiag.solver.planning.runs import Plan, Run, perfect_readings, run_minutes
+
+BEAM_OFFSET_MM = 50.0
+MOST_RUNS = 16
+COARSE = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Advice:
+    """Runs that would identify what is missing, and the minutes they take with usual set-up times."""
+
+    runs: tuple[Run, ...]
+    minutes: float
+
+    def __str__(self) -> str:
+        plain = [run.setup for run in self.runs if not any(run.beam_offset_mm)]
+        shifted = [run.setup for run in self.runs if any(run.beam_offset_mm)]
+        times = [f"{name} with {shifted.count(name)} shifted beams" for name in dict.fromkeys(shifted)]
+        return f"{' and '.join([*plain, *times]).replace('1 shifted beams', 'a shifted beam')} (about {self.minutes:.0f} min)"
+
+
+def cheapest_runs(
+    layout: Layout, chain: str, model: Model, missing: Sequence[str], *, angles: Angles, estimate_angles: bool
+) -> Advice | None:
+    """Return the runs to add such that all of ``missing`` (names of `reported`) is identified; None where none of the usual helps.
+
+    One run after the other, each the one that uncovers most per minute, or at least narrows most what stays unknown.
+    """
+    survey = _coarse(layout)
+    design = build_design(lay_out(perfect_readings(survey, 1.0), layout.source, survey.volume), chain, replace(model, lines=0))
+    prior = make_prior(design, angles, estimate_angles=estimate_angles)
+    rows = design.rows.followed_by(prior.rows)
+    null = np.linalg.qr(invert(rows, np.ones(len(rows)), design.blocks).null)[0]
+    found = reported(design)
+    asked = found.select(np.concatenate([found.of(name) for name in missing]))
+    candidates = {run: _Candidate.of(run, design, model) for run in _usual_runs(survey.volume, model)}
+    chosen = _choose(asked, null, candidates)
+    full = Plan(volume=layout.volume, runs=())
+    return None if chosen is None else Advice(runs=chosen, minutes=sum(run_minutes(full, run) for run in chosen))
+
+
+def _coarse(layout: Layout) -> Plan:
+    """Return the setups of a survey as a plan of few increments."""
+    runs = []
+    for index, setup in enumerate(layout.setups):
+        row = int(np.argmax(layout.setup_index == index))
+        numbers = [key.number for key in layout.passes if key.setup == setup.name]
+        beam = layout.beam_mm[row] - layout.position_mm[row]
+        across = beam - layout.direction[row] * float(beam @ layout.direction[row])
+        x, y, z = (float(round(value, 6)) for value in across)
+        runs.append(Run(setup=setup.name, return_pass=any(number % 2 == 0 for number in numbers), beam_offset_mm=(x, y, z)))
+    return Plan(volume=replace(layout.volume, increments=min(COARSE, layout.volume.increments)), runs=tuple(runs))
+
+
+def _choose(asked: Quantities, null: Vector, candidates: dict[Run, "_Candidate"]) -> tuple[Run, ...] | None:
+    chosen: list[Run] = []
+    hidden = _hidden(asked, null)
+    while hidden:
+        left = {run: candidate.narrow(null) for run, candidate in candidates.items() if run not in chosen}
+        gain = {run: (hidden - _hidden(asked, rest), null.shape[1] - rest.shape[1]) for run, rest in left.items()}
+        best = max(gain, key=lambda run: tuple(one / candidates[run].minutes for one in gain[run]), default=None)
+        if best is None or not any(gain[best]) or len(chosen) == MOST_RUNS:
+            return None
+        null, hidden = left[best], hidden - gain[best][0]
+        chosen.append(best)
+    return tuple(chosen)
+
+
+def _hidden(missing: Quantities, null: Vector) -> int:
+    """Return how many independent combinations of the missing quantities the null space hides."""
+    if not null.shape[1]:
+        return 0
+    largest = max(float(np.max(np.abs(missing.combination.value))), 1.0)
+    return int(np.linalg.matrix_rank(missing.combination.times(null), tol=1e-6 * largest))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Candidate:
+    """A run as rows on the machine's unknowns and on nuisances of its own."""
+
+    minutes: float
+    machine: Vector
+    nuisance: Vector
+
+    @classmethod
+    def of(cls, run: Run, design: Design, model: Model) -> "_Candidate":
+        plan = Plan(volume=design.volume, runs=(run,))
+        layout = lay_out(perfect_readings(plan, 1.0), "advice", design.volume)
+        own = build_design(layout, design.chain, replace(model, lines=0))
+        rows = own.rows.dense()
+        machine = np.zeros((len(rows), design.columns.count))
+        machine[:, : own.columns.machine] = rows[:, : own.columns.machine]
+        return cls(run_minutes(plan, run), machine, rows[:, own.columns.machine :])
+
+    def narrow(self, null: Vector) -> Vector:
+        """Return what of a null space this run does not see either."""
+        seen = np.hstack([self.machine @ null, self.nuisance])
+        scale = np.linalg.norm(seen, axis=0)
+        scale = np.where(scale > NULL_TOLERANCE, scale, 1.0)
+        _, size, right = np.linalg.svd(seen / scale, full_matrices=True)
+        free = right[int(np.count_nonzero(size > NULL_TOLERANCE)) :].T / scale[:, None]
+        left: Vector = null @ free[: null.shape[1]]
+        keep, size, _ = np.linalg.svd(left, full_matrices=False)
+        narrowed: Vector = keep[:, size > NULL_TOLERANCE * size.max(initial=1.0)]
+        return narrowed
+
+
+def _usual_runs(volume: Volume, model: Model) -> Sequence[Run]:
+    """Return the runs that a service engineer can add, one way."""
+    names = (*LINEAR_RUNS, *BODY_DIAGONALS, *FACE_DIAGONALS)
+    runs = [Run(setup=name, return_pass=model.reversal) for name in names]
+    if model.angles:
+        for diagonal in BODY_DIAGONALS:
+            along = diagonal_direction(volume, diagonal)
+            level = np.cross([0.0, 0.0, 1.0], along) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], along))
+            for across in (level, np.cross(along, level)):
+                x, y, z = (float(round(value, 3)) for value in BEAM_OFFSET_MM * across)
+                runs.append(Run(setup=diagonal, return_pass=model.reversal, beam_offset_mm=(x, y, z)))
+    return runs

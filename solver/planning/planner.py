@@ -1,0 +1,280 @@
+"""What a survey would say, and what it would take, before the machine moves; and what is worth adding to it.
+
+A forecast needs no reading: the operator and the sources follow from where the stops are. What a survey does not identify
+counts with what a machine of its kind usually has (`Prior`), so that a run which identifies it is worth something.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field, replace
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector, Volume
+from stepdiag.solver.model.design import Model
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.model.quantities import Quantities, volumetric_weight
+from stepdiag.solver.planning.runs import Plan, Run, perfect_readings, plan_minutes
+from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
+from stepdiag.solver.uncertainty.propagation import SurveyUncertainty, survey_uncertainty
+from stepdiag.solver.uncertainty.sources import Assumptions
+
+MIN_GAIN = 0.01
+"""A step that improves the uncertainty by less than this share ends the search: more time would buy nothing."""
+MAX_INCREMENTS = 10
+"""Finer surveys are forecast on this many increments: the uncertainty at a node hardly depends on how many others there are."""
+_LINEAR = "a linear run along {}"
+FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prior:
+    """Standard deviations of what nobody has measured: shapes (um), squareness (urad), scale (um/m); angles stand in `Assumptions`."""
+
+    shape_um: float = 5.0
+    squareness_urad: float = 30.0
+    scale_um_m: float = 20.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Circumstances:
+    """Everything about the job that is not in the plan. ``head_u_urad``: pitch and yaw from a run of the 4-DOF head."""
+
+    chain: str = "FXYZ"
+    assumed: Assumptions = field(default_factory=Assumptions)
+    prior: Prior = field(default_factory=Prior)
+    head_u_urad: float = 1.0
+    beam_offset_mm: float = 50.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Forecast:
+    """What a planned survey would give.
+
+    ``u``: standard uncertainty by name, root mean square over a function's nodes, None where not identified (units: um,
+    urad, um/m). ``angles`` says whether the angular functions are taken as assumed or solved from the readings, whichever
+    leaves the smaller ``volumetric_um``: the root mean square of the error vector's uncertainty over the volume. ``hidden``: independent
+    combinations of the unknowns that no reading shows when the angular functions are unknowns too.
+    """
+
+    plan: Plan
+    minutes: float
+    volumetric_um: float
+    angles: Literal["assumed", "solved"]
+    u: dict[str, float | None]
+    resolved: tuple[str, ...]
+    hidden: int
+
+    @property
+    def resolves_all(self) -> bool:
+        """Tell whether all 18 functions could be solved from the laser's readings alone."""
+        return set(self.resolved) == set(FUNCTIONS)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Addition:
+    """Something to add to a survey, and what it would bring."""
+
+    text: str
+    forecast: Forecast
+    minutes: float
+    gain_um: float
+    newly_identified: tuple[str, ...]
+
+    @property
+    def gain_um_per_minute(self) -> float:
+        """Return by how much the volumetric uncertainty falls for each minute spent."""
+        return self.gain_um / self.minutes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Advice:
+    """The survey as planned, what to add to it (best gain per minute first), and the surveys that answer three questions.
+
+    ``resolving``: the cheapest steps found after which all 18 functions are solved, each with its forecast; empty where
+    nothing leads there. ``best``: the survey for the time or the target uncertainty asked for, None where none was asked or none fits.
+    """
+
+    forecast: Forecast
+    additions: tuple[Addition, ...]
+    resolving: tuple[Addition, ...]
+    best: Forecast | None
+
+
+def plan(survey: Plan, about: Circumstances | None = None, *, available_min: float | None = None, target_um: float | None = None) -> Advice:
+    """Return forecast, ranked additions and the best survey within ``available_min`` or down to ``target_um``.
+
+    The best survey is built up from four bare diagonals by the addition with the highest gain per minute that still fits.
+    """
+    about = about or Circumstances()
+    now = forecast(survey, about)
+    best = None
+    if available_min is not None or target_um is not None:
+        best = best_survey(bare_survey(survey), about, available_min=available_min, target_um=target_um)
+    return Advice(forecast=now, additions=rank(now, about), resolving=resolving(now, about), best=best)
+
+
+def forecast(survey: Plan, about: Circumstances) -> Forecast:
+    """Return what the survey would give. Raises ``UsageError`` for a plan without a run of the laser."""
+    coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
+    layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan")
+    assumed = _with_head(survey, about)
+    taken = survey_uncertainty(layout, about.chain, assumed, tilt_share=False)
+    solved = survey_uncertainty(layout, about.chain, assumed, Model(angles=True), tilt_share=False)
+    everything = (solved.operator.quantities, solved.operator.unidentified)
+    sizes = [_volumetric_um(found, everything, layout.volume, about, assumed) for found in (taken, solved)]
+    chosen = int(np.argmin(sizes))
+    return Forecast(
+        plan=survey,
+        minutes=plan_minutes(survey),
+        volumetric_um=sizes[chosen],
+        angles=("assumed", "solved")[chosen],
+        u={name: _size((taken, solved)[chosen].u(name)) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)},
+        resolved=tuple(name for name in FUNCTIONS if len(solved.operator.quantities.of(name))),
+        hidden=solved.operator.hidden,
+    )
+
+
+def _size(u: Vector | None) -> float | None:
+    return None if u is None else float(np.sqrt(np.mean(u**2)))
+
+
+def _with_head(survey: Plan, about: Circumstances) -> Assumptions:
+    """Return the assumptions with pitch and yaw of every axis that the head measures known to its uncertainty."""
+    angles = dict(about.assumed.angle_urad)
+    for run in survey.runs:
+        if run.is_fourdof:
+            axis = run.setup.partition("+")[0][-1].upper()
+            roll = f"E{'ABC'[AXIS_LETTERS.index(axis)]}{axis}"
+            measured = [name for name in ROTATIONS if name[2] == axis and name != roll]
+            angles |= {name: min(about.head_u_urad, angles.get(name, 0.0)) for name in measured}
+    return replace(about.assumed, angle_urad=angles)
+
+
+def _volumetric_um(
+    found: SurveyUncertainty, everything: tuple[Quantities, ...], volume: Volume, about: Circumstances, assumed: Assumptions
+) -> float:
+    """Return the root mean square over the volume of the error vector's uncertainty, the prior standing in for what is missing."""
+    known = found.operator.quantities
+    moved = found.responses()
+    square = float(np.sum((volumetric_weight(known, volume, about.chain) @ moved) * moved))
+    for group in everything:
+        missing = group.select(np.flatnonzero([name not in known.groups for name in group.names]))
+        size = np.array([_prior(name, about.prior, assumed) for name in missing.names])
+        if len(size):
+            square += float(np.sum(np.diag(volumetric_weight(missing, volume, about.chain)) * size**2))
+    return float(np.sqrt(square))
+
+
+def _prior(name: str, prior: Prior, assumed: Assumptions) -> float:
+    if name in ROTATIONS:
+        return assumed.angle_urad.get(name, 0.0)
+    if name in SQUARENESS:
+        return prior.squareness_urad
+    return prior.scale_um_m if name in AXIS_LETTERS else prior.shape_um
+
+
+def rank(now: Forecast, about: Circumstances) -> tuple[Addition, ...]:
+    """Return everything that could be added to a survey, the highest gain per minute first."""
+    found = [_addition(text, changed, now, about) for text, changed in _changes(now.plan, about)]
+    return tuple(sorted(found, key=lambda one: one.gain_um_per_minute, reverse=True))
+
+
+def _addition(text: str, changed: Plan, now: Forecast, about: Circumstances) -> Addition:
+    return _compared(text, forecast(changed, about), now)
+
+
+def _compared(text: str, then: Forecast, now: Forecast) -> Addition:
+    return Addition(
+        text=text,
+        forecast=then,
+        minutes=then.minutes - now.minutes,
+        gain_um=now.volumetric_um - then.volumetric_um,
+        newly_identified=tuple(name for name, u in then.u.items() if u is not None and now.u[name] is None),
+    )
+
+
+def _changes(survey: Plan, about: Circumstances) -> Iterator[tuple[str, Plan]]:
+    """Yield every plan that is one step richer, in words."""
+    bases = [run.setup.partition("+")[0] for run in survey.runs]
+    for axis in AXES:
+        for kind, words in (("linear", _LINEAR), ("fourdof", "a run of the 4-DOF head along {}")):
+            if f"{kind}-{axis}" not in bases:
+                yield words.format(axis.upper()), survey.with_runs(Run(setup=f"{kind}-{axis}"))
+    diagonals = [run for run in survey.runs if run.setup in BODY_DIAGONALS]
+    for axis in AXES if diagonals else ():
+        x, y, z = (about.beam_offset_mm * (axis == other) for other in AXES)
+        shift = (x, y, z)
+        if all(run.beam_offset_mm != shift for run in survey.runs):
+            shifted = [replace(run, beam_offset_mm=shift) for run in diagonals]
+            yield f"all diagonals again with the beam shifted {about.beam_offset_mm:g} mm in {axis.upper()}", survey.with_runs(*shifted)
+    if not all(run.return_pass for run in survey.runs):
+        yield "return passes", replace(survey, runs=tuple(replace(run, return_pass=True) for run in survey.runs))
+    more = tuple(replace(run, repeats=run.repeats + 1) for run in survey.runs)
+    yield "one more repeat of every run", replace(survey, runs=more)
+
+
+def resolving(now: Forecast, about: Circumstances) -> tuple[Addition, ...]:
+    """Return the steps after which all 18 functions are solved from the laser's readings; empty where nothing more is needed or helps.
+
+    Each step shows the most hidden combinations per minute; steps that the later ones made superfluous are then dropped.
+    """
+    texts: list[str] = []
+    here = now
+    while not here.resolves_all:
+        found = [_addition(text, changed, here, about) for text, changed in _changes(here.plan, about)]
+        best = max(found, key=lambda one: (here.hidden - one.forecast.hidden) / one.minutes)
+        if best.forecast.hidden >= here.hidden:
+            return ()
+        texts.append(best.text)
+        here = best.forecast
+    for text in texts[:-1]:
+        fewer = [other for other in texts if other != text]
+        if _walk(now, fewer, about)[-1].forecast.resolves_all:
+            texts = fewer
+    return _walk(now, texts, about)
+
+
+def _walk(now: Forecast, texts: list[str], about: Circumstances) -> tuple[Addition, ...]:
+    """Return the additions named, made one after the other; those that the survey has already are left out."""
+    steps: list[Addition] = []
+    for text in texts:
+        here = steps[-1].forecast if steps else now
+        changed = dict(_changes(here.plan, about)).get(text)
+        if changed is not None:
+            steps.append(_addition(text, changed, here, about))
+    return tuple(steps)
+
+
+def bare_survey(survey: Plan) -> Plan:
+    """Return the least survey of the same volume: four body diagonals, driven once."""
+    return replace(survey, runs=tuple(Run(setup=name, return_pass=False) for name in BODY_DIAGONALS))
+
+
+def best_survey(
+    start: Plan, about: Circumstances, *, available_min: float | None = None, target_um: float | None = None
+) -> Forecast | None:
+    """Return the survey for a given time, a target uncertainty, or both.
+
+    None where the start alone takes too long or nothing reaches the target in time. Grown step by step, the highest gain per minute
+    first. Resolving all functions pays only when its last step is made, so it is offered as one step as well, with linear runs.
+    """
+    limit = float("inf") if available_min is None else available_min
+    here = forecast(start, about)
+    if here.minutes > limit:
+        return None
+    whole = [*(step.text for step in resolving(here, about)), *(_LINEAR.format(axis.upper()) for axis in AXES)]
+    while target_um is None or here.volumetric_um > target_um:
+        steps = [*rank(here, about), *_as_one_step(_walk(here, whole, about), here)]
+        fitting = [one for one in steps if one.forecast.minutes <= limit and one.gain_um > MIN_GAIN * here.volumetric_um]
+        if not fitting:
+            return here if target_um is None else None
+        here = max(fitting, key=lambda one: one.gain_um_per_minute).forecast
+    return here
+
+
+def _as_one_step(steps: tuple[Addition, ...], here: Forecast) -> list[Addition]:
+    if not steps:
+        return []
+    end = steps[-1].forecast
+    return [_compared("; ".join(step.text for step in steps), end, here)]

@@ -1,0 +1,83 @@
+"""CSV tables as people write them: comments, blank lines, a byte order mark, and refusals that name the line."""
+
+import csv
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+
+from stepdiag.solver.errors import DataError
+
+LARGEST = 1e12
+"""No position, error, time or count of a machine comes near. What is beyond it is a mistake, and its square would soon not be finite."""
+MOST_ROWS = 2_000_000
+"""Rows of a table: the fastest head gives fewer in a stability test of half an hour."""
+
+
+def read_table(text: str, source: str, required: Sequence[str], alias: Mapping[str, str] | None = None) -> list[tuple[int, dict[str, str]]]:
+    """Return (line number, fields by column) of every row of a CSV with a header.
+
+    A byte order mark, CRLF, blank lines and lines that begin with ``#`` are accepted; ``alias`` maps other spellings of column
+    names. Raises ``DataError`` for missing or doubled columns, other separators, rows of another length and tables without rows.
+    """
+    numbered = enumerate(text.removeprefix("\ufeff").splitlines(), start=1)
+    content = [(number, line) for number, line in numbered if line.strip() and not line.lstrip().startswith("#")]
+    if len(content) < 2:
+        raise DataError(source, expected="a header and at least one row", found=f"{len(content)} lines")
+    if len(content) > MOST_ROWS + 1:
+        raise DataError(source, expected=f"at most {MOST_ROWS} rows", found=str(len(content) - 1))
+    header = _header(*content[0], source, required, alias or {})
+    return [(number, _fields(number, line, header, source)) for number, line in content[1:]]
+
+
+def _header(number: int, line: str, source: str, required: Sequence[str], alias: Mapping[str, str]) -> list[str]:
+    where = f"{source}: line {number}: header"
+    if "," not in line and (";" in line or "\t" in line):
+        remedy = "save as CSV with commas and decimal points"
+        raise DataError(where, expected="columns separated by commas", found="semicolons or tabs", remedy=remedy)
+    names = [alias.get(name, name) for name in _split(number, line, source)]
+    missing = [name for name in required if name not in names]
+    if missing:
+        raise DataError(where, expected="the columns " + ",".join(required), found="no column " + ", ".join(missing))
+    twice = sorted(name for name, count in Counter(names).items() if count > 1 and name)
+    if twice:
+        raise DataError(where, expected="every column once", found=f"{twice[0]!r} twice")
+    return names
+
+
+def _fields(number: int, line: str, header: list[str], source: str) -> dict[str, str]:
+    fields = _split(number, line, source)
+    if len(fields) != len(header):
+        remedy = "a decimal comma splits a number in two: write a decimal point" if len(fields) > len(header) else "the row was cut off"
+        raise DataError(f"{source}: line {number}", expected=f"{len(header)} fields", found=f"{len(fields)}", remedy=remedy)
+    return dict(zip(header, fields, strict=True))
+
+
+def _split(number: int, line: str, source: str) -> list[str]:
+    try:
+        return [field.strip() for field in next(csv.reader([line], strict=True))]
+    except csv.Error as error:
+        raise DataError(f"{source}: line {number}", expected="comma-separated fields", found=str(error)) from None
+
+
+def number_in(fields: Mapping[str, str], name: str, where: str, *, optional: bool = False, least: float = -math.inf) -> float:
+    """Return the finite number in a field; NaN for an empty or absent optional one. Raises ``DataError`` for anything else."""
+    text = fields.get(name, "")
+    if optional and not text:
+        return math.nan
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not abs(value) <= LARGEST or value < least:
+        remedy = "write decimals with a point, not a comma" if "," in text else ""
+        expected = "a finite number" + (" from 0 up" if least == 0 else "")
+        raise DataError(f"{where}: {name}", expected=expected, found=repr(text), remedy=remedy)
+    return value
+
+
+def whole_number_in(fields: Mapping[str, str], name: str, where: str, *, least: int) -> int:
+    """Return the whole number in a field. Raises ``DataError`` for anything else or below ``least``."""
+    text = fields[name]
+    if not (text.isascii() and text.isdigit() and len(text) < 10 and int(text) >= least):
+        raise DataError(f"{where}: {name}", expected=f"a whole number from {least} up", found=repr(text))
+    return int(text)

@@ -1,0 +1,218 @@
+"""The table of readings, one row a stop, and its CSV form (contract 4)."""
+
+import io
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.geometry.setups import setup_of
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.readings.csv_table import number_in, read_table, whole_number_in
+
+REQUIRED = ("setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "reading_mm")
+OPTIONAL = ("u_um", "temperature_c", "time_s")
+BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
+
+
+class PassKey(NamedTuple):
+    """What identifies a pass."""
+
+    setup: str
+    number: int
+
+    @property
+    def outward(self) -> bool:
+        """Tell whether the pass goes outward (odd) or returns (even)."""
+        return self.number % 2 == 1
+
+    def __str__(self) -> str:
+        return f"setup {self.setup}, pass {self.number}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Readings:
+    """Readings as columns of equal length N, one row a stop.
+
+    ``reading_mm`` is relative to the pass's first stop. ``u_um`` (standard uncertainty of the reading), ``temperature_c``
+    (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line in machine coordinates, NaN where the
+    beam runs through the pass's first commanded position.
+    """
+
+    setup: tuple[str, ...]
+    pass_number: NDArray[np.int64]
+    stop: NDArray[np.int64]
+    position_mm: Vector
+    reading_mm: Vector
+    u_um: Vector
+    temperature_c: Vector
+    time_s: Vector
+    beam_mm: Vector
+
+    def __len__(self) -> int:
+        return len(self.setup)
+
+    def passes(self) -> dict[PassKey, NDArray[np.int64]]:
+        """Return the rows of every pass in the order of its stops; passes in the order of `SETUP_NAMES`, then by number.
+
+        Raises ``UsageError`` for an unknown setup name.
+        """
+        rows: dict[PassKey, list[int]] = {}
+        for row, (setup, number) in enumerate(zip(self.setup, self.pass_number.tolist(), strict=True)):
+            rows.setdefault(PassKey(setup, number), []).append(row)
+        keys = sorted(rows, key=lambda key: (setup_of(key.setup).order, key.number))
+        return {key: np.array(sorted(rows[key], key=self.stop.__getitem__), dtype=np.int64) for key in keys}
+
+    def select(self, rows: NDArray[np.int64] | Sequence[int]) -> "Readings":
+        """Return the readings of these rows, in this order."""
+        index = np.asarray(rows, dtype=np.int64)
+        return Readings(
+            setup=tuple(self.setup[row] for row in index.tolist()),
+            pass_number=self.pass_number[index],
+            stop=self.stop[index],
+            position_mm=self.position_mm[index],
+            reading_mm=self.reading_mm[index],
+            u_um=self.u_um[index],
+            temperature_c=self.temperature_c[index],
+            time_s=self.time_s[index],
+            beam_mm=self.beam_mm[index],
+        )
+
+
+def make_readings(  # noqa: PLR0913 - one argument a column
+    *,
+    setup: Sequence[str],
+    pass_number: Sequence[int] | NDArray[np.int64],
+    stop: Sequence[int] | NDArray[np.int64],
+    position_mm: Sequence[Sequence[float]] | Vector,
+    reading_mm: Sequence[float] | Vector,
+    u_um: Sequence[float] | Vector | None = None,
+    temperature_c: Sequence[float] | Vector | None = None,
+    time_s: Sequence[float] | Vector | None = None,
+    beam_mm: Sequence[Sequence[float]] | Vector | None = None,
+) -> Readings:
+    """Return readings from columns; what is left out is NaN. Raises ``ValueError`` where the lengths differ."""
+    count = len(setup)
+    return Readings(
+        setup=tuple(setup),
+        pass_number=np.asarray(pass_number, dtype=np.int64).reshape(count),
+        stop=np.asarray(stop, dtype=np.int64).reshape(count),
+        position_mm=np.asarray(position_mm, dtype=np.float64).reshape(count, 3),
+        reading_mm=np.asarray(reading_mm, dtype=np.float64).reshape(count),
+        u_um=_column(u_um, count),
+        temperature_c=_column(temperature_c, count),
+        time_s=_column(time_s, count),
+        beam_mm=np.full((count, 3), np.nan) if beam_mm is None else np.asarray(beam_mm, dtype=np.float64).reshape(count, 3),
+    )
+
+
+def _column(values: Sequence[float] | Vector | None, count: int) -> Vector:
+    return np.full(count, np.nan) if values is None else np.asarray(values, dtype=np.float64).reshape(count)
+
+
+def parse_readings(text: str, source: str = "readings.csv") -> Readings:
+    """Return the readings of a CSV (contract 4), rows sorted by setup, pass and stop.
+
+    A byte order mark, CRLF, blank lines and lines that begin with ``#`` are accepted, further columns are ignored, ``diagonal``
+    stands for ``setup``, and without a ``pass`` column everything is pass 1. The beam line may be given in ``beam_x_mm, beam_y_mm,
+    beam_z_mm``. Raises ``DataError`` that names the line, or setup, pass and stop.
+    """
+    required = [name for name in REQUIRED if name != "pass"]
+    rows = [_Row.parse(f"{source}: line {number}", fields) for number, fields in read_table(text, source, required, {"diagonal": "setup"})]
+    readings = make_readings(
+        setup=[row.setup for row in rows],
+        pass_number=[row.pass_number for row in rows],
+        stop=[row.stop for row in rows],
+        position_mm=[row.position_mm for row in rows],
+        reading_mm=[row.reading_mm for row in rows],
+        beam_mm=[row.beam_mm for row in rows],
+        **{name: [row.optional[index] for row in rows] for index, name in enumerate(OPTIONAL)},
+    )
+    passes = readings.passes()
+    _refuse_gaps(readings, passes, source)
+    return readings.select(np.concatenate(list(passes.values())))
+
+
+class _Row(NamedTuple):
+    """One line of the file, checked."""
+
+    setup: str
+    pass_number: int
+    stop: int
+    position_mm: list[float]
+    reading_mm: float
+    optional: list[float]
+    beam_mm: list[float]
+
+    @classmethod
+    def parse(cls, where: str, fields: dict[str, str]) -> "_Row":
+        beam_mm = [number_in(fields, name, where, optional=True) for name in BEAM]
+        if 0 < sum(map(math.isnan, beam_mm)) < 3:
+            raise DataError(f"{where}: beam", expected="all of " + ", ".join(BEAM), found="some of them empty")
+        return cls(
+            setup=_setup_name(fields["setup"], where),
+            pass_number=whole_number_in(fields, "pass", where, least=1) if "pass" in fields else 1,
+            stop=whole_number_in(fields, "stop", where, least=0),
+            position_mm=[number_in(fields, name, where) for name in ("x_mm", "y_mm", "z_mm")],
+            reading_mm=number_in(fields, "reading_mm", where),
+            optional=[number_in(fields, name, where, optional=True, least=0.0 if name == "u_um" else -math.inf) for name in OPTIONAL],
+            beam_mm=beam_mm,
+        )
+
+
+def _setup_name(name: str, where: str) -> str:
+    try:
+        return setup_of(name).name
+    except UsageError as error:
+        raise DataError(f"{where}: setup", expected=error.expected, found=error.found, remedy=error.remedy) from None
+
+
+def _refuse_gaps(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str) -> None:
+    """Refuse a stop given twice or left out within a pass."""
+    for key, rows in passes.items():
+        stops = readings.stop[rows].tolist()
+        for expected, found in enumerate(stops):
+            if found == expected:
+                continue
+            where = f"{source}: {key}"
+            if found < expected:
+                raise DataError(where, expected=f"stop {found} once", found="it twice", remedy="a repeated pass has its own pass number")
+            raise DataError(
+                where, expected=f"stop {expected}", found=f"stop {found} in its place", remedy="every stop of a pass must be there"
+            )
+
+
+def render_readings(readings: Readings) -> str:
+    """Return the CSV of contract 4: columns that hold nothing are left out, LF line ends, same bytes for the same readings.
+
+    Positions are written to 0.1 nm, readings to a picometre, the rest to six decimals.
+    """
+    optional = {name: getattr(readings, name) for name in OPTIONAL if np.isfinite(getattr(readings, name)).any()}
+    beam = np.isfinite(readings.beam_mm).any()
+    out = io.StringIO()
+    out.write(",".join((*REQUIRED, *optional, *(BEAM if beam else ()))) + "\n")
+    for row in _ordered_rows(readings):
+        fields = [readings.setup[row], str(readings.pass_number[row]), str(readings.stop[row])]
+        fields += [_decimal(value, 7) for value in readings.position_mm[row]]
+        fields.append(_decimal(readings.reading_mm[row], 9))
+        fields += [_decimal(column[row], 6) for column in optional.values()]
+        fields += [_decimal(value, 7) for value in readings.beam_mm[row]] if beam else []
+        out.write(",".join(fields) + "\n")
+    return out.getvalue()
+
+
+def _ordered_rows(readings: Readings) -> Iterator[int]:
+    for rows in readings.passes().values():
+        yield from rows.tolist()
+
+
+def _decimal(value: float, places: int) -> str:
+    """Return a number without trailing zeros or a negative zero; empty for NaN."""
+    if math.isnan(value):
+        return ""
+    text = f"{value:.{places}f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text

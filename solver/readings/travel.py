@@ -1,0 +1,109 @@
+"""Does a pass drive what its setup says, and does the laser agree? Refusals that name the stop."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.setups import Setup
+from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.readings.readings import PassKey, Readings
+
+ROUTE_TOLERANCE_MM = 0.05
+LASER_TOLERANCE = 0.1
+"""The travel of the laser agrees with the nominal travel within a tenth: far beyond any machine error, far below a wrong unit."""
+
+
+def check_route(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np.int64], volume: Volume, source: str) -> None:
+    """Raise ``DataError`` where the positions of a pass are not the stops of its setup."""
+    where = f"{source}: {key}"
+    position = readings.position_mm[rows]
+    if len(rows) < 2:
+        raise DataError(where, expected="at least 2 stops", found=f"{len(rows)}", remedy="a pass needs its first stop and what follows")
+    signs = np.array(setup.signs) * (1 if key.outward else -1)
+    if setup.kind == "linear":
+        signs = signs * int(np.sign(np.sum((position[-1] - position[0]) * signs)) or 1)
+    moves = np.diff(position, axis=0)
+    _check_each_move(setup, moves, signs, where)
+    _check_steps(setup, position, volume, where)
+    _check_ends(setup, position, signs, volume, where)
+
+
+def _check_each_move(setup: Setup, moves: Vector, signs: NDArray[np.int64], where: str) -> None:
+    """Every move goes the way the setup says; step diagonals move one axis at a time."""
+    moving = np.abs(moves) > ROUTE_TOLERANCE_MM
+    wrong_way = moving & (np.sign(moves) != signs)
+    crowded = moving.sum(axis=1) != {"step": 1, "face": 1, "linear": 1, "body": 3}[setup.kind]
+    for index in np.flatnonzero(wrong_way.any(axis=1) | crowded).tolist():
+        found = ", ".join(f"{'XYZ'[axis]} by {moves[index, axis]:g} mm" for axis in range(3) if moving[index, axis]) or "no move"
+        allowed = " or ".join(f"{'XYZ'[axis]}{'+' if signs[axis] > 0 else '-'}" for axis in range(3) if signs[axis])
+        one = "a move of all axes" if setup.kind == "body" else f"a move of one axis, {allowed},"
+        remedy = "a stop is missing, out of order, or the pass belongs to another setup"
+        raise DataError(f"{where}, stop {index + 1}", expected=f"{one} from stop {index}", found=found, remedy=remedy)
+
+
+def _check_steps(setup: Setup, position: Vector, volume: Volume, where: str) -> None:
+    """A step diagonal moves every axis once in each step, by equal increments."""
+    if setup.kind not in ("step", "face"):
+        return
+    moved = [axis for axis in range(3) if setup.signs[axis]]
+    steps, left = divmod(len(position) - 1, len(moved))
+    if left:
+        found = f"{len(position)} stops"
+        raise DataError(
+            where, expected=f"{len(moved)} moves in each step", found=found, remedy="the pass was cut off, or a stop is missing"
+        )
+    corners = position[:: len(moved)]
+    ideal = np.array(volume.size_mm) * np.arange(steps + 1)[:, None] / steps
+    off = np.abs(np.abs(corners - corners[0]) - ideal)[:, moved]
+    if np.max(off) > ROUTE_TOLERANCE_MM:
+        stop = int(np.argmax(off.max(axis=1))) * len(moved)
+        raise DataError(
+            f"{where}, stop {stop}",
+            expected=f"one increment of every axis in each of {steps} equal steps from end to end of the box",
+            found="the axes at " + ", ".join(f"{value:g}" for value in position[stop]) + " mm",
+            remedy="a stop is missing or the pass stops short of the corner",
+        )
+
+
+def _check_ends(setup: Setup, position: Vector, signs: NDArray[np.int64], volume: Volume, where: str) -> None:
+    """A diagonal runs from corner to corner: anything shorter has another direction or a missing end."""
+    if setup.kind != "body":
+        return
+    travel = position[-1] - position[0]
+    if np.max(np.abs(travel - signs * np.array(volume.size_mm))) > ROUTE_TOLERANCE_MM:
+        found = "X, Y, Z by " + ", ".join(f"{value:g}" for value in travel) + " mm"
+        raise DataError(where, expected="travel from corner to corner of the box", found=found)
+
+
+def laser_sense(readings: Readings, setup: Setup, passes: Mapping[PassKey, NDArray[np.int64]]) -> int:
+    """Return +1 where the reading of a setup grows along its direction, -1 for a linear run measured from its high end.
+
+    A run along one axis may start at the high end with the laser there: its readings then grow towards the low end.
+    """
+    key, rows = next((key, rows) for key, rows in passes.items() if key.setup == setup.name)
+    travel = readings.position_mm[rows[-1]] - readings.position_mm[rows[0]]
+    descends = float(travel @ np.array(setup.signs)) * (1 if key.outward else -1) < 0
+    return -1 if setup.kind == "linear" and descends and _laser_ratio(readings, setup, rows) < 0 else 1
+
+
+def _laser_ratio(readings: Readings, setup: Setup, rows: NDArray[np.int64]) -> float:
+    """Return the median over the steps of what the laser moved by what it should have: single bad stops do not matter."""
+    moves = np.diff(readings.position_mm[rows], axis=0)
+    extent = np.array(setup.signs) * np.abs(moves).sum(axis=0)
+    nominal = moves @ extent / np.linalg.norm(extent)
+    return float(np.median(np.diff(readings.reading_mm[rows]) / nominal))
+
+
+def check_laser(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np.int64], sense: int, source: str) -> None:
+    """Raise ``DataError`` where the laser ran the wrong way or in another unit."""
+    ratio = sense * _laser_ratio(readings, setup, rows)
+    if abs(ratio - 1) <= LASER_TOLERANCE:
+        return
+    where = f"{source}: {key}"
+    if abs(ratio + 1) <= LASER_TOLERANCE:
+        remedy = "set the sign of the laser (sign = -1), or negate the readings"
+        raise DataError(where, expected="readings that grow along the outward travel", found="the opposite sign", remedy=remedy)
+    remedy = "readings are in mm, from the pass's first stop; check setup, unit and scale"
+    raise DataError(where, expected="steps of the laser that agree with the commanded steps", found=f"{ratio:.4g} of them", remedy=remedy)

@@ -1,0 +1,251 @@
+"""The result of a survey and its JSON form (contract 4)."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from importlib.metadata import version
+from typing import Any
+
+import numpy as np
+
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.kinematics import abbe_mask
+from stepdiag.solver.geometry.volume import AXES, MOST_INCREMENTS, Vector, Volume
+from stepdiag.solver.result.json_tree import Node, load_json
+from stepdiag.solver.result.rounding import steady
+
+FORMAT = "stepdiag-result"
+FORMAT_VERSION = 1
+
+DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "XYZ")
+ROTATIONS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "ABC")
+SQUARENESS = ("C0Y", "B0Z", "A0Z")
+AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
+_ENTRIES = (
+    "format", "version", "software", "method", "volume", "chain",
+    "errors", "reversal", "squareness", "scale", "setups", "findings",
+)  # fmt: skip
+DECIMALS = 6
+"""Numbers are written to this many decimals: a picometre, a picoradian, a nanometre of position."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Function:
+    """An error as a function of the position of the axis that moves, shapes (k,), linear between the positions.
+
+    ``value`` and ``u`` (standard uncertainty) are None where the data do not identify the function. ``slope_identified`` is False
+    where only the shape is known: then the line through the end points is removed, which is not a statement about the slope.
+    Straightness (unit um, names as EYX) always has its end-point line removed and says True: its slope is in the squareness.
+    """
+
+    position_mm: Vector
+    value: Vector | None
+    u: Vector | None
+    unit: str
+    slope_identified: bool = True
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """A number with its standard uncertainty; both None where the data do not identify it."""
+
+    value: float | None
+    u: float | None
+    unit: str = "urad"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """The slope of a positioning function's end-point line in um/m; ``value`` and ``u`` are None unless ``identified``."""
+
+    value: float | None
+    u: float | None
+    identified: bool
+    unit: str = "um/m"
+
+
+def software() -> dict[str, str]:
+    """Return the name and version that results carry."""
+    return {"name": "stepdiag", "version": version("stepdiag")}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Result:
+    """What a survey says about a machine.
+
+    ``errors`` holds the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ in urad where known), ``reversal`` the
+    difference approach in + minus approach in - of the same functions, zero at the first position, where out-and-back data give it.
+    ``setups`` says for each setup how it stood (mirror tilt, drift, repeatability). ``extra`` holds further top-level entries
+    of the JSON (closure, fit, budget): plain numbers, strings, lists and dicts. ``source`` names the result in messages and is not written.
+    """
+
+    volume: Volume
+    chain: str
+    method: str
+    errors: dict[str, Function]
+    squareness: dict[str, Quantity]
+    scale: dict[str, Scale]
+    setups: dict[str, Any]
+    findings: tuple[Finding, ...]
+    reversal: dict[str, Function] = field(default_factory=dict)
+    software: dict[str, str] = field(default_factory=software)
+    extra: dict[str, Any] = field(default_factory=dict)
+    source: str = "result"
+
+    def to_json(self) -> str:
+        """Return the JSON of contract 4: fixed key order, two-space indent, LF, rounded to `DECIMALS`; same bytes for the same result."""
+        document = {
+            "format": FORMAT,
+            "version": FORMAT_VERSION,
+            "software": self.software,
+            "method": self.method,
+            "volume": _volume_json(self.volume),
+            "chain": self.chain,
+            "errors": {name: _function_json(function) for name, function in self.errors.items()},
+            "reversal": {name: _function_json(function) for name, function in self.reversal.items()},
+            "squareness": {name: {"value": q.value, "u": q.u, "unit": q.unit} for name, q in self.squareness.items()},
+            "scale": {name: {"value": s.value, "u": s.u, "unit": s.unit, "identified": s.identified} for name, s in self.scale.items()},
+            "setups": self.setups,
+            "findings": [finding.as_json() for finding in self.findings],
+            **self.extra,
+        }
+        return json.dumps(_rounded(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def _volume_json(volume: Volume) -> dict[str, Any]:
+    return {"origin_mm": list(volume.origin_mm), "size_mm": list(volume.size_mm), "increments": volume.increments}
+
+
+def _function_json(function: Function) -> dict[str, Any]:
+    return {
+        "position_mm": function.position_mm,
+        "value": function.value,
+        "u": function.u,
+        "unit": function.unit,
+        "slope_identified": function.slope_identified,
+    }
+
+
+def _rounded(value: Any) -> Any:
+    """Return JSON types with every float rounded."""
+    if isinstance(value, Mapping):
+        return {str(key): _rounded(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _rounded(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    if isinstance(value, np.generic):
+        return _rounded(value.item())
+    if isinstance(value, float):
+        return steady(value, DECIMALS)
+    return value
+
+
+def parse_result(text: str, source: str = "result.json") -> Result:
+    """Return the result written by ``Result.to_json``.
+
+    Raises ``DataError`` that names the field for anything that is no result of this format and version. Top-level entries
+    that a later program added are kept in ``extra``.
+    """
+    root = load_json(text, source)
+    root.equals("format", FORMAT)
+    root.equals("version", FORMAT_VERSION)
+    return Result(
+        volume=_volume(root.child("volume")),
+        chain=_chain(root),
+        method=root.text("method") if "method" in root.mapping() else "",
+        errors=_functions(root.child("errors"), (*DISPLACEMENTS, *ROTATIONS), required=DISPLACEMENTS),
+        reversal=_functions(root.child("reversal"), (*DISPLACEMENTS, *ROTATIONS)) if "reversal" in root.mapping() else {},
+        squareness={name: _quantity(root.child("squareness").child(name)) for name in SQUARENESS},
+        scale={name: _scale(root.child("scale").child(name)) for name in AXIS_LETTERS},
+        setups=_setups(root.child("setups")),
+        findings=tuple(_finding(item) for item in root.child("findings").items()),
+        software=_software(root),
+        extra={key: root.child(key).plain() for key in root.mapping() if key not in _ENTRIES},
+        source=source,
+    )
+
+
+def _volume(node: Node) -> Volume:
+    origin, size = node.child("origin_mm"), node.child("size_mm")
+    increments = node.child("increments")
+    if len(origin.numbers()) != 3:
+        origin.refuse("three numbers")
+    if len(size.numbers()) != 3 or min(size.numbers()) <= 0:
+        size.refuse("three numbers above 0")
+    if type(increments.value) is not int or not 1 <= increments.value <= MOST_INCREMENTS:
+        increments.refuse(f"a whole number from 1 to {MOST_INCREMENTS}")
+    x, y, z = origin.numbers().tolist()
+    a, b, c = size.numbers().tolist()
+    return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=increments.value)
+
+
+def _chain(root: Node) -> str:
+    chain = root.text("chain")
+    try:
+        abbe_mask(chain)
+    except UsageError as error:
+        root.child("chain").refuse(error.expected)
+    return chain
+
+
+def _setups(node: Node) -> dict[str, Any]:
+    """Return what each setup reports; other programs may report more, but every report has names."""
+    return {name: {fact: node.child(name).child(fact).plain() for fact in node.child(name).mapping()} for name in node.mapping()}
+
+
+def _software(root: Node) -> dict[str, str]:
+    """Return name and version of the program that wrote the result, empty where it does not say."""
+    if "software" not in root.mapping():
+        return {"name": "", "version": ""}
+    return {name: root.child("software").text(name) for name in ("name", "version")}
+
+
+def _functions(node: Node, known: tuple[str, ...], required: tuple[str, ...] = ()) -> dict[str, Function]:
+    for name in node.mapping():
+        if name not in known:
+            node.child(name).refuse("a function named " + ", ".join(known))
+    for name in required:
+        node.child(name)
+    return {name: _function(node.child(name), "um" if name in DISPLACEMENTS else "urad") for name in node.mapping()}
+
+
+def _function(node: Node, unit: str) -> Function:
+    node.equals("unit", unit)
+    position = node.child("position_mm").numbers()
+    if len(position) < 2 or np.any(np.diff(position) <= 0):
+        node.child("position_mm").refuse("at least two ascending positions")
+    known: dict[str, Vector | None] = {}
+    for name in ("value", "u"):
+        column = node.child(name)
+        known[name] = None if column.value is None else column.numbers()
+        if column.value is not None and len(column.value) != len(position):
+            column.refuse(f"{len(position)} numbers, one a position")
+    slope = node.child("slope_identified").truth() if "slope_identified" in node.mapping() else True
+    return Function(position_mm=position, value=known["value"], u=known["u"], unit=unit, slope_identified=slope)
+
+
+def _optional(node: Node) -> float | None:
+    return None if node.value is None else node.number()
+
+
+def _quantity(node: Node) -> Quantity:
+    node.equals("unit", "urad")
+    return Quantity(value=_optional(node.child("value")), u=_optional(node.child("u")))
+
+
+def _scale(node: Node) -> Scale:
+    node.equals("unit", "um/m")
+    identified = node.child("identified").truth()
+    value = _optional(node.child("value"))
+    if identified != (value is not None):
+        node.refuse("a value exactly where identified is true")
+    return Scale(value=value, u=_optional(node.child("u")), identified=identified)
+
+
+def _finding(node: Node) -> Finding:
+    severity = node.text("severity")
+    if severity not in ("info", "warning", "error"):
+        node.child("severity").refuse("info, warning or error")
+    return Finding(code=node.text("code"), severity=severity, text=node.text("text"))  # type: ignore[arg-type]

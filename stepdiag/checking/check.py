@@ -1,0 +1,184 @@
+"""What the links of a survey bring while somebody watches: counted, decoded, kept as the last of each."""
+
+import asyncio
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stepdiag.daq.formats.signals import SIGNAL_NAMES, SignalDecoder, Signals
+from stepdiag.daq.recording.survey_links import Wires
+from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock
+from stepdiag.daq.records.status import LinkStatus
+from stepdiag.daq.survey.file import head_decoder, laser_decoder
+from stepdiag.daq.survey.models import Survey
+from stepdiag.daq.timing.samples import Decoder, Flag, Samples
+from stepdiag.solver.errors import DataError
+
+LOOK_S = 0.25
+"""How often the watch looks at the links and shows them."""
+NS = 1e-9
+
+
+@dataclass(slots=True)
+class LinkSeen:
+    """How a link fared: ``detail`` is the last that was said of it; ``losses`` counts how often it went after it had been there."""
+
+    name: str
+    address: str = ""
+    state: str = "connecting"
+    detail: str = ""
+    was_silent: bool = False
+    losses: int = 0
+
+    def take(self, event: LinkEvent) -> None:
+        """Take a change of state."""
+        self.losses += self.state == "connected" and event.state == "lost"
+        self.was_silent |= event.state == "silent"
+        self.state, self.detail = event.state, event.detail or self.detail
+
+
+@dataclass(slots=True)
+class StreamSeen:
+    """What an instrument on a serial line sent. ``remarks`` is the last text of each notice code, ``counts`` how often it came."""
+
+    link: LinkSeen
+    decoder: Decoder
+    byte_count: int = 0
+    samples: int = 0
+    usable: int = 0
+    position_mm: float | None = None
+    beam: float | None = None
+    last_flags: Flag = field(default_factory=lambda: Flag(0))
+    remarks: dict[str, str] = field(default_factory=dict)
+    counts: Counter[str] = field(default_factory=Counter)
+    _first_ns: int = 0
+    _last_ns: int = 0
+    _before_first: int = 0
+
+    def take(self, chunk: Chunk) -> None:
+        """Take bytes."""
+        self.byte_count += len(chunk.data)
+        batch = self.decoder.feed(chunk.data, chunk.arrival_ns)
+        for notice in batch.notices:
+            self.remarks[notice.code] = notice.text
+            self.counts[notice.code] += 1
+        if len(batch):
+            self._count(batch, chunk.arrival_ns)
+
+    def _count(self, batch: Samples, arrival_ns: int) -> None:
+        self.samples += len(batch)
+        if not self._first_ns:
+            self._first_ns, self._before_first = arrival_ns, self.samples
+        self._last_ns = arrival_ns
+        self.usable += int(np.count_nonzero(np.isfinite(batch.position_mm)))
+        self.last_flags = Flag(int(batch.flags[-1]))
+        self.position_mm, self.beam = _known(batch.position_mm[-1]), _known(batch.beam[-1])
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Return the rate at which samples arrive; None before there is enough to tell."""
+        span_s = (self._last_ns - self._first_ns) * NS
+        return (self.samples - self._before_first) / span_s if span_s > 1.0 else None
+
+
+@dataclass(slots=True)
+class MachineSeen:
+    """What the machine answered. ``changes`` counts for each signal how often it changed, ``refused`` the signals never answered."""
+
+    link: LinkSeen
+    decoder: SignalDecoder
+    polls: int = 0
+    signals: Signals = field(default_factory=Signals)
+    changes: Counter[str] = field(default_factory=Counter)
+    slowest_s: float = 0.0
+    trouble: str = ""
+    heard_s: float = 0.0
+    _first_ns: int = 0
+
+    def take(self, block: ModbusBlock) -> None:
+        """Take the answer to a poll."""
+        self._first_ns = self._first_ns or block.send_ns
+        self.heard_s = (block.recv_ns - self._first_ns) * NS
+        self.slowest_s = max(self.slowest_s, (block.recv_ns - block.send_ns) * NS)
+        try:
+            now = self.decoder.decode(block)
+        except DataError as error:
+            self.trouble = str(error)
+            return
+        if self.polls and now is not self.signals:
+            self.changes.update(name for name in SIGNAL_NAMES if getattr(now, name) != getattr(self.signals, name))
+        self.signals = now
+        self.polls += 1
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Return the polls answered a second; None before there is enough to tell."""
+        return self.polls / self.heard_s if self.heard_s > 1.0 else None
+
+
+class Observation:
+    """Laser, machine and, where there is one, the 4-DOF head, as they show themselves."""
+
+    def __init__(self, survey: Survey) -> None:
+        self.survey = survey
+        self.laser = StreamSeen(LinkSeen("laser"), laser_decoder(survey))
+        self.head = None if survey.head is None else StreamSeen(LinkSeen("head"), head_decoder(survey))
+        self.machine = MachineSeen(LinkSeen("machine"), SignalDecoder(survey.plc.signals))
+        self.seconds = 0.0
+
+    @property
+    def streams(self) -> tuple[StreamSeen, ...]:
+        """Return the serial instruments."""
+        return (self.laser,) if self.head is None else (self.laser, self.head)
+
+    @property
+    def links(self) -> tuple[LinkSeen, ...]:
+        """Return every link."""
+        return (*(stream.link for stream in self.streams), self.machine.link)
+
+    def take(self, event: Event) -> None:
+        """Take an event of a link."""
+        if isinstance(event, Chunk):
+            next(stream for stream in self.streams if stream.link.name == event.stream).take(event)
+        elif isinstance(event, ModbusBlock):
+            self.machine.take(event)
+        elif isinstance(event, LinkEvent):
+            next(link for link in self.links if link.name == event.link).take(event)
+            for stream in self.streams:
+                if stream.link.name == event.link and event.state == "lost":
+                    stream.decoder.resync()
+
+    def named(self, laser: LinkStatus, machine: LinkStatus, head: LinkStatus | None) -> None:
+        """Take the addresses of the links."""
+        addresses = {"laser": laser, "machine": machine, "head": head}
+        for link in self.links:
+            status = addresses[link.name]
+            link.address = status.address if status is not None else ""
+
+
+async def watch(observation: Observation, seconds: float, show: Callable[[], None]) -> None:
+    """Keep the links of the survey for some seconds and gather what they bring; ``show`` is called a few times a second.
+
+    Nothing is ever written to the machine. Raises only for a fault of this program.
+    """
+    wires = Wires(observation.survey, observation.take)
+    observation.named(*wires.statuses())
+    loop = asyncio.get_running_loop()
+    began = loop.time()
+    keeping = asyncio.create_task(wires.run(), name="links")
+    try:
+        while observation.seconds < seconds:
+            await asyncio.wait({keeping}, timeout=LOOK_S)
+            if keeping.done():
+                keeping.result()
+            observation.seconds = loop.time() - began
+            show()
+    finally:
+        keeping.cancel()
+        await asyncio.gather(keeping, return_exceptions=True)
+
+
+def _known(value: float) -> float | None:
+    return float(value) if np.isfinite(value) else None

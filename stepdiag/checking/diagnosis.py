@@ -1,0 +1,183 @@
+"""From what the links brought to words: what is wrong with laser, machine and register map, and what to do about it.
+
+An error means that no survey can be recorded as things stand; a warning that a person has to look; a note what cannot be told yet.
+"""
+
+from collections.abc import Iterator
+from typing import Literal
+
+from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
+from stepdiag.daq.formats.signals import describe
+from stepdiag.daq.survey.models import Plc
+from stepdiag.daq.timing.samples import Flag
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import SETUP_NUMBERS
+
+HEARTBEAT_S = 1.0
+"""The heartbeat changes at least once a second (contract 2)."""
+JUDGED_AFTER_S = 2.5
+"""What has to change or arrive is judged only after it had the time for it."""
+GARBAGE_SHARE = 0.01
+RATE_SHARE = 0.05
+POLL_SHARE = 0.8
+PLAUSIBLE = {
+    "x_mm": (-50_000.0, 50_000.0),
+    "y_mm": (-50_000.0, 50_000.0),
+    "z_mm": (-50_000.0, 50_000.0),
+    "material_temperature_c": (0.0, 60.0),
+    "air_temperature_c": (0.0, 60.0),
+    "air_pressure_hpa": (600.0, 1100.0),
+    "relative_humidity_percent": (0.0, 100.0),
+}
+"""What a machine in a hall can say; anything else was read from the wrong place or with the wrong type, byte order or scale."""
+WITHOUT = {
+    "heartbeat": "a control whose program hangs is not noticed",
+    "stop_count": "stops are counted by the laser alone, and no handshake is possible",
+    "running": "the end of the program is told by the stops alone",
+    "alarm": "an alarm of the machine is not shown",
+    "setup": "which setup runs is told by the plan alone",
+    "x_mm": "the commanded position is not checked against the survey",
+    "material_temperature_c": "the material temperature is taken from [environment]",
+    "air_temperature_c": "the air temperature is taken from [environment]",
+    "air_pressure_hpa": "the air pressure is taken from [environment]",
+    "relative_humidity_percent": "the humidity is taken from [environment]",
+}
+"""What can no longer be checked without a signal (contract 2)."""
+_FLAG_WORDS = {
+    Flag.HEAD_ERROR: "its head reports an error: no light, or not warm yet",
+    Flag.SLEW: "the target moves faster than it can count",
+    Flag.PHASE_ERROR: "its phase measurement fails",
+    Flag.SATURATED: "its detector is saturated",
+    Flag.OUT_OF_RANGE: "its readings are out of range",
+    Flag.DEVICE_ERROR: "it reports an error",
+}
+
+
+def diagnose(seen: Observation) -> tuple[Finding, ...]:
+    """Return everything that is to be said, in the order laser, head, machine."""
+    found = [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
+    found += _machine(seen.machine, seen.survey.plc, seen.seconds)
+    if seen.laser.samples:
+        text = "which way the laser counts (laser.sign) and its fold (laser.optics) show only when the machine moves: at the first step"
+        found.append(_finding("sign-untold", "info", text))
+    return tuple(found)
+
+
+def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
+    name = stream.link.name
+    if not stream.byte_count:
+        yield _absent(stream.link)
+    elif not stream.samples:
+        quoted = stream.remarks.get("garbage") or stream.remarks.get("device") or f"{stream.byte_count} bytes, not one whole line"
+        text = f"the {name} sends, but nothing it sends makes sense ({quoted}): check its baud rate, format and port in the survey"
+        yield _finding(f"{name}-garbage", "error", text)
+    else:
+        yield from _instrument(stream, seconds)
+    if stream.byte_count:
+        yield from _lasting(stream.link)
+
+
+def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
+    """Yield what is to be said about an instrument that is understood."""
+    name = stream.link.name
+    if stream.counts["garbage"] > GARBAGE_SHARE * stream.samples:
+        text = (
+            f"{stream.counts['garbage']} of {stream.samples} lines of the {name} make no sense ({stream.remarks['garbage']}): bad cable, or"
+        )
+        yield _finding(f"{name}-garbage", "warning", f"{text} settings that only nearly fit")
+    if stream.counts["gap"]:
+        yield _finding(f"{name}-gap", "warning", f"{name}: {stream.remarks['gap']} ({stream.counts['gap']} times)")
+    if stream.counts["restart"]:
+        yield _finding(f"{name}-restart", "warning", f"{name}: {stream.remarks['restart']}: look at its power supply")
+    if "device" in stream.remarks:
+        yield _finding(f"{name}-device", "info", f"the {name} says: {stream.remarks['device']}")
+    yield from _light(stream)
+    nominal, rate = stream.decoder.nominal_rate_hz, stream.rate_hz
+    if nominal is not None and rate is not None and seconds > JUDGED_AFTER_S and abs(rate / nominal - 1) > RATE_SHARE:
+        text = f"the {name} should give {nominal:.1f} samples a second and gives {rate:.1f}: a slow line, or a wrong rate in the survey"
+        yield _finding(f"{name}-rate", "warning", text)
+
+
+def _light(stream: StreamSeen) -> Iterator[Finding]:
+    """Yield what the last sample says about the beam and the device."""
+    name, flags = stream.link.name, stream.last_flags
+    strength = "" if stream.beam is None else f" ({100 * stream.beam:.0f} %)"
+    if flags & Flag.BEAM_LOST:
+        yield _finding("beam-lost", "warning", f"{name}: no beam comes back{strength}: align the mirror, look for something in its path")
+    elif flags & Flag.WEAK_BEAM:
+        yield _finding("beam-weak", "warning", f"{name}: the beam is weak{strength}: align the mirror, clean the optics")
+    for flag, words in _FLAG_WORDS.items():
+        if flags & flag and not (flags & Flag.BEAM_LOST and flag is Flag.HEAD_ERROR):
+            yield _finding(f"{name}-device", "warning", f"the {name} gives no usable reading: {words}")
+
+
+def _machine(machine: MachineSeen, plc: Plc, seconds: float) -> Iterator[Finding]:
+    if machine.trouble:
+        yield _finding("machine-answer", "error", machine.trouble)
+    if not machine.polls:
+        if not machine.trouble:
+            yield _absent(machine.link)
+        return
+    yield from _lasting(machine.link)
+    yield from _map(machine, plc)
+    yield from _frozen(machine, plc)
+    rate = machine.rate_hz
+    if rate is not None and seconds > JUDGED_AFTER_S and rate < POLL_SHARE * plc.poll_hz:
+        text = f"{rate:.0f} polls a second are answered instead of {plc.poll_hz:g} (slowest {1e3 * machine.slowest_s:.0f} ms)"
+        yield _finding("machine-slow", "warning", f"{text}: lower plc.poll_hz, or lengthen plan.dwell_s")
+
+
+def _map(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
+    """Yield what speaks against the register map, and what an absent signal takes away."""
+    for name, spec in plc.signals.items():
+        if getattr(machine.signals, name) is None:
+            severity: Literal["error", "warning"] = "error" if name == "stopped" else "warning"
+            text = f"{name} at {describe(spec)} is not served by the control ({machine.link.detail}): check plc.signals.{name}"
+            yield _finding("signal-refused", severity, text)
+    for name, (low, high) in PLAUSIBLE.items():
+        value = getattr(machine.signals, name)
+        if value is not None and not low <= value <= high:
+            spec = plc.signals[name]
+            text = f"{name} reads {value:g} at {describe(spec)} as {spec.type} {spec.order}: check address, type, order and scale"
+            yield _finding("signal-implausible", "warning", f"{text} (plc.signals.{name}), or give the machine the sensor")
+    setup = machine.signals.setup
+    if setup is not None and setup != 0 and setup not in SETUP_NUMBERS:
+        text = (
+            f"setup reads {setup}, which is no setup (0, {', '.join(map(str, SETUP_NUMBERS))}): the register map does not fit the control"
+        )
+        yield _finding("signal-implausible", "warning", text)
+    for name, lost in WITHOUT.items():
+        if name not in plc.signals:
+            yield _finding("signal-not-mapped", "info", f"{name} is not mapped: {lost}")
+
+
+def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
+    """Yield what is wrong with the heartbeat."""
+    if "heartbeat" not in plc.signals or machine.signals.heartbeat is None or machine.heard_s < JUDGED_AFTER_S:
+        return
+    expected = machine.heard_s / HEARTBEAT_S
+    if machine.changes["heartbeat"] == 0:
+        where = f"{describe(plc.signals['heartbeat'])} stays at {machine.signals.heartbeat}"
+        text = f"the heartbeat does not change ({where} for {machine.heard_s:.0f} s)"
+        yield _finding("heartbeat-still", "error", f"{text}: the PLC's program does not run, or it is another register")
+    elif machine.changes["heartbeat"] < expected / 2:
+        text = f"the heartbeat changed {machine.changes['heartbeat']} times in {machine.heard_s:.0f} s, it should at least once a second"
+        yield _finding("heartbeat-slow", "warning", text)
+
+
+def _absent(link: LinkSeen) -> Finding:
+    """Return the finding for a link that never gave anything."""
+    kind = "silent" if link.was_silent else "unreachable"
+    return _finding(f"{link.name}-{kind}", "error", link.detail or f"{link.address}: no connection came about")
+
+
+def _lasting(link: LinkSeen) -> Iterator[Finding]:
+    """Yield what is wrong with a link that was there."""
+    if link.state in ("lost", "silent"):
+        yield _finding(f"{link.name}-silent", "error", f"it was there and is no more: {link.detail}")
+    elif link.losses:
+        yield _finding(f"{link.name}-unsteady", "warning", f"{link.address}: the link was lost {link.losses} times: cable, plug, supply")
+
+
+def _finding(code: str, severity: Literal["error", "warning", "info"], text: str) -> Finding:
+    return Finding(code=code, severity=severity, text=text)

@@ -1,0 +1,4 @@
+"""One module a group of commands; each offers ``register(app)``. Heavy imports stay inside the functions."""
+
+MODULES = ("demo", "survey", "check", "run", "status", "solve", "logs", "report", "control", "sign_test", "program", "plan", "fourdof")
+"""The groups, in the order in which the help shows them."""

@@ -1,0 +1,93 @@
+"""``stepdiag check``: connect to laser and machine, show every signal, and say in words what is wrong."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stepdiag.solver.errors import UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.checking.check import Observation
+    from stepdiag.solver.findings import Finding
+
+NOT_REACHED = 4
+"""The exit code for a device that cannot be reached or does not make sense (contract 5)."""
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("check")(check)
+
+
+def check(
+    file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
+    seconds: Annotated[float, typer.Option(help="How long to watch; Ctrl-C ends it earlier.")] = 5.0,
+    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+) -> None:
+    """Show every signal of laser and PLC live, say what is wrong.
+
+    The survey file is validated first. Never writes to the machine.
+    """
+    from stepdiag.checking.check import Observation
+    from stepdiag.checking.diagnosis import diagnose
+    from stepdiag.daq.survey.bundle import read_bundle
+    from stepdiag.daq.survey.file import load_survey
+
+    if not 1.0 <= seconds < float("inf"):
+        raise UsageError("--seconds", expected="a number of 1 or more", found=f"{seconds:g}")
+    survey = load_survey(file)
+    read_bundle(file, survey)
+    seen = Observation(survey)
+    _watch(seen, seconds, quiet=as_json)
+    found = diagnose(seen)
+    if as_json:
+        _print_json(seen, found)
+    else:
+        _print(found)
+    if any(each.severity == "error" for each in found):
+        raise typer.Exit(NOT_REACHED)
+
+
+def _watch(seen: "Observation", seconds: float, *, quiet: bool) -> None:
+    """Watch the links; live on a terminal, one table at the end elsewhere, none where ``quiet``. Ctrl-C ends the watch, not the check."""
+    import asyncio
+    import logging
+    from contextlib import suppress
+
+    import structlog
+    from rich.console import Console
+    from rich.live import Live
+
+    from stepdiag.checking.check import watch
+    from stepdiag.checking.tables import check_table
+
+    # The links log what this command shows by itself.
+    structlog.configure(wrapper_class=structlog.make_filtering_bound_logger(logging.CRITICAL))
+    logging.getLogger("pymodbus").setLevel(logging.CRITICAL)
+    console = Console(stderr=quiet)
+    if not console.is_terminal:
+        with suppress(KeyboardInterrupt):
+            asyncio.run(watch(seen, seconds, lambda: None))
+        if not quiet:
+            console.print(check_table(seen))
+        return
+    with Live(check_table(seen), console=console, auto_refresh=False, transient=quiet) as live, suppress(KeyboardInterrupt):
+        asyncio.run(watch(seen, seconds, lambda: live.update(check_table(seen), refresh=True)))
+
+
+def _print(found: "tuple[Finding, ...]") -> None:
+    from stepdiag.terminal.tables import finding_lines
+
+    for line in finding_lines(found):
+        typer.echo(line)
+    if not any(each.severity in ("error", "warning") for each in found):
+        typer.echo("All is well: laser and machine answer and make sense.")
+
+
+def _print_json(seen: "Observation", found: "tuple[Finding, ...]") -> None:
+    from stepdiag.checking.tables import check_json
+
+    document = {**check_json(seen), "findings": [each.as_json() for each in found]}
+    typer.echo(json.dumps(document, indent=2, ensure_ascii=False))

@@ -1,0 +1,244 @@
+"""``stepdiag profile``, ``export`` and ``verify``: from a result to the files of a control, and what these files will do."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stepdiag.solver.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from stepdiag.exporters.export.export import ExportReport
+    from stepdiag.exporters.files.control_file import ControlFile
+    from stepdiag.exporters.safety.verify import Prediction, Verification
+    from stepdiag.exporters.tables.profile import Profile
+    from stepdiag.solver.geometry.volume import Volume
+    from stepdiag.solver.result.result import Result
+
+ControlName = Annotated[str, typer.Option(help="The control: siemens, fanuc, heidenhain, linuxcnc, beckhoff, mitsubishi, fagor, neutral.")]
+ProfileFile = Annotated[Path | None, typer.Option(help="The machine's profile (TOML); `stepdiag profile C` writes one to fill in.")]
+OutFolder = Annotated[Path, typer.Option(help="The folder to write into; what is there is never overwritten with other bytes.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("profile")(profile)
+    app.command("export")(export)
+    app.command("verify")(verify)
+
+
+def profile(
+    controller: Annotated[str, typer.Argument(help="The control the profile is for.")],
+    out: Annotated[Path | None, typer.Option(help="The file to write; without it the profile is printed.")] = None,
+) -> None:
+    """Write a commented profile of a machine to fill in.
+
+    Every "?" in it is a question only you or the machine can answer.
+    """
+    from stepdiag.exporters.files.files import write_new
+    from stepdiag.exporters.profiles.registry import controller_named
+    from stepdiag.exporters.profiles.template import profile_template
+
+    text = profile_template(controller_named(controller))
+    if out is None:
+        typer.echo(text, nl=False)
+        return
+    write_new(out, text)
+    typer.echo(f'{out} written: answer every "?", then run `stepdiag export RESULT --controller {controller} --profile {out} --out DIR`')
+
+
+def export(
+    result: Annotated[Path, typer.Argument(help="result.json")],
+    controller: Annotated[str, typer.Option(help="The control, or lattice for correction vectors of the whole volume.")],
+    out: OutFolder,
+    profile: ProfileFile = None,
+    step_mm: Annotated[
+        float | None, typer.Option(help="Distance of the table points; alone it gives a quick look without profile.")
+    ] = None,
+    accept: Annotated[list[str] | None, typer.Option(help="A warning, by its code, that may pass; may be given again.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Write the compensation files of a result.
+
+    With restore files, report and SHA-256; nothing that fails a safety check is written.
+    """
+    from stepdiag.cli.report import read_result
+    from stepdiag.exporters.export.export import export as write_files
+    from stepdiag.terminal.progress import working
+
+    measured = read_result(result)
+    with working("planning and checking the tables"):
+        known = None if profile is None else read_profile(profile, controller, measured.volume)
+        written = write_files(measured, controller, known, step_mm=step_mm, accept=tuple(accept or ()), out_dir=out)
+    if as_json:
+        typer.echo(json.dumps(_export_json(written), indent=2, ensure_ascii=False))
+    else:
+        _print_export(written)
+
+
+def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
+    """Return the machine's profile for a control. Raises UsageError for a control that has none."""
+    from stepdiag.exporters.profiles.file import load_profile
+    from stepdiag.exporters.profiles.registry import controller_named
+    from stepdiag.exporters.tables import lattice
+
+    if controller == lattice.NAME:
+        raise UsageError("--profile", expected="--step-mm alone: a lattice knows no control", found=path.name)
+    return load_profile(path, controller_named(controller), volume)
+
+
+def _export_json(written: "ExportReport") -> dict[str, object]:
+    from stepdiag.exporters.safety.verify import read_files
+
+    return {
+        "controller": written.controller,
+        "out": str(written.out_dir),
+        "files": [_file_json(file) for file in read_files([written.out_dir / name for name in written.files])],
+        "findings": [finding.as_json() for finding in written.findings],
+        "predicted": None if written.prediction is None else _prediction_json(written.prediction),
+    }
+
+
+def _file_json(file: "ControlFile") -> dict[str, str]:
+    import hashlib
+
+    return {"name": file.name, "sha256": hashlib.sha256(file.data).hexdigest()}
+
+
+def _prediction_json(prediction: "Prediction") -> dict[str, object]:
+    """Return the figures in um: as the error is, and without the rigid motion of the volume."""
+    from dataclasses import asdict
+
+    figures = {"as_it_is": prediction.figures(rigid_motion=True), "without_rigid_motion": prediction.figures(rigid_motion=False)}
+    improvement = prediction.improvement()
+    return {
+        **{name: {"before": asdict(before), "after": asdict(after)} for name, (before, after) in figures.items()},
+        "improvement": None if improvement == float("inf") else round(improvement, 6),
+    }
+
+
+def _print_export(written: "ExportReport") -> None:
+    from rich.console import Console
+
+    from stepdiag.terminal.tables import effect_table, finding_lines
+
+    typer.echo(f"{len(written.files)} files written into {written.out_dir}:")
+    for name in written.files:
+        typer.echo(f"  {name}")
+    for line in finding_lines(written.findings):
+        typer.echo(line)
+    if written.prediction is not None:
+        Console().print(effect_table(written.prediction))
+    typer.echo("EXPORT_REPORT.txt says how to load the files, and how to get back to where the control was.")
+
+
+def verify(
+    result: Annotated[Path, typer.Argument(help="result.json")],
+    files: Annotated[list[Path], typer.Argument(help="The files as they go to the control, or the folder that export wrote.")],
+    profile: ProfileFile = None,
+    out: Annotated[Path | None, typer.Option(help="Where to draw the error before and after: FILE.svg or FILE.html.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Predict the error before and after, from the files.
+
+    They are read as the control will read them.
+    """
+    from stepdiag.cli.report import read_result
+    from stepdiag.exporters.safety.verify import controller_of, verify_files
+    from stepdiag.report.space import LATTICE
+
+    measured = read_result(result)
+    given, aside = _tables_among(files)
+    known = read_profile(profile, controller_of(given).name, measured.volume) if profile is not None else None
+    found = verify_files(measured, given, known)
+    if out is not None:
+        _draw(found, verify_files(measured, given, known, nodes=LATTICE).prediction, out)
+    if as_json:
+        typer.echo(json.dumps(_verification_json(found, given, aside), indent=2, ensure_ascii=False))
+    else:
+        _print_verification(found, given, aside)
+        _caution(measured, found.prediction)
+        if out is not None:
+            typer.echo(f"picture: {out}")
+
+
+def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
+    """Return the files that act, and the names of those left aside: notes for people, and restore files beside the files they restore.
+
+    A folder stands for everything in it; a file that no control knows and that is no note stays, and is refused by its name. Raises
+    DataError where no file is for a control.
+    """
+    from stepdiag.exporters.export.export import REPORT, SUMS
+    from stepdiag.exporters.files.naming import RESTORE
+    from stepdiag.exporters.profiles.registry import CONTROLLERS
+    from stepdiag.exporters.safety.verify import read_files
+    from stepdiag.exporters.tables import lattice
+
+    def acts(file: "ControlFile") -> bool:
+        known = lattice.recognises(file) or any(control.recognises(file) for control in CONTROLLERS.values())
+        return file.name not in (REPORT, SUMS) and (known or not file.name.lower().endswith(".txt"))
+
+    named = [inner for path in paths for inner in (sorted(path.iterdir()) if path.is_dir() else [path])]
+    read = read_files(named)
+    acting = [file for file in read if acts(file)]
+    new = [file for file in acting if not Path(file.name).stem.endswith(RESTORE)]
+    used = tuple(new or acting)
+    if not used:
+        raise DataError(
+            ", ".join(map(str, paths)),
+            expected="files of a control",
+            found=", ".join(file.name for file in read) or "an empty folder",
+            remedy="give the folder that `stepdiag export` wrote, or the files in it",
+        )
+    return used, tuple(file.name for file in read if file not in used)
+
+
+def _verification_json(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]") -> dict[str, object]:
+    return {
+        "controller": found.controller,
+        "files": [_file_json(file) for file in given],
+        "left_aside": list(aside),
+        "tables": [{"function": table.name, "kind": table.kind, "law": table.law.describe()} for table in found.tables],
+        "predicted": _prediction_json(found.prediction),
+    }
+
+
+def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
+    """Write the picture; ``drawn`` holds the same prediction at the points that are drawn."""
+    from stepdiag.exporters.files.files import write_atomically
+    from stepdiag.report.effect import SUFFIXES, effect_drawing, effect_file
+
+    suffix = out.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise UsageError("--out", expected="a file named *" + " or *".join(SUFFIXES), found=out.name)
+    drawing = effect_drawing(drawn, found.prediction.figures(rigid_motion=False))
+    write_atomically(out, effect_file(drawing, suffix).encode("utf-8"))
+
+
+def _print_verification(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]") -> None:
+    from rich.console import Console
+
+    from stepdiag.terminal.tables import effect_table
+
+    typer.echo(f"read as {found.controller}: {', '.join(file.name for file in given)}")
+    if aside:
+        typer.echo(f"left aside: {', '.join(aside)}")
+    for kind, law in dict.fromkeys((table.kind, table.law.describe()) for table in found.tables):
+        typer.echo(f"{kind}: {law}")
+    Console().print(effect_table(found.prediction))
+
+
+def _caution(measured: "Result", prediction: "Prediction") -> None:
+    """Say what the prediction leaves out, and files that make the machine worse."""
+    unknown = [f"the scale of {axis}" for axis, scale in measured.scale.items() if not scale.identified]
+    unknown += [name for name, function in measured.errors.items() if function.value is None]
+    if unknown:
+        typer.echo(f"not in these figures, because the result does not identify it: {', '.join(unknown)}")
+    if prediction.improvement() < 1:
+        typer.echo(
+            "WARNING worse-after: with these files the machine errs MORE than without: check the result they belong to, and their sign"
+        )

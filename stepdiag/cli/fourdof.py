@@ -1,0 +1,258 @@
+"""``stepdiag fourdof``: commissioning and tests of the 4-DOF head, live from its port or from what was recorded."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stepdiag.head.source import curves_of_logs, head_of_logs, head_record, read_calibration, stage_run, write_calibration
+from stepdiag.solver.errors import UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.daq.survey.head_file import AxisName, DetectorName
+
+Source = Annotated[Path, typer.Argument(help="A survey file (live from its [head]), a log (.mcap), or a CSV of the head's samples.")]
+Calibration = Annotated[Path, typer.Option(help="The head's calibration file.")]
+Seconds = Annotated[float, typer.Option(min=0.1, help="How long to listen to a live head.")]
+Plot = Annotated[Path | None, typer.Option(help="Where to draw it: FILE.svg or FILE.html.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
+
+commands = typer.Typer(help="The 4-DOF head: commissioning, tests, and what it measured.", no_args_is_help=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.add_typer(commands, name="fourdof")
+
+
+@commands.command()
+def align(source: Source, seconds: Seconds = 3600.0) -> None:
+    """Show spots and sums of the detectors while you align.
+
+    Ctrl-C ends it. Of a recording: what it holds at the end.
+    """
+    from stepdiag.head.view import AlignView
+
+    view = AlignView()
+    if source.suffix.lower() != ".toml":
+        view.show_last(head_record(source, seconds))
+        return
+    from stepdiag.daq.head.record import listen_to_head
+    from stepdiag.daq.survey.file import load_survey
+
+    with view.live():
+        listen_to_head(load_survey(source), source.name, seconds, view.heed)
+
+
+@commands.command()
+def signs(
+    at: Annotated[list[str], typer.Option(help="DISTANCE=SOURCE: distance head to target in mm, and where the wobble comes from. Twice.")],
+    calibration: Calibration,
+    out: Annotated[Path, typer.Option(help="The calibration file to write, with signs and lever; never overwritten.")],
+    seconds: Seconds = 20.0,
+    as_json: AsJson = False,
+) -> None:
+    """Find the signs of PSD1 and PSD2 and the lever.
+
+    The target stands, the laser's pointing is wobbled, at two distances.
+    """
+    from stepdiag.daq.head.commissioning import signs_of
+    from stepdiag.head.view import signs_lines
+
+    file = read_calibration(calibration)
+    places = [_place(text) for text in at]
+    found = signs_of([(distance, head_record(source, seconds, f"wobble, target at {distance:g} mm")) for distance, source in places], file)
+    write_calibration(out, found.file)
+    if as_json:
+        lever = {"dead_path_mm": found.file.lever.dead_path_mm, "scale": found.file.lever.scale, "u_mm": found.file.lever.u_mm}
+        factors = {axis: {"psd1": each.psd1_sign, "psd2": each.psd2_sign} for axis, each in found.axes.items()}
+        typer.echo(json.dumps({"factors": factors, "lever": lever, "findings": [each.as_json() for each in found.findings]}, indent=2))
+        return
+    for line in signs_lines(found):
+        typer.echo(line)
+    typer.echo(f"written: {out}")
+
+
+@commands.command()
+def new(
+    head_id: Annotated[str, typer.Option("--id", help="The number on the head.")],
+    psd1_focal_mm: Annotated[float, typer.Option(min=1.0, help="Focal length of the lens before PSD1.")],
+    psd2_focal_mm: Annotated[float, typer.Option(min=1.0, help="Focal length of the lens before PSD2.")],
+    out: Annotated[Path, typer.Option(help="The file to write; never overwritten.")],
+) -> None:
+    """Write the file of a head that is not calibrated yet.
+
+    To start from; limits of the sums are for you to fill in.
+    """
+    from stepdiag.daq.survey.head_file import HeadFile, HeadIdentity
+
+    identity = HeadIdentity(
+        id=head_id, format="fourdof", date=_today(), psd1_focal_length_mm=psd1_focal_mm, psd2_focal_length_mm=psd2_focal_mm
+    )
+    write_calibration(out, HeadFile(head=identity))
+    typer.echo(f"written: {out}; next: `stepdiag fourdof calibrate`, then `stepdiag fourdof signs`")
+
+
+@commands.command()
+def calibrate(
+    run: Annotated[list[str], typer.Option(help="DETECTOR.AXIS=SOURCE, such as qd.x=stage.csv; a survey file asks at the stage. Repeat.")],
+    base: Annotated[Path, typer.Option(help="The calibration file to start from; `stepdiag fourdof new` writes the first.")],
+    out: Annotated[Path, typer.Option(help="The calibration file to write, dated today; never overwritten.")],
+    reference: Annotated[str, typer.Option(help="The reference instrument and its certificate, in words.")] = "",
+    u_reference: Annotated[float, typer.Option(min=0.0, help="Its standard uncertainty, in um or arc-seconds as it reads.")] = 0.0,
+    degree: Annotated[int, typer.Option(min=1, max=9, help="Degree of the polynomial.")] = 5,
+    plot: Plot = None,
+    as_json: AsJson = False,
+) -> None:
+    """Fit detector curves against a reference stage.
+
+    Writes a dated calibration file with their uncertainty.
+    """
+    import msgspec
+
+    from stepdiag.daq.head.commissioning import calibrate_axis, with_curve
+    from stepdiag.head.view import calibration_charts, calibration_table
+
+    file = read_calibration(base)
+    file = msgspec.structs.replace(file, head=msgspec.structs.replace(file.head, date=_today(), reference=reference or file.head.reference))
+    fits = {}
+    for text in run:
+        detector, axis, source = _stage(text)
+        fitted = calibrate_axis(stage_run(source, detector, axis), detector, file, degree=degree, u_reference=u_reference)
+        fits[f"{detector}.{axis}"] = fitted
+        file = with_curve(file, detector, axis, fitted)
+    write_calibration(out, file)
+    if plot is not None:
+        _draw(plot, calibration_charts(fits), "residuals of the calibration")
+    if as_json:
+        figures = {name: {"unit": each.run.unit, "residual": each.limits, "u_um": each.fit.curve.u_um} for name, each in fits.items()}
+        typer.echo(json.dumps(figures, indent=2))
+        return
+    calibration_table(fits)
+    typer.echo(f"written: {out}")
+
+
+@commands.command()
+def stability(
+    source: Source,
+    calibration: Calibration,
+    distance_mm: Annotated[float, typer.Option(min=0.0, help="Distance from the head to the target.")],
+    seconds: Seconds = 960.0,
+    interval_s: Annotated[float, typer.Option(min=0.01, help="Samples are averaged over this long.")] = 1.0,
+    record: Annotated[Path | None, typer.Option(help="Where to keep the samples of a live head (CSV).")] = None,
+    plot: Plot = None,
+    as_json: AsJson = False,
+) -> None:
+    """Test the stability.
+
+    Fluctuation of the standing target raw and compensated, the part removed, the Allan deviation.
+    """
+    from dataclasses import asdict
+
+    from stepdiag.daq.head.commissioning import stability_of
+    from stepdiag.daq.head.record import render_head_csv
+    from stepdiag.exporters.files.files import write_new
+    from stepdiag.head.view import allan_charts, stability_table
+
+    heard = head_record(source, seconds)
+    if record is not None:
+        write_new(record, render_head_csv(heard))
+    found = stability_of(heard, read_calibration(calibration), distance_mm, interval_s)
+    if plot is not None:
+        _draw(plot, allan_charts(found), "Allan deviation")
+    if as_json:
+        plain = {
+            name: {key: value if isinstance(value, float) else value.tolist() for key, value in asdict(each).items()}
+            for name, each in found.items()
+        }
+        typer.echo(json.dumps(plain, indent=2))
+        return
+    stability_table(found)
+
+
+@commands.command()
+def compare(
+    measured: Annotated[list[Path], typer.Argument(help="The logs of a survey with 4-DOF runs, or a CSV of its functions.")],
+    reference: Annotated[Path, typer.Option(help="CSV: position_mm and columns such as EYX_um, EBX_arcsec.")],
+    plot: Plot = None,
+    as_json: AsJson = False,
+) -> None:
+    """Compare the head with a reference instrument.
+
+    Range and rms of the residuals, function by function.
+    """
+    from stepdiag.daq.head.commissioning import compare_curves, parse_curves
+    from stepdiag.exporters.files.files import read_text
+    from stepdiag.head.view import comparison_charts, comparison_table
+
+    ours = parse_curves(read_text(measured[0]), measured[0].name) if measured[0].suffix.lower() == ".csv" else curves_of_logs(measured)
+    found = compare_curves(ours, parse_curves(read_text(reference), reference.name))
+    if plot is not None:
+        _draw(plot, comparison_charts(found), "head minus reference")
+    if as_json:
+        typer.echo(
+            json.dumps({name: {"lowest": one.lowest, "highest": one.highest, "rms": one.rms} for name, one in found.items()}, indent=2)
+        )
+        return
+    comparison_table(found)
+
+
+@commands.command()
+def show(
+    logs: Annotated[list[Path], typer.Argument(help="The logs of a survey with 4-DOF runs; other setups may be missing.")],
+    out: Annotated[Path | None, typer.Option(help="A folder for straightness.csv and angles.csv (for `solve --angles`).")] = None,
+) -> None:
+    """Say what the head measured by itself.
+
+    Straightness by three reference lines, pitch and yaw.
+    """
+    from stepdiag.daq.head.commissioning import render_straightness
+    from stepdiag.daq.head.runs import mean_straightness
+    from stepdiag.exporters.files.files import write_new
+    from stepdiag.head.view import head_table
+    from stepdiag.solver.model.angles import render_angles
+    from stepdiag.terminal.tables import finding_lines
+
+    measured = head_of_logs(logs)
+    straight = mean_straightness(measured)
+    head_table(straight, measured.angles)
+    for line in finding_lines(measured.findings):
+        typer.echo(line)
+    if out is not None:
+        out.mkdir(parents=True, exist_ok=True)
+        write_new(out / "straightness.csv", render_straightness(straight))
+        write_new(out / "angles.csv", render_angles(measured.angles))
+        typer.echo(f"written: {out / 'straightness.csv'}, {out / 'angles.csv'}")
+
+
+def _today() -> str:
+    from datetime import UTC, datetime
+
+    return datetime.now(UTC).date().isoformat()
+
+
+def _place(text: str) -> tuple[float, Path]:
+    distance, _, source = text.partition("=")
+    try:
+        return float(distance), Path(source)
+    except ValueError as error:
+        raise UsageError("--at", expected="DISTANCE=SOURCE, such as 500=near.csv", found=repr(text)) from error
+
+
+def _stage(text: str) -> "tuple[DetectorName, AxisName, Path]":
+    name, _, source = text.partition("=")
+    detector, _, axis = name.partition(".")
+    if detector not in ("qd", "psd1", "psd2") or axis not in ("x", "y") or not source:
+        raise UsageError("--run", expected="qd.x=FILE, psd2.y=FILE ..", found=repr(text))
+    return detector, axis, Path(source)  # type: ignore[return-value]
+
+
+def _draw(path: Path, charts: list[str], title: str) -> None:
+    from stepdiag.exporters.files.files import write_atomically
+    from stepdiag.report.sheet import SUFFIXES, sheet
+
+    suffix = path.suffix.lower()
+    if suffix not in SUFFIXES:
+        raise UsageError("--plot", expected="a file named *" + " or *".join(SUFFIXES), found=path.name)
+    write_atomically(path, sheet(charts, title, suffix).encode("utf-8"))

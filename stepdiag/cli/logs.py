@@ -1,0 +1,124 @@
+"""``stepdiag info`` and ``stepdiag recover``: what is in a log, and mending one that was cut off."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stepdiag.terminal.printable import printable
+
+if TYPE_CHECKING:
+    from stepdiag.daq.log.recovery import LogInfo, Recovery
+
+LogFile = Annotated[Path, typer.Argument(help="A log (*.mcap, or *.mcap.part where it was cut off).")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
+_LONG = 60
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("info")(info)
+    app.command("recover")(recover)
+
+
+def info(log: LogFile, as_json: AsJson = False) -> None:
+    """Say what is in a log, and whether it is whole."""
+    from stepdiag.daq.log.contents import must_be_there
+    from stepdiag.daq.log.recovery import log_info
+
+    must_be_there(log)
+    found = log_info(log)
+    typer.echo(json.dumps(_as_json(found), indent=2, ensure_ascii=False) if as_json else _as_text(found))
+
+
+def recover(
+    log: LogFile,
+    out: Annotated[Path | None, typer.Option("--out", help="The mended log; default beside the damaged one.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Mend a log that was cut off, into a new file.
+
+    The damaged one stays as it is.
+    """
+    from stepdiag.daq.log.contents import must_be_there
+    from stepdiag.daq.log.recovery import recover as mend
+
+    must_be_there(log)
+    done = mend(log, out)
+    typer.echo(json.dumps(_recovery_json(done), indent=2, ensure_ascii=False) if as_json else _recovery_text(done))
+
+
+def _as_json(found: "LogInfo") -> dict[str, object]:
+    return {
+        "path": str(found.path),
+        "begin": _wall(found.begin_wall_ns),
+        "seconds": round(found.seconds, 6),
+        "whole": found.end.whole,
+        "damage": found.end.damage,
+        "lost_bytes": found.end.lost_bytes,
+        "dropped_events": found.end.dropped_events,
+        "events": found.end.events,
+        "stops": found.stops,
+        "polls": found.polls,
+        "stream_bytes": found.stream_bytes,
+        "messages": found.end.messages,
+        "run": found.run,
+        "clock": found.clock,
+        "run_stop": found.end.run_stop,
+    }
+
+
+def _as_text(found: "LogInfo") -> str:
+    end = found.end
+    streams = ", ".join(f"{count} bytes of the {stream}" for stream, count in found.stream_bytes.items()) or "no raw bytes"
+    state = f"whole, {end.run_stop['exit_status']}" if end.whole else _damage(found)
+    reason = f": {end.run_stop['reason']}" if end.run_stop.get("reason") else ""
+    mended = f" (mended from {end.run_stop['recovered_from']})" if "recovered_from" in end.run_stop else ""
+    lines = [
+        f"{found.path}: {state}{reason}{mended}",
+        f"  began {_wall(found.begin_wall_ns)}, lasted {found.seconds:.1f} s",
+        f"  {found.stops} stops, {found.polls} polls of the machine, {streams}",
+        *(f"  {topic:<16} {count:>8} messages" for topic, count in sorted(end.messages.items())),
+        *(f"  {name}: {_short(text)}" for name, text in (found.run | found.clock).items()),
+    ]
+    return printable("\n".join(lines))
+
+
+def _short(text: str) -> str:
+    """Return the beginning of a text from a file, safe to print."""
+    shown = printable(text[:_LONG]).replace("\n", "?")
+    return shown if len(text) <= _LONG else f"{shown}... ({len(text)} characters)"
+
+
+def _damage(found: "LogInfo") -> str:
+    lost = f"{found.end.lost_bytes} bytes cannot be read" + (
+        f", {found.end.dropped_events} events lost with them" * bool(found.end.dropped_events)
+    )
+    return f"not whole ({found.end.damage or 'it was not closed'}; {lost}); `stepdiag recover` mends it"
+
+
+def _recovery_json(done: "Recovery") -> dict[str, object]:
+    return {
+        "source": str(done.source),
+        "target": str(done.target),
+        "messages": done.messages,
+        "events": done.end.events,
+        "damage": done.end.damage,
+        "lost_bytes": done.end.lost_bytes,
+        "dropped_events": done.end.dropped_events,
+    }
+
+
+def _recovery_text(done: "Recovery") -> str:
+    return (
+        f"{done.target} written: {done.end.events} events in {done.messages} messages kept, opened again and counted\n"
+        f"  {done.source}: {done.end.damage}; {done.end.lost_bytes} bytes and {done.end.dropped_events} events could not be kept. "
+        "It is still there, as it was."
+    )
+
+
+def _wall(wall_ns: int) -> str:
+    from datetime import UTC, datetime
+
+    return datetime.fromtimestamp(wall_ns / 1e9, UTC).isoformat(timespec="milliseconds")

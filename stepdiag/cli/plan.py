@@ -1,0 +1,124 @@
+"""``stepdiag plan``: what a survey will be able to say and how long it takes, before the machine moves; and what is worth adding."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from stepdiag.solver.errors import UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.daq.survey.models import Survey
+    from stepdiag.solver.planning.planner import Addition, Advice, Circumstances, Forecast
+    from stepdiag.solver.planning.runs import Plan
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("plan")(plan)
+
+
+def plan(
+    file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
+    minutes: Annotated[float | None, typer.Option(help="The time there is: the best survey within it.")] = None,
+    target_um: Annotated[float | None, typer.Option(help="The volumetric uncertainty (k = 1) wanted: the best survey down to it.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+) -> None:
+    """Predict what a survey will tell, and in what time.
+
+    Before the machine moves; ranks what to add to it.
+    """
+    from stepdiag.daq.survey.file import load_survey
+
+    for name, value in (("--minutes", minutes), ("--target-um", target_um)):
+        if value is not None and not 0 < value < float("inf"):
+            raise UsageError(name, expected="a number above 0", found=f"{value:g}")
+    survey = load_survey(file)
+    advice = _advise(planned(survey), circumstances(survey), minutes, target_um)
+    if as_json:
+        typer.echo(json.dumps(_advice_json(advice), indent=2, ensure_ascii=False))
+    else:
+        _print(advice, asked=minutes is not None or target_um is not None)
+
+
+def planned(survey: "Survey") -> "Plan":
+    """Return the runs of a survey as the planner knows them."""
+    from stepdiag.solver.planning.runs import Pace, Plan, Run
+
+    plan = survey.plan
+    shifted = plan.all_setups[len(plan.setups) :]
+    offsets = dict(zip(shifted, (each.offset_mm for each in plan.beam_offset), strict=True))
+    runs = tuple(
+        Run(setup=name, repeats=plan.repeats, return_pass=plan.return_pass, beam_offset_mm=offsets.get(name, (0.0, 0.0, 0.0)))
+        for name in plan.all_setups
+    )
+    pace = Pace(feed_mm_min=plan.feed_mm_min, dwell_s=plan.dwell_s, overrun_mm=plan.overrun_mm)
+    return Plan(volume=survey.volume, runs=runs, axis_order=survey.axis_order, pace=pace)
+
+
+def circumstances(survey: "Survey") -> "Circumstances":
+    """Return the job's circumstances as far as the survey file tells them."""
+    from stepdiag.solver.planning.planner import Circumstances
+
+    return Circumstances(chain=survey.machine.chain)
+
+
+def _advise(plan: "Plan", about: "Circumstances", minutes: float | None, target_um: float | None) -> "Advice":
+    """Return the planner's advice; each additional survey that it weighs takes about a second of computing."""
+    from stepdiag.solver.planning.planner import plan as advise
+    from stepdiag.terminal.progress import working
+
+    with working("forecasting this survey and each that has one more run (about half a minute)"):
+        return advise(plan, about, available_min=minutes, target_um=target_um)
+
+
+def _advice_json(advice: "Advice") -> dict[str, Any]:
+    return {
+        "forecast": _forecast_json(advice.forecast),
+        "additions": [_addition_json(each) for each in advice.additions],
+        "resolving": [_addition_json(each) for each in advice.resolving],
+        "best": None if advice.best is None else _forecast_json(advice.best),
+    }
+
+
+def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
+    return {
+        "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm}
+                 for run in forecast.plan.runs],
+        "minutes": forecast.minutes,
+        "volumetric_u_um": forecast.volumetric_um,
+        "angles": forecast.angles,
+        "u": forecast.u,
+        "resolved": list(forecast.resolved),
+        "hidden": forecast.hidden,
+    }  # fmt: skip
+
+
+def _addition_json(addition: "Addition") -> dict[str, Any]:
+    return {
+        "text": addition.text,
+        "minutes": addition.minutes,
+        "gain_um": addition.gain_um,
+        "gain_um_per_minute": addition.gain_um_per_minute,
+        "newly_identified": list(addition.newly_identified),
+        "volumetric_u_um": addition.forecast.volumetric_um,
+    }
+
+
+def _print(advice: "Advice", *, asked: bool) -> None:
+    from rich.console import Console
+
+    from stepdiag.terminal.plan_tables import additions_table, forecast_table, in_words
+
+    console = Console()
+    console.print(in_words(advice.forecast), highlight=False)
+    console.print(forecast_table(advice.forecast))
+    console.print(additions_table(advice.additions, "what to add, the best gain per minute first"))
+    if advice.resolving:
+        console.print(additions_table(advice.resolving, "steps after which all 18 functions are solved from the laser's readings"))
+    if advice.best is not None:
+        console.print("BEST SURVEY for what was asked: " + in_words(advice.best), highlight=False)
+        console.print(forecast_table(advice.best))
+    elif asked:
+        console.print("No survey fits what was asked: four diagonals alone take longer, or nothing reaches the target.", highlight=False)

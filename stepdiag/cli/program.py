@@ -1,0 +1,46 @@
+"""``stepdiag program``: the NC programs that drive a survey."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("program")(program)
+
+
+def program(
+    file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
+    controller: Annotated[str, typer.Option(help="The control: siemens, fanuc, heidenhain or linuxcnc.")],
+    out: Annotated[Path, typer.Option(help="The folder to write into; what is there is never overwritten with other bytes.")],
+    profile: Annotated[Path | None, typer.Option(help="The machine's profile, for its section [program].")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+) -> None:
+    """Write the NC programs that drive a survey.
+
+    One for each setup, with stops, dwells and the signals to the PLC.
+    """
+    from stepdiag.daemon.driving import sequence_of
+    from stepdiag.daq.survey.file import load_survey
+    from stepdiag.exporters.files.control_file import ControlFile
+    from stepdiag.exporters.files.writing import write_all
+    from stepdiag.exporters.profiles.file import read_profile_text
+    from stepdiag.exporters.programs import default_signals, nc_programs
+    from stepdiag.exporters.programs.settings import program_section
+
+    sequence = sequence_of(load_survey(file))
+    defaults = default_signals(controller)
+    section = program_section("" if profile is None else read_profile_text(profile), "" if profile is None else profile.name, controller)
+    programs = nc_programs(sequence, controller, signals=section.signals(defaults), decimals=section.decimals)
+    write_all(out, [ControlFile(name=each.name, data=each.data, role="program") for each in programs])
+    written = [{"setup": each.setup, "file": str(out / each.name)} for each in programs]
+    if as_json:
+        import json
+
+        typer.echo(json.dumps({"controller": controller, "programs": written}, indent=2))
+        return
+    for each in written:
+        typer.echo(f"{each['setup']:<12}{each['file']}")
+    typer.echo("First run of each program: single block, feed override low, hand on feed hold. Each begins with what the PLC must offer.")

@@ -1,0 +1,106 @@
+"""``stepdiag report`` and ``stepdiag compare``: results for people."""
+
+import json
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from stepdiag.solver.errors import UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.solver.result.result import Result
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("report")(report)
+    app.command("compare")(compare)
+
+
+def report(
+    result: Annotated[Path, typer.Argument(help="result.json")],
+    files: Annotated[
+        list[Path] | None, typer.Argument(help="Files of one export: listed with their hashes, and their effect predicted.")
+    ] = None,
+    out: Annotated[Path, typer.Option(help="FILE.html, or a folder for the HTML and every figure as CSV.")] = Path("report.html"),
+    readings: Annotated[Path | None, typer.Option(help="The readings (CSV) the result rests on: shows them and ISO 230-6.")] = None,
+    profile: Annotated[Path | None, typer.Option(help="The machine's profile the files were written with.")] = None,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Also print a PDF (needs chromium).")] = False,
+    language: Annotated[str, typer.Option(help="en or de")] = "en",
+    as_json: Annotated[bool, typer.Option("--json", help="Say what was written as JSON.")] = False,
+) -> None:
+    """Write the readable report of a result.
+
+    One HTML file with every figure, and each figure as CSV.
+    """
+    from stepdiag.exporters.files.files import read_text
+    from stepdiag.report.document import build_report
+    from stepdiag.report.exported import exported_in
+    from stepdiag.report.output import write_report
+    from stepdiag.solver.readings.readings import parse_readings
+    from stepdiag.texts.texts import LANGUAGES
+
+    chosen = next((known for known in LANGUAGES if known == language), None)
+    if chosen is None:
+        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=language)
+    found = read_result(result)
+    built = build_report(
+        found,
+        source=result.name,
+        exported=[exported_in(found, files, profile)] if files else [],
+        readings=parse_readings(read_text(readings), readings.name) if readings is not None else None,
+        language=chosen,
+    )
+    written = write_report(built, out, pdf=pdf)
+    if as_json:
+        typer.echo(json.dumps({"written": [str(path) for path in written]}))
+    else:
+        typer.echo(f"report: {written[0]}" + (f", {len(written) - 1} more files beside it" if len(written) > 1 else ""))
+
+
+def read_result(path: Path) -> "Result":
+    """Return the result in a file. Raises ``UsageError`` where it cannot be read, ``DataError`` where it is none."""
+    from stepdiag.exporters.files.files import read_text
+    from stepdiag.solver.result.result import parse_result
+
+    return parse_result(read_text(path), path.name)
+
+
+def compare(
+    results: Annotated[list[Path], typer.Argument(help="two results of one machine, earlier first; more for a trend")],
+    as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
+) -> None:
+    """Say what changed between results of one machine.
+
+    And whether it is more than the uncertainty; from three results on, the trend.
+    """
+    from stepdiag.comparing import compare as comparing
+
+    if len(results) < 2:
+        raise UsageError("compare", expected="at least two results", found=str(len(results)))
+    read = [read_result(path) for path in results]
+    comparison = comparing.compare(read[0], read[-1])
+    trends = comparing.trend(read) if len(read) > 2 else ()
+    if as_json:
+        changes = [{**asdict(change), "difference": change.difference} for change in comparison.changes]
+        volumetric = {"before_um": comparison.rms_before_um, "after_um": comparison.rms_after_um, "improvement": comparison.improvement}
+        document = {"changes": changes, "volumetric_rms": volumetric, "trend": [asdict(one) for one in trends]}
+        typer.echo(json.dumps(document, indent=2))
+    else:
+        _print(comparison, trends, [path.name for path in results])
+
+
+def _print(comparison: Any, trends: Any, names: list[str]) -> None:
+    from rich.console import Console
+
+    from stepdiag.comparing.tables import comparison_table, trend_table
+
+    console = Console()
+    console.print(comparison_table(comparison, names[0], names[-1]))
+    factor = comparison.improvement
+    told = f"volumetric error (rms): {comparison.rms_before_um:.2f} um, then {comparison.rms_after_um:.2f} um"
+    console.print(told + (f"; improvement factor {factor:.2f}" if factor is not None else ""))
+    if trends:
+        console.print(trend_table(trends, names))

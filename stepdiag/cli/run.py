@@ -1,0 +1,59 @@
+"""``stepdiag run``: the daemon, and what it starts when a survey is complete."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+SurveyFile = Annotated[Path, typer.Argument(help="The survey file (TOML).")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("run")(run)
+    app.command("complete", hidden=True)(complete)
+    app.command("archive", hidden=True)(archive)
+
+
+def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", help="Also log what is for debugging.")] = False) -> None:
+    """Record surveys beside the machine (the daemon).
+
+    Solves and exports each when its last pass is in. Ends with SIGTERM or Ctrl-C.
+    """
+    from stepdiag.daemon.service import record
+
+    record(file, verbose=verbose)
+
+
+def complete(folder: Path) -> None:
+    """Solve a recorded survey, write result, controller files and report beside its logs (what `run` starts)."""
+    from stepdiag.daq.service.priority import give_way
+
+    give_way()
+    from stepdiag.daq.service.completion import complete as finish
+    from stepdiag.report.completed import write_completed_report
+
+    done = finish([folder], folder)
+    write_completed_report(done)
+    refused = "; ".join(f"export for {name} refused: {why}" for name, why in done.refusals.items())
+    typer.echo(refused or f"result in {done.folder}", err=bool(refused))
+
+
+def archive(folder: Path, max_gb: float) -> None:
+    """Pack the oldest finished surveys of a folder until it is within its budget (what `run` starts)."""
+    from stepdiag.daq.service.priority import give_way
+
+    give_way()
+    import structlog
+
+    from stepdiag.daemon.journal import configure
+    from stepdiag.daq.recording.archive import keep_budget, size_bytes
+    from stepdiag.daq.service.metrics import GB
+
+    configure()
+    log = structlog.get_logger("archive")
+    for packed in keep_budget(folder, max_gb * GB):
+        log.info("archived", folder=str(packed.folder), saved_mb=round(packed.saved_bytes / 1e6, 3))
+    used_gb = size_bytes(folder) / GB
+    if used_gb > max_gb:
+        log.warning("over-budget", used_gb=round(used_gb, 2), max_gb=max_gb)

@@ -1,0 +1,123 @@
+"""``stepdiag signtest``: the experiment that tells in which sense a control applies its tables (controllers.md 11)."""
+
+import json
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stepdiag.solver.errors import UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.exporters.safety.sign_run import SignRun
+    from stepdiag.exporters.safety.sign_test import Bump, Verdict
+    from stepdiag.exporters.tables.profile import Profile
+
+NOTE = "SIGNTEST.txt"
+_ENDINGS = "--out DIR to write the bump, or --off FILE --on FILE (or --run FILE) to read the verdict"
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("signtest")(signtest)
+
+
+def signtest(
+    controller: Annotated[str, typer.Option(help="The control, as for export.")],
+    profile: Annotated[Path, typer.Option(help="The machine's profile (TOML).")],
+    function: Annotated[str, typer.Option(help="The function that gets the bump: EXX, EYY, EZZ, or a cross table such as EYX.")] = "EXX",
+    result: Annotated[Path | None, typer.Option(help="result.json, where the profile gives no start_mm and end_mm.")] = None,
+    out: Annotated[Path | None, typer.Option(help="Write the bump into this folder.")] = None,
+    off: Annotated[Path | None, typer.Option(help="Readings (CSV) of the linear run with the table off.")] = None,
+    on: Annotated[Path | None, typer.Option(help="Readings (CSV) of the same run with the table on.")] = None,
+    run: Annotated[Path | None, typer.Option(help="Instead: CSV position_mm,off_um,on_um, for a dial or a straightness laser.")] = None,
+    day: Annotated[datetime | None, typer.Option("--date", formats=["%Y-%m-%d"], help="Day of the runs; default today.")] = None,
+    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+) -> None:
+    """Try the sign of a table on this machine.
+
+    Writes a table with a bump, then reads from two runs what the control did with it.
+    """
+    from stepdiag.exporters.profiles.registry import controller_named
+    from stepdiag.exporters.safety.sign_test import bump, verdict
+
+    test = bump(controller_named(controller), _profile(controller, profile, result), function)
+    if out is not None and off is None and on is None and run is None:
+        _write(test, out, controller, profile)
+        return
+    if out is not None:
+        raise UsageError("signtest", expected=_ENDINGS, found="both")
+    shown = verdict(test, *_run(test, off, on, run))
+    when = (day or datetime.now(tz=UTC)).date()
+    if as_json:
+        typer.echo(json.dumps({"kind": shown.kind, "sense": shown.sense, "moved_um": shown.moved_um, "text": shown.text}, indent=2))
+    else:
+        typer.echo(f"expected {test.expected_um:+.1f} um at {test.top_mm:g} mm; {shown.text}")
+    record = shown.as_toml(when)
+    if not as_json:
+        typer.echo(f"\nappend to {profile}:\n\n{record}{_consequence(test, shown)}")
+
+
+def _profile(controller: str, profile: Path, result: Path | None) -> "Profile":
+    from stepdiag.cli.report import read_result
+    from stepdiag.exporters.profiles.file import load_profile
+    from stepdiag.exporters.profiles.registry import controller_named
+
+    return load_profile(profile, controller_named(controller), None if result is None else read_result(result).volume)
+
+
+def _write(test: "Bump", out: Path, controller: str, profile: Path) -> None:
+    """Write the bump, what restores the control, and the steps of the test."""
+    from stepdiag.exporters.files.control_file import ControlFile
+    from stepdiag.exporters.files.writing import write_all
+
+    note = ControlFile(name=NOTE, data=_steps(test, controller, profile).encode("ascii"), role="note")
+    write_all(out, [*test.files, *test.restore, note])
+    for file in (*test.files, *test.restore, note):
+        typer.echo(str(out / file.name))
+
+
+def _steps(test: "Bump", controller: str, profile: Path) -> str:
+    """Return the test as steps for the person who makes it."""
+    moving, measured = test.function[2], test.function[1]
+    along = moving == measured
+    laser = f"a laser along {measured}" if along else f"a dial or a straightness laser that sees {measured}"
+    places = f"{test.reference_mm:g}, {test.top_mm:g} and {test.beyond_mm:g} mm and a few positions between them"
+    reading = "--off OFF.csv --on ON.csv (readings of linear runs)" if along else "--run RUN.csv (position_mm,off_um,on_um)"
+    expected = f"{measured} moves {test.expected_um:+.1f} um at {test.top_mm:g} mm"
+    steps = (
+        f"Back the control's tables up. Put up {laser}; drive {moving} to {places}, with the table off. Note the readings.",
+        f"Load {', '.join(file.name for file in test.files if file.role != 'note')} as EXPORT_REPORT.txt of an export says; switch on.",
+        f"Reference the axes. At {test.reference_mm:g} mm nothing may jump; if it does, switch off and stop here.",
+        f"Drive {moving} to the same positions. If the stated sign is right, {expected}.",
+        f"Load the restore files ({', '.join(file.name for file in test.restore)}) or your backup.",
+        f"stepdiag signtest --controller {controller} --profile {profile.name} --function {test.function} {reading}",
+    )
+    lines = [f"SIGN TEST of {test.function} on {controller}", *(f"{number}. {step}" for number, step in enumerate(steps, start=1))]
+    return "\n".join(lines).encode("ascii", "replace").decode("ascii") + "\n"
+
+
+def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":
+    from stepdiag.exporters.files.files import read_text
+    from stepdiag.exporters.safety.sign_run import from_readings, read_sign_run
+    from stepdiag.exporters.safety.verify import read_files
+    from stepdiag.solver.readings.readings import parse_readings
+
+    if run is not None and off is None and on is None:
+        return read_sign_run(read_files([run])[0])
+    if off is None or on is None or run is not None:
+        raise UsageError("signtest", expected=_ENDINGS, found="neither" if run is None else "both --run and readings")
+    moving, measured = test.function[2], test.function[1]
+    if moving != measured:
+        found = f"--off and --on for {test.function}"
+        raise UsageError("signtest", expected="--run FILE for a cross table: a linear run sees its own axis only", found=found)
+    before, after = (parse_readings(read_text(path), path.name) for path in (off, on))
+    return from_readings(before, after, moving)
+
+
+def _consequence(test: "Bump", shown: "Verdict") -> str:
+    stated = test.tables[-1].law.sense
+    if shown.sense == stated:
+        return ""
+    return f"\nThis control is {shown.sense}, the tables are written {stated}: an export will be refused until that is settled.\n"

@@ -1,0 +1,101 @@
+"""``stepdiag solve``, ``replay`` and ``plan``: from readings or logs to a result, and what a survey will be able to say."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stepdiag.solver.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.solver.result.result import Result
+
+Sources = Annotated[list[Path], typer.Argument(help="A readings CSV, or the logs of one survey (files or their folder).")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.command("solve")(solve)
+    app.command("replay")(replay)
+
+
+def solve(
+    sources: Sources,
+    out: Annotated[Path | None, typer.Option(help="Where to write the result (JSON).")] = None,
+    method: Annotated[str, typer.Option(help="estimate, least-squares or wang2000.")] = "estimate",
+    chain: Annotated[str, typer.Option(help="Kinematic chain from workpiece to tool; logs bring their own.")] = "FXYZ",
+    angles: Annotated[Path | None, typer.Option(help="Angular functions of the axes (CSV), from a 4-DOF head or a level.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Solve readings or logs.
+
+    Error functions, squareness and scale with their uncertainty, and what is not identified.
+    """
+    from stepdiag.terminal.tables import result_table
+
+    if len(sources) == 1 and sources[0].suffix.lower() == ".csv":
+        result = _solve_csv(sources[0], method, chain, angles)
+    else:
+        result = _solve_logs(sources, method)
+    if out is not None:
+        _write_result(out, result)
+    if as_json:
+        typer.echo(result.to_json(), nl=False)
+    else:
+        result_table(result, out)
+
+
+def _solve_csv(path: Path, method: str, chain: str, angles: Path | None) -> "Result":
+    from stepdiag.exporters.files.files import read_text
+    from stepdiag.solver.methods.solve import solve as solve_readings
+    from stepdiag.solver.model.angles import parse_angles
+    from stepdiag.solver.readings.readings import parse_readings
+
+    known = parse_angles(read_text(angles), angles.name) if angles is not None else None
+    return solve_readings(parse_readings(read_text(path), path.name), chain=chain, method=method, angles=known, source=path.name)
+
+
+def _solve_logs(paths: list[Path], method: str) -> "Result":
+    """Return the result of logs. Raises UsageError for a file that is named like none: readings are one file, named *.csv."""
+    from stepdiag.daq.replay import find_logs
+    from stepdiag.daq.replay import replay as replay_logs
+    from stepdiag.daq.service.completion import solve_logs
+
+    for path in paths:
+        if path.is_file() and ".mcap" not in path.suffixes:
+            raise UsageError(str(path), expected="one readings file (*.csv), or logs (*.mcap)", found=f"{len(paths)} file(s), {path.name}")
+    return solve_logs(replay_logs(find_logs(paths)), method)[0]
+
+
+def _write_result(out: Path, result: "Result") -> None:
+    from stepdiag.exporters.files.files import write_once
+
+    target = out / "result.json" if out.is_dir() else out
+    write_once(target, result.to_json())
+
+
+def replay(
+    logs: Annotated[list[Path], typer.Argument(help="The logs of one survey, or their folder.")],
+    out: Annotated[Path | None, typer.Option(help="Where to write the results again; default a folder `replay` beside the logs.")] = None,
+    as_json: AsJson = False,
+) -> None:
+    """Make result and files again from the logs.
+
+    And compare them with what the live run wrote, byte for byte.
+    """
+    from stepdiag.daemon.replay import replay_and_compare
+
+    compared = replay_and_compare(logs, out)
+    if as_json:
+        typer.echo(json.dumps(compared.as_json(), indent=2))
+    else:
+        typer.echo(compared.in_words())
+    if compared.different:
+        raise DataError(
+            str(compared.live),
+            expected="the bytes of the live run",
+            found=f"others in {', '.join(compared.different)}",
+            remedy=f"compare with {compared.out}: another version of stepdiag, or a file that was changed",
+        )

@@ -1,0 +1,97 @@
+"""``stepdiag status``: how a survey stands, from its logs alone; works beside a daemon that runs, and after one that died."""
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+    from stepdiag.daemon.survey_state import Standing
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("status")(status)
+
+
+def status(
+    path: Annotated[Path, typer.Argument(help="The survey file, or the folder of its logs.")],
+    as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
+) -> None:
+    """Say what of a survey is kept and what to drive again.
+
+    And why. Nothing is changed.
+    """
+    from stepdiag.daemon.survey_state import standing_of
+
+    found = standing_of(path)
+    if as_json:
+        typer.echo(json.dumps(_as_json(found), indent=2, ensure_ascii=False))
+    else:
+        _print(found)
+
+
+def _as_json(found: "Standing") -> dict[str, Any]:
+    from dataclasses import asdict
+
+    import msgspec
+
+    return {
+        "survey": found.survey,
+        "machine": found.machine,
+        "folder": str(found.folder),
+        "round": None if found.round is None else found.round.name,
+        "recording": found.recording,
+        "survey_file_changed": found.changed,
+        "complete": found.complete,
+        "result": None if found.result is None else str(found.result),
+        "next_setup": found.next_setup,
+        "setups": [msgspec.to_builtins(setup) for setup in found.setups],
+        "disk": found.disk,
+        "logs": [asdict(log) for log in found.logs],
+    }
+
+
+def _print(found: "Standing") -> None:
+    from rich.console import Console
+
+    from stepdiag.terminal.printable import printable
+
+    where = "nothing recorded yet" if found.round is None else str(found.round)
+    daemon = "a daemon records here now" if found.recording else "no daemon runs here"
+    typer.echo(printable(f"{found.survey} on {found.machine}: {where}; {daemon}"))
+    Console().print(_table(found))
+    for setup in found.setups:
+        for said in filter(None, (setup.reason, setup.doubt)):
+            typer.echo(printable(f"{setup.name}: {said}"))
+    for log in found.logs:
+        if log.trouble:
+            typer.echo(printable(f"{log.name}: {log.trouble}"))
+    if found.disk:
+        typer.echo(found.disk)
+    if found.changed:
+        typer.echo("The survey file is not the one these logs were recorded with: `stepdiag run` will begin a new round.")
+    typer.echo(_next(found))
+
+
+def _table(found: "Standing") -> "Table":
+    from rich.table import Table
+
+    table = Table()
+    for column in ("setup", "passes", "stops", "state"):
+        table.add_column(column, justify="right" if column in {"passes", "stops"} else "left")
+    for setup in found.setups:
+        passes, stops = f"{setup.passes_done} of {setup.passes_wanted}", f"{setup.stops_done} of {setup.stops_wanted}"
+        table.add_row(setup.name, passes, stops, setup.state)
+    return table
+
+
+def _next(found: "Standing") -> str:
+    if not found.complete:
+        return f"next: {found.next_setup}"
+    if found.result is not None:
+        return f"complete: {found.result}"
+    return f"every pass is in, no result yet: `stepdiag solve {found.round}` makes one"

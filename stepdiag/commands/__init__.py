@@ -1,4 +1,0 @@
-"""One module a group of commands; each offers ``register(app)``. Heavy imports stay inside the functions."""
-
-MODULES = ("demo", "survey", "check", "run", "status", "solve", "logs", "report", "control", "signtest", "program", "plan", "fourdof")
-"""The groups, in the order in which the help shows them."""

@@ -1,0 +1,201 @@
+"""Results of one machine beside each other: what changed, and whether it changed by more than the uncertainty."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from statistics import NormalDist
+
+import numpy as np
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
+
+GRID = 11
+"""Points per axis of the grid over which volumetric errors are compared."""
+TWO_SIGMA = 2 * (1 - NormalDist().cdf(2.0))
+"""Chance that one quantity differs by more than k = 2 although nothing changed: 4.6 %."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Change:
+    """How one quantity changed from the first result to the second.
+
+    For a function, the node where the difference is largest against its uncertainty. ``significant`` is None where one of the results
+    does not identify the quantity or states no uncertainty.
+    """
+
+    name: str
+    unit: str
+    before: float | None
+    after: float | None
+    u: float | None
+    """Standard uncertainty of the difference."""
+    position_mm: float | None = None
+    significant: bool | None = None
+
+    @property
+    def difference(self) -> float | None:
+        """Return after - before."""
+        return None if self.before is None or self.after is None else self.after - self.before
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Comparison:
+    """All changes from one result to another, and the volumetric error of both over their common volume (rms, rigid motion removed)."""
+
+    changes: tuple[Change, ...]
+    rms_before_um: float
+    rms_after_um: float
+    common: Volume
+
+    @property
+    def improvement(self) -> float | None:
+        """Return by which factor the volumetric error fell; None where nothing is left."""
+        return self.rms_before_um / self.rms_after_um if self.rms_after_um else None
+
+
+def coverage_factor(nodes: int) -> float:
+    """Return the k at which the largest of ``nodes`` independent differences is as unlikely as one beyond k = 2 (Sidak)."""
+    single = 1 - (1 - TWO_SIGMA) ** (1 / max(nodes, 1))
+    return NormalDist().inv_cdf(1 - single / 2)
+
+
+def compare(before: Result, after: Result) -> Comparison:
+    """Return what changed. Raises ``DataError`` where the results are not of one machine as it stood: other chain, no common volume."""
+    if before.chain != after.chain:
+        raise DataError(
+            "chain", expected=f"{before.chain} as in the first result", found=after.chain, remedy="compare results of one machine"
+        )
+    common = _common_volume([before, after])
+    rms = [_rms_um(result, common) for result in (before, after)]
+    return Comparison(changes=_changes(before, after), rms_before_um=rms[0], rms_after_um=rms[1], common=common)
+
+
+def _changes(before: Result, after: Result) -> tuple[Change, ...]:
+    numbers = [_number_change(name, q.unit, (q.value, q.u), (after.squareness[name].value, after.squareness[name].u))
+               for name, q in before.squareness.items()]  # fmt: skip
+    numbers += [_number_change(f"scale {name}", s.unit, (s.value, s.u), (after.scale[name].value, after.scale[name].u))
+                for name, s in before.scale.items()]  # fmt: skip
+    shared = [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in before.errors and name in after.errors]
+    return (*numbers, *(_function_change(name, before.errors[name], after.errors[name]) for name in shared))
+
+
+Known = tuple[float | None, float | None]
+
+
+def _number_change(name: str, unit: str, before: Known, after: Known) -> Change:
+    u = None if before[1] is None or after[1] is None else float(np.hypot(before[1], after[1]))
+    significant = None
+    if before[0] is not None and after[0] is not None and u is not None:
+        significant = abs(after[0] - before[0]) > coverage_factor(1) * u
+    return Change(name=name, unit=unit, before=before[0], after=after[0], u=u, significant=significant)
+
+
+def _function_change(name: str, before: Function, after: Function) -> Change:
+    """Return the change at the node where it stands out most; shapes where one of the two is a shape only."""
+    if before.value is None or after.value is None:
+        return Change(name=name, unit=before.unit, before=None, after=None, u=None)
+    nodes = _common_nodes(before, after)
+    shape = not (before.slope_identified and after.slope_identified) or _other_line(name, before, after)
+    a = _from_first(_at(before, before.value, nodes), nodes, shape=shape)
+    b = _from_first(_at(after, after.value, nodes), nodes, shape=shape)
+    if before.u is None or after.u is None:
+        node = int(np.argmax(np.abs(b - a)))
+        return _at_node(name, before.unit, nodes, a, b, node)
+    u = np.hypot(_at(before, before.u, nodes), _at(after, after.u, nodes))
+    ratio = np.divide(np.abs(b - a), u, out=np.zeros(len(nodes)), where=u > 0)
+    node = int(np.argmax(ratio))
+    beyond = bool(ratio[node] > coverage_factor(int(np.count_nonzero(u > 0))))
+    return _at_node(name, before.unit, nodes, a, b, node, u=float(u[node]), significant=beyond)
+
+
+def _at_node(
+    name: str, unit: str, nodes: Vector, a: Vector, b: Vector, node: int, *, u: float | None = None, significant: bool | None = None
+) -> Change:
+    return Change(
+        name=name, unit=unit, before=float(a[node]), after=float(b[node]), u=u,
+        position_mm=float(nodes[node]), significant=significant,
+    )  # fmt: skip
+
+
+def _other_line(name: str, before: Function, after: Function) -> bool:
+    """Return whether two straightnesses refer to different end points, so that only their shapes over the common range compare."""
+    same = np.allclose(before.position_mm[[0, -1]], after.position_mm[[0, -1]], atol=1e-6)
+    return name in DISPLACEMENTS and name[1] != name[2] and not same
+
+
+def _common_nodes(before: Function, after: Function) -> Vector:
+    """Return the nodes of the coarser function that the other covers too: what lies between its nodes it does not know."""
+    coarse, fine = (before, after) if len(before.position_mm) <= len(after.position_mm) else (after, before)
+    low, high = fine.position_mm[0] - 1e-6, fine.position_mm[-1] + 1e-6
+    nodes: Vector = coarse.position_mm[(coarse.position_mm >= low) & (coarse.position_mm <= high)]
+    if len(nodes) < 2:
+        raise DataError("errors", expected="functions over a common range", found="no common range", remedy="compare results of one volume")
+    return nodes
+
+
+def _at(function: Function, values: Vector, nodes: Vector) -> Vector:
+    """Return a column at other nodes."""
+    at: Vector = np.interp(nodes, function.position_mm, values)
+    return at
+
+
+def _from_first(values: Vector, nodes: Vector, *, shape: bool) -> Vector:
+    """Return a function relative to its first node; ``shape`` removes the line through the end points."""
+    line = (values[-1] - values[0]) * (nodes - nodes[0]) / (nodes[-1] - nodes[0])
+    rest: Vector = values - values[0] - (line if shape else 0.0)
+    return rest
+
+
+def _common_volume(results: Sequence[Result]) -> Volume:
+    """Return the box that all results cover. Raises ``DataError`` where there is none."""
+    low = np.max([result.volume.origin_mm for result in results], axis=0)
+    high = np.min([np.add(result.volume.origin_mm, result.volume.size_mm) for result in results], axis=0)
+    if np.any(high <= low):
+        raise DataError("volume", expected="volumes that overlap", found="none in common", remedy="compare results of one machine")
+    x, y, z = low.tolist()
+    a, b, c = (high - low).tolist()
+    return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=min(result.volume.increments for result in results))
+
+
+def _rms_um(result: Result, volume: Volume) -> float:
+    axes = [low + size * np.linspace(0.0, 1.0, GRID) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    errors = without_rigid_motion(volume, points, error_field_um(result, points))
+    return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Trend:
+    """One quantity over many results, with its standard uncertainties; None where not identified."""
+
+    name: str
+    unit: str
+    values: tuple[float | None, ...]
+    u: tuple[float | None, ...]
+
+
+def trend(results: Sequence[Result]) -> tuple[Trend, ...]:
+    """Return squareness, scale, the range of each function and the volumetric error over many results, in the order given."""
+    common = _common_volume(results)
+    first = results[0]
+    found = [_trend(name, "urad", [(r.squareness[name].value, r.squareness[name].u) for r in results]) for name in first.squareness]
+    found += [_trend(f"scale {name}", "um/m", [(r.scale[name].value, r.scale[name].u) for r in results]) for name in first.scale]
+    for name in DISPLACEMENTS:
+        found.append(_trend(f"range of {name}", "um", [_range(result.errors[name]) for result in results]))
+    found.append(_trend("volumetric error rms", "um", [(_rms_um(result, common), None) for result in results]))
+    return tuple(found)
+
+
+def _trend(name: str, unit: str, known: Sequence[Known]) -> Trend:
+    return Trend(name=name, unit=unit, values=tuple(value for value, _ in known), u=tuple(u for _, u in known))
+
+
+def _range(function: Function) -> Known:
+    """Return the range of a function and the uncertainty of the difference of its extremes."""
+    if function.value is None:
+        return None, None
+    low, high = int(np.argmin(function.value)), int(np.argmax(function.value))
+    u = None if function.u is None else float(np.hypot(function.u[low], function.u[high]))
+    return float(function.value[high] - function.value[low]), u

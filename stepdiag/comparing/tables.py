@@ -1,0 +1,43 @@
+"""Comparisons as tables that a person reads in a terminal."""
+
+from collections.abc import Sequence
+
+from rich.table import Table
+from rich.text import Text
+
+from stepdiag.comparing.compare import Change, Comparison, Trend
+
+VERDICTS = {True: "yes", False: "no", None: "-"}
+
+
+def comparison_table(comparison: Comparison, before: str, after: str) -> Table:
+    """Return one row a quantity: both values, difference, its expanded uncertainty, and whether it is more than that."""
+    table = Table(title=Text(f"{before} -> {after}"))
+    for column in ("quantity", "at / mm", "before", "after", "difference", "U (k = 2)", "unit", "changed"):
+        table.add_column(column, justify="left" if column in {"quantity", "unit", "changed"} else "right")
+    for change in comparison.changes:
+        table.add_row(*_row(change), style="bold" if change.significant else "")
+    return table
+
+
+def _row(change: Change) -> tuple[str, ...]:
+    expanded = None if change.u is None else 2 * change.u
+    numbers = (_shown(change.position_mm, 0), *(_shown(v) for v in (change.before, change.after, change.difference, expanded)))
+    return change.name, *numbers, change.unit, VERDICTS[change.significant]
+
+
+def _shown(value: float | None, decimals: int = 2) -> str:
+    return "-" if value is None else f"{value:.{decimals}f}"
+
+
+def trend_table(trends: Sequence[Trend], names: Sequence[str]) -> Table:
+    """Return one row a quantity and one column a result, values with their expanded uncertainty."""
+    table = Table(title="trend")
+    table.add_column("quantity")
+    table.add_column("unit")
+    for name in names:
+        table.add_column(Text(name), justify="right")
+    for one in trends:
+        cells = [_shown(value) + ("" if u is None else f" ± {2 * u:.2f}") for value, u in zip(one.values, one.u, strict=True)]
+        table.add_row(one.name, one.unit, *cells)
+    return table

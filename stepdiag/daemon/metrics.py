@@ -1,0 +1,82 @@
+"""The daemon's figures for Prometheus: made when they are asked for, so that they cost nothing otherwise."""
+
+from collections.abc import Callable, Iterator
+
+from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
+from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
+from prometheus_client.registry import Collector
+from starlette.applications import Starlette
+from starlette.requests import Request
+from starlette.responses import Response
+from starlette.routing import Route
+
+from stepdiag.daq.service.metrics import Figures
+
+LINK_STATES = ("connecting", "connected", "silent", "lost")
+
+
+def create_metrics(figures: Callable[[], Figures]) -> Starlette:
+    """Return the application that answers ``GET /metrics``, and nothing else."""
+    registry = CollectorRegistry(auto_describe=False)
+    registry.register(_Daemon(figures))
+
+    async def metrics(_: Request) -> Response:
+        return Response(generate_latest(registry), headers={"Content-Type": CONTENT_TYPE_LATEST})
+
+    return Starlette(routes=[Route("/metrics", metrics)])
+
+
+class _Daemon(Collector):
+    def __init__(self, figures: Callable[[], Figures]) -> None:
+        self._figures = figures
+
+    def describe(self) -> Iterator[Metric]:
+        """Return nothing: asking a daemon that has not begun would fail."""
+        return iter(())
+
+    def collect(self) -> Iterator[Metric]:
+        """Yield every family, as it is now."""
+        now = self._figures()
+        yield from _counted(now)
+        yield from _links(now)
+        yield from _health(now)
+
+
+def _counted(now: Figures) -> Iterator[Metric]:
+    yield CounterMetricFamily("stepdiag_samples", "Laser samples recorded.", value=now.samples)
+    yield CounterMetricFamily("stepdiag_stops", "Stops captured.", value=now.tally.stops)
+    yield CounterMetricFamily("stepdiag_lost_events", "Events that could not be recorded.", value=now.lost_events)
+    findings = CounterMetricFamily("stepdiag_findings", "Findings while recording, by code.", labels=["code"])
+    for code, count in sorted(now.tally.findings.items()):
+        findings.add_metric([code], count)
+    yield findings
+    surveys = CounterMetricFamily("stepdiag_surveys", "Surveys handed to the solver, by its exit code.", labels=["exit_code"])
+    for exit_code, count in sorted(now.tally.surveys.items()):
+        surveys.add_metric([str(exit_code)], count)
+    yield surveys
+
+
+def _links(now: Figures) -> Iterator[Metric]:
+    states = GaugeMetricFamily("stepdiag_link_state", "1 for the state that a link is in.", labels=["link", "state"])
+    ages = GaugeMetricFamily("stepdiag_link_age_seconds", "Time since a link last gave anything.", labels=["link"])
+    for name, link in now.links.items():
+        for state in LINK_STATES:
+            states.add_metric([name, state], float(link.state == state))
+        if link.age_s is not None:
+            ages.add_metric([name], link.age_s)
+    yield states
+    yield ages
+
+
+def _health(now: Figures) -> Iterator[Metric]:
+    gauges = {
+        "recording": ("1 while a log is open.", float(now.recording)),
+        "recorder_blocked": ("1 while the disk refuses.", float(now.recorder_blocked)),
+        "backlog_bytes": ("What waits for the disk.", float(now.backlog_bytes)),
+        "disk_free_bytes": ("Space left where the logs go.", float(now.disk_free_bytes)),
+        "watchdog_age_seconds": ("Time since every worker was last seen alive.", now.watchdog_age_s),
+    }
+    if now.tally.solve_s is not None:
+        gauges["solve_seconds"] = ("How long the last finished survey took to solve and export.", now.tally.solve_s)
+    for name, (text, value) in gauges.items():
+        yield GaugeMetricFamily(f"stepdiag_{name}", text, value=value)

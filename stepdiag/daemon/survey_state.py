@@ -1,0 +1,114 @@
+"""How a survey stands, from what is on disk alone: what is kept, what must be driven again, and why. Nothing is changed or mended."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.log.contents import open_log
+from stepdiag.daq.log.part_file import PART_SUFFIX
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.recording.rounds import RESULT, is_recording, noted_stops, round_folders
+from stepdiag.daq.records.status import SetupStatus
+from stepdiag.daq.replay import logs_in
+from stepdiag.daq.service.metrics import words_on_disk
+from stepdiag.daq.service.snapshot import setup_status
+from stepdiag.daq.survey.file import load_survey, parse_survey, read_text
+from stepdiag.daq.survey.models import Survey
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.terminal.progress import counted
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LogStanding:
+    """One log: how many stops it holds; ``trouble`` says why it cannot be read, or that it was cut off."""
+
+    name: str
+    stops: int
+    trouble: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """How a survey stands. ``round`` is None before anything was recorded; ``changed``: the survey file is not the one of the logs."""
+
+    survey: str
+    machine: str
+    folder: Path
+    round: Path | None
+    recording: bool
+    changed: bool
+    result: Path | None
+    next_setup: str
+    setups: tuple[SetupStatus, ...]
+    logs: tuple[LogStanding, ...]
+    disk: str
+    """What is to be said of the disk; empty while there is room."""
+
+    @property
+    def complete(self) -> bool:
+        """Tell whether every pass of the plan is in."""
+        return not self.next_setup
+
+
+def standing_of(path: Path) -> Standing:
+    """Return how the survey of a survey file stands, or the survey recorded in a folder (its own, or one round's).
+
+    Raises UsageError for a folder without a recording, DataError where none of its logs can be read.
+    """
+    if not path.is_dir():
+        survey = load_survey(path)
+        folder = survey.folder(path)
+        rounds = round_folders(folder)
+        return _standing(folder, rounds[-1] if rounds else None, survey, read_text(path))
+    rounds = round_folders(path)
+    last = rounds[-1] if rounds else path
+    if not logs_in(last):
+        remedy = "name a survey file, or the folder that `stepdiag run` made for it"
+        raise UsageError(str(path), expected="a folder with logs (*.mcap)", found="none", remedy=remedy)
+    return _standing(path if rounds else path.parent, last, None, "")
+
+
+def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str) -> Standing:
+    """Return the standing of one round. Without a survey file the survey is the one that its logs carry."""
+    paths = logs_in(last) if last is not None else []
+    recorded, stops, logs = _read(paths)
+    changed = bool(text and recorded and recorded != text)
+    known = parse_survey(recorded, f"{paths[0].name}: survey.toml") if recorded else survey
+    if known is None:
+        raise DataError(
+            str(last), expected="at least one log that can be read", found="; ".join(f"{log.name}: {log.trouble}" for log in logs)
+        )
+    book = PassBook(known)
+    book.add_all(stops)
+    result = last / RESULT if last is not None else None
+    return Standing(
+        survey=known.identity.name,
+        machine=known.identity.machine,
+        folder=folder,
+        round=last,
+        recording=is_recording(folder),
+        changed=changed,
+        result=result if result is not None and result.exists() else None,
+        next_setup=book.next_setup(),
+        setups=tuple(setup_status(known, book, name) for name in known.plan.all_setups),
+        logs=tuple(logs),
+        disk=words_on_disk(folder, known.recording.min_free_gb) if folder.is_dir() else "",
+    )
+
+
+def _read(paths: Sequence[Path]) -> tuple[str, list[CapturedStop], list[LogStanding]]:
+    """Return the survey file of the first readable log, all stops in order, and how each log stands."""
+    text, stops, logs = "", list[CapturedStop](), list[LogStanding]()
+    for path in counted(paths, "reading the logs", len(paths)):
+        try:
+            header = open_log(path).header
+            found = noted_stops(path)
+        except DataError as error:
+            logs.append(LogStanding(name=path.name, stops=0, trouble=f"{error.found}: {error.remedy}" if error.remedy else error.found))
+            continue
+        text = text or header.survey_text
+        stops += found
+        cut = "not closed: it is being written, or it was cut off" if path.suffix == PART_SUFFIX else ""
+        logs.append(LogStanding(name=path.name, stops=len(found), trouble=cut))
+    return text, stops, logs

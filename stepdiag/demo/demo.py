@@ -1,0 +1,175 @@
+"""The whole job on a virtual machine: recorded, solved, exported, loaded back, and verified on lines that nobody measured."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+import numpy as np
+
+from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_bench, write_profiles, write_survey
+from stepdiag.demo.processes import Talker, talking
+from stepdiag.solver.errors import DataError, DeviceError, UsageError
+from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.result.field import without_rigid_motion
+from stepdiag.virtual.bench.building import build_machine
+from stepdiag.virtual.bench.config import CompensationPart, read_config
+from stepdiag.virtual.control.compensation import Control
+
+GRID = 9
+LINE_POINTS = 21
+READY_S = 20.0
+SILENCE_S = 60.0
+"""The longest the demo waits for the next word of a process."""
+HAND_S = 1.0
+"""A person starts the program when everything is seen to run, not within the daemon's first milliseconds."""
+
+Progress = Callable[[str, int, int], None]
+"""Takes what is going on, how many stops are in, and how many there will be."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Figures:
+    """Errors of the tool over the grid (um, rigid motion removed), and the widest deviation along a face diagonal (um)."""
+
+    rms_um: float
+    largest_um: float
+    face_diagonal_um: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Demonstrated:
+    """What the demo found: the machine as it is, and with the files of each control loaded; ``seconds`` it took to measure."""
+
+    folder: Path
+    round: Path
+    before: Figures
+    after: dict[str, Figures]
+    seconds: float
+
+    def factor(self, control: str) -> float:
+        """Return by how much the volumetric error (rms over the grid) fell."""
+        return self.before.rms_um / self.after[control].rms_um
+
+
+def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
+    """Run the demo in an empty folder and return what it found; everything it wrote stays there.
+
+    Raises UsageError for a folder that is not empty, DeviceError or DataError where a process fails.
+    """
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise UsageError(str(folder), expected="an empty folder", found="one with files in it", remedy="name another one with --out")
+    began = time.monotonic()
+    bench = write_bench(folder, seed)
+    write_profiles(folder)
+    with _bench(bench, folder) as hall:
+        survey = write_survey(folder, hall.ready["plc_port"], hall.ready["laser_link"])
+        with _daemon(survey) as daemon:
+            round_folder = _survey(hall, daemon, progress)
+    seconds = time.monotonic() - began
+    progress("verifying on lines that were not measured", 1, 1)
+    before = verify(bench, None, ())
+    after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
+    return Demonstrated(folder=folder, round=round_folder, before=before, after=after, seconds=seconds)
+
+
+def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figures:
+    """Return the true errors of the virtual machine with compensation files loaded by the control's law (None: as it is)."""
+    config = read_config(bench)
+    if control is not None:
+        loaded = CompensationPart(control=control, files=tuple(str(file) for file in files))
+        config = msgspec.structs.replace(config, compensation=(loaded,))
+    machine = build_machine(config)
+    volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=SIZE_MM, increments=INCREMENTS)
+    grid = np.stack(np.meshgrid(*(np.linspace(0.0, size, GRID) for size in SIZE_MM), indexing="ij"), axis=-1).reshape(-1, 3)
+    left = without_rigid_motion(volume, grid, machine.error_at(grid))
+    length = np.linalg.norm(left, axis=1)
+    widest = max(_diagonal_range_um(machine.error_at, *ends) for ends in _face_diagonals())
+    return Figures(rms_um=float(np.sqrt(np.mean(length**2))), largest_um=float(length.max()), face_diagonal_um=widest)
+
+
+def _diagonal_range_um(error_at: Callable[[Vector], Vector], start: Vector, end: Vector) -> float:
+    """Return the range of the deviation along a line, as a laser with a retroreflector would see it."""
+    points = start + np.linspace(0.0, 1.0, LINE_POINTS)[:, None] * (end - start)
+    along = error_at(points) @ ((end - start) / np.linalg.norm(end - start))
+    return float(np.ptp(along - along[0]))
+
+
+def _face_diagonals() -> Iterator[tuple[Vector, Vector]]:
+    """Yield start and end of two diagonals on each of the three faces through the origin."""
+    size = np.array(SIZE_MM)
+    for first, second in ((0, 1), (1, 2), (2, 0)):
+        a, b = np.zeros(3), np.zeros(3)
+        a[first], b[second] = size[first], size[second]
+        yield np.zeros(3), a + b
+        yield a, b
+
+
+def _files(round_folder: Path, control: str) -> list[Path]:
+    folder = round_folder / "exports" / control
+    refused = folder / "REFUSED.txt"
+    if refused.exists():
+        raise DataError(str(folder), expected="compensation files", found=refused.read_text(encoding="utf-8").strip())
+    listed = [line.split("  ", 1)[1].strip() for line in (folder / "SHA256SUMS").read_text(encoding="utf-8").splitlines()]
+    return [folder / name for name in listed if "_RESTORE" not in name and not name.endswith((".txt", ".MPF"))]
+
+
+@contextmanager
+def _bench(config: Path, folder: Path) -> Iterator[Talker]:
+    command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(config), "--directory", str(folder / "devices"))
+    with talking(command, errors=False) as hall:
+        hall.ready = hall.next(READY_S, "virtual machine")
+        yield hall
+
+
+@contextmanager
+def _daemon(survey: Path) -> Iterator[Talker]:
+    with talking((sys.executable, "-m", "stepdiag", "run", str(survey)), errors=True) as daemon:
+        connected: set[str] = set()
+        while not {"laser", "machine"} <= connected:
+            said = daemon.next(READY_S, "stepdiag run")
+            if said.get("event") == "link-connected":
+                connected.add(said["link"])
+            elif said.get("event") == "text":
+                raise DeviceError("stepdiag run", expected="a daemon that records", found=said["text"])
+        time.sleep(HAND_S)
+        yield daemon
+
+
+def _survey(hall: Talker, daemon: Talker, progress: Progress) -> Path:
+    """Start setup after setup until the survey is complete; return the folder of its logs."""
+    total = sum((3 * INCREMENTS + 1 if len(setup) == 3 else INCREMENTS + 1) for setup in SETUPS) * PASSES
+    stops, words = 0, _words(hall, daemon)
+    while True:
+        said = next(words)
+        if said["event"] == "stop":
+            stops += 1
+            progress(f"{said['setup']} {'out' if said['outward'] else 'back'}", stops, total)
+        elif said["event"] == "survey-complete":
+            if said.get("exit_code"):
+                raise DataError(said["folder"], expected="a survey that can be solved", found=said["message"])
+            return Path(said["folder"])
+        elif said["event"] == "pass-ended" and stops >= total:
+            progress("solving", stops, total)
+
+
+def _words(hall: Talker, daemon: Talker) -> Iterator[dict[str, str]]:
+    """Yield what the daemon says, and start the next setup whenever the machine waits. Raises DeviceError where the daemon falls silent."""
+    setups, waits_for, heard = 0, "nothing", time.monotonic()
+    while True:
+        while (event := hall.poll()) is not None:
+            if event["event"] == "waiting" and setups < len(SETUPS):
+                setups += 1
+                hall.say("start")
+        if (said := daemon.poll()) is not None:
+            heard = time.monotonic()
+            waits_for = said["what"] if said["event"] == "waiting" else waits_for
+            yield said
+        elif time.monotonic() - heard > SILENCE_S:
+            raise DeviceError("stepdiag run", expected="a complete survey", found=f"a minute of silence; it waits for: {waits_for}")
+        else:
+            time.sleep(0.02)

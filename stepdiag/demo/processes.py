@@ -1,0 +1,87 @@
+"""Child processes that say one JSON object a line: the virtual machine and the daemon, as the demo runs them."""
+
+import json
+import os
+import signal
+import subprocess
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from queue import Empty, Queue
+from threading import Thread
+
+from stepdiag.solver.errors import DeviceError
+
+END_S = 20.0
+"""How long a process may take to end in good order."""
+
+
+@dataclass(slots=True)
+class Talker:
+    """A child process that says one JSON object a line."""
+
+    process: subprocess.Popen[str]
+    lines: Queue[str | None]
+    ready: dict[str, str]
+
+    def next(self, timeout_s: float, what: str) -> dict[str, str]:
+        """Return the next object. Raises DeviceError where the process ends or is silent."""
+        try:
+            line = self.lines.get(timeout=timeout_s)
+        except Empty as silence:
+            raise DeviceError(what, expected="a word within a minute", found="silence") from silence
+        if line is None:
+            raise DeviceError(what, expected="a process that runs", found=f"one that ended with {self.process.wait()}")
+        try:
+            said: dict[str, str] = json.loads(line)
+        except json.JSONDecodeError:
+            return {"event": "text", "text": line.strip()}
+        return said
+
+    def poll(self) -> dict[str, str] | None:
+        """Return an object that is already there, or None."""
+        return None if self.lines.empty() else self.next(1.0, "process")
+
+    def say(self, text: str) -> None:
+        """Send a line to the process."""
+        if self.process.stdin is not None:
+            self.process.stdin.write(f"{text}\n")
+            self.process.stdin.flush()
+
+
+@contextmanager
+def talking(command: Sequence[str], *, errors: bool) -> Iterator[Talker]:
+    """Run a process and listen to it: on standard error for the daemon, on standard output for the bench."""
+    process = subprocess.Popen(
+        command,
+        stdin=subprocess.PIPE,
+        stdout=subprocess.DEVNULL if errors else subprocess.PIPE,
+        stderr=subprocess.PIPE if errors else None,
+        text=True,
+        encoding="utf-8",
+        env={**os.environ, "PYTHONUNBUFFERED": "1"},
+    )
+    stream = process.stderr if errors else process.stdout
+    lines: Queue[str | None] = Queue()
+
+    def listen() -> None:
+        for line in stream or ():
+            lines.put(line)
+        lines.put(None)
+
+    listener = Thread(target=listen, name=f"listen {command[2]}", daemon=True)
+    listener.start()
+    try:
+        yield Talker(process, lines, {})
+    finally:
+        process.send_signal(signal.SIGTERM)
+        try:
+            process.wait(timeout=END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+            raise
+        listener.join(timeout=5.0)
+        for pipe in (process.stdin, process.stdout, process.stderr):
+            if pipe is not None:
+                pipe.close()

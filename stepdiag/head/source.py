@@ -1,0 +1,109 @@
+"""Where the commands of the 4-DOF head get their numbers: a live head, a log, a CSV, a person at the stage, a calibration file."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import typer
+
+from stepdiag.solver.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.daq.head.commissioning import Curves, StageRun
+    from stepdiag.daq.head.record import HeadRecord
+    from stepdiag.daq.head.runs import HeadMeasured
+    from stepdiag.daq.survey.head_file import AxisName, DetectorName, HeadFile
+
+STAGE_S = 1.0
+"""How long the head is averaged at each place of a live calibration."""
+
+
+def head_of_logs(logs: list[Path]) -> "HeadMeasured":
+    """Return what the head measured in these logs. Raises DataError where no pass of it is whole."""
+    from stepdiag.daq.replay import find_logs, replay
+    from stepdiag.daq.service import completion
+
+    measured = completion.head_of_logs(replay(find_logs(logs)))
+    if not measured.straightness:
+        raise DataError(str(logs[0]), expected="a whole pass of the 4-DOF head", found="none", remedy="drive a fourdof run")
+    return measured
+
+
+def head_record(source: Path, seconds: float, ask: str = "") -> "HeadRecord":
+    """Return the samples of a source by its suffix; a live one is begun when the person says so, where there is something to do first."""
+    from stepdiag.daq.head.record import head_of_log, listen_to_head, read_head_csv
+    from stepdiag.daq.survey.file import load_survey
+    from stepdiag.exporters.files.files import read_text
+    from stepdiag.terminal.progress import working
+
+    suffix = source.suffix.lower()
+    if suffix == ".csv":
+        return read_head_csv(read_text(source), source.name)
+    if suffix == ".mcap":
+        return head_of_log(source)
+    if suffix != ".toml":
+        raise UsageError(str(source), expected="a survey file (.toml), a log (.mcap) or samples (.csv)", found=source.suffix or "no suffix")
+    survey = load_survey(source)
+    if ask:
+        typer.prompt(f"{ask}: press Enter to begin", default="", show_default=False)
+    with working(f"listening to the head for {seconds:g} s"):
+        return listen_to_head(survey, source.name, seconds)
+
+
+def read_calibration(path: Path) -> "HeadFile":
+    """Return a calibration file. Raises UsageError where it cannot be read or a field is wrong."""
+    from stepdiag.daq.survey.head_file import parse_head_file
+    from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES, read_bytes
+
+    return parse_head_file(read_bytes(path, largest=LARGEST_SETTINGS_BYTES, blame=UsageError), path.name)
+
+
+def write_calibration(path: Path, file: "HeadFile") -> None:
+    """Write a calibration file; never over another."""
+    from stepdiag.daq.survey.head_file import render_head_file
+    from stepdiag.exporters.files.files import write_new
+
+    write_new(path, render_head_file(file))
+
+
+def stage_run(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
+    """Return readings of one detector axis against the stage's: of a two-column CSV, or live, the person moving the stage."""
+    from stepdiag.daq.head.commissioning import parse_stage_run
+    from stepdiag.exporters.files.files import read_text
+
+    if source.suffix.lower() != ".toml":
+        return parse_stage_run(read_text(source), source.name)
+    return _stage_live(source, detector, axis)
+
+
+def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
+    """Ask for the stage's reading at every place, and average the head there."""
+    import numpy as np
+
+    from stepdiag.daq.head.commissioning import StageRun
+
+    first = 3 * ("qd", "psd1", "psd2").index(detector)
+    rows = []
+    unit = "um" if detector == "qd" else "arcsec"
+    while True:
+        said = typer.prompt(f"{detector}.{axis}: reference in {unit}, empty when done", default="", show_default=False)
+        if not said.strip():
+            break
+        try:
+            reference = float(said)
+        except ValueError:
+            typer.echo("a number, such as -650 or 12.5", err=True)
+            continue
+        mean = head_record(source, STAGE_S).channels.mean(axis=0)
+        rows.append((float(mean[first + ("x", "y").index(axis)] / mean[first + 2]), reference))
+    reading, reference_column = np.array(rows).reshape(-1, 2).T
+    return StageRun(reading=reading, reference=reference_column, unit=unit)  # type: ignore[arg-type]
+
+
+def curves_of_logs(paths: list[Path]) -> "Curves":
+    """Return the head's functions in these logs as they are compared: straightness in um, angles in arc-seconds."""
+    from stepdiag.daq.head.runs import mean_straightness
+    from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
+
+    measured = head_of_logs(paths)
+    angles = {name: (known.position_mm, known.value_urad / URAD_PER_ARCSEC) for name, known in measured.angles.items()}
+    return {**mean_straightness(measured), **angles}

@@ -1,0 +1,183 @@
+"""The 4-DOF head on a terminal and in charts: live spots, tables of the commissioning and of the tests."""
+
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+
+import numpy as np
+from rich.box import SIMPLE
+from rich.console import Console
+from rich.live import Live
+from rich.table import Table
+
+from stepdiag.daq.head.commissioning import Calibrated, Signed
+from stepdiag.daq.head.record import HeadRecord
+from stepdiag.daq.timing.samples import Flag, Samples
+from stepdiag.report.charts import Series, line_chart
+from stepdiag.solver.fourdof.statistics import Comparison, Stability
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.model.angles import Angles
+from stepdiag.solver.result.result import DISPLACEMENTS
+from stepdiag.solver.standards.straightness import LineMethod, straightness_um
+from stepdiag.terminal.tables import finding_lines
+
+DETECTORS = ("QD", "PSD1", "PSD2")
+BAR = 6
+"""Half the width of a spot's bar in characters."""
+REFRESH_HZ = 10
+LINES: tuple[LineMethod, ...] = ("end-point", "least-squares", "minimum-zone")
+PAPER_UM, PAPER_ARCSEC = 1.5, 1.5
+"""What the published head reaches (Feng 2008, abstract)."""
+
+
+class AlignView:
+    """Spots and sums of the newest samples, drawn anew ten times a second."""
+
+    def __init__(self, console: Console | None = None) -> None:
+        self._console = console or Console()
+        self._live: Live | None = None
+        self._fullest = np.zeros(len(DETECTORS))
+
+    @contextmanager
+    def live(self) -> Iterator[None]:
+        """Show what `heed` hears, until the block ends."""
+        with Live(Table(title="waiting for the head"), console=self._console, refresh_per_second=REFRESH_HZ) as live:
+            self._live = live
+            yield
+        self._live = None
+
+    def heed(self, batch: Samples) -> None:
+        """Take a batch of the stream."""
+        if self._live is not None and batch.channels is not None:
+            flags = int(np.bitwise_or.reduce(batch.flags))
+            self._live.update(self.table(batch.channels.mean(axis=0), flags))
+
+    def show_last(self, record: HeadRecord) -> None:
+        """Print the mean of a recording's last second."""
+        last = record.channels[record.time_s >= record.time_s[-1] - 1.0]
+        self._console.print(self.table(last.mean(axis=0), 0))
+
+    def table(self, channels: Vector, flags: int) -> Table:
+        """Return one row a detector: place of the spot from -1 to 1 by number and bar, sum, sum against the highest seen."""
+        said = ", ".join(name.lower().replace("_", " ") for flag, name in ((flag, str(flag.name)) for flag in Flag) if flags & flag)
+        table = Table(title=f"4-DOF head: {said or 'all samples good'}", box=SIMPLE)
+        for heading in ("detector", "x", "", "y", "", "sum", "of highest"):
+            table.add_column(heading, justify="left" if heading in ("detector", "") else "right", no_wrap=True)
+        for index in range(len(channels) // 3):
+            x, y, total = channels[3 * index : 3 * index + 3]
+            self._fullest[index] = max(self._fullest[index], total)
+            place = (x / total, y / total) if total > 0 else (np.nan, np.nan)
+            share = f"{100 * total / self._fullest[index]:.0f} %" if self._fullest[index] > 0 else "dark"
+            cells = [cell for value in place for cell in (f"{value:+.4f}", _bar(value))]
+            table.add_row(DETECTORS[index], *cells, f"{total:.6g}", share)
+        return table
+
+
+def _bar(value: float) -> str:
+    cells = ["-"] * (2 * BAR + 1)
+    cells[BAR] = "|"
+    if np.isfinite(value):
+        cells[BAR + int(np.clip(round(value * BAR), -BAR, BAR))] = "O"
+    return "".join(cells)
+
+
+def signs_lines(found: Signed) -> Iterator[str]:
+    """Yield what the wobble told, line by line."""
+    for axis, each in found.axes.items():
+        turned = [name for name, sign in (("PSD1", each.psd1_sign), ("PSD2", each.psd2_sign)) if sign < 0]
+        yield f"{axis}: {'sign turned of ' + ' and '.join(turned) if turned else 'signs right'}; gain PSD2/PSD1 {each.angle_gain:.3f}"
+        levers = zip(each.lever_mm.tolist(), each.u_lever_mm.tolist(), strict=True)
+        yield f"{axis}: effective lever {', '.join(f'{lever:.1f} mm (u {u:.1f})' for lever, u in levers)}"
+    lever = found.file.lever
+    yield f"lever = {lever.dead_path_mm:.1f} mm + {lever.scale:.4f} x distance, u {lever.u_mm:.1f} mm"
+    yield from finding_lines(found.findings)
+
+
+def calibration_table(fits: Mapping[str, Calibrated]) -> None:
+    """Print one row a detector axis: range, residuals, uncertainty, and whether they are within the published head's."""
+    table = Table(title="calibration")
+    for heading in ("axis", "range", "lowest residual", "highest residual", "unit", "u of the spot / um", "within 1.5"):
+        table.add_column(heading, justify="right")
+    for name, each in fits.items():
+        low, high = each.limits
+        reach = f"{each.run.reference.min():g} .. {each.run.reference.max():g}"
+        inside = max(-low, high) <= (PAPER_UM if each.run.unit == "um" else PAPER_ARCSEC)
+        table.add_row(name, reach, f"{low:+.2f}", f"{high:+.2f}", each.run.unit, f"{each.fit.curve.u_um:.2f}", "yes" if inside else "NO")
+    Console().print(table)
+
+
+def calibration_charts(fits: Mapping[str, Calibrated]) -> list[str]:
+    """Return a chart of the residuals of every axis over the reference."""
+    drawn = []
+    for name, each in fits.items():
+        order = np.argsort(each.run.reference)
+        series = Series(label=name, x=each.run.reference[order], y=each.residual[order])
+        label, unit = f"{name}: residual of the fitted curve", "µm" if each.run.unit == "um" else "arc-seconds"
+        drawn.append(line_chart([series], label=label, x_label=f"{name}: reference / {unit}", y_label=f"residual / {unit}"))
+    return drawn
+
+
+def stability_table(found: Mapping[str, Stability]) -> None:
+    """Print one row a quantity: fluctuation (largest minus smallest) raw and compensated, the part removed, standard deviations."""
+    table = Table(title="stability: largest minus smallest")
+    for heading in ("quantity", "raw", "compensated", "removed", "s raw", "s compensated", "unit"):
+        table.add_column(heading, justify="left" if heading == "quantity" else "right", no_wrap=heading == "quantity")
+    for name, each in found.items():
+        figures = (each.raw_fluctuation, each.compensated_fluctuation)
+        removed = f"{each.removed_percent:.0f} %"
+        shown = [f"{value:.2f}" for value in figures]
+        table.add_row(name, *shown, removed, f"{each.raw_s:.3f}", f"{each.compensated_s:.3f}", _unit(name))
+    Console().print(table)
+
+
+def allan_charts(found: Mapping[str, Stability]) -> list[str]:
+    """Return a chart a quantity: the Allan deviation raw and compensated over the averaging time."""
+    drawn = []
+    for name, each in found.items():
+        octaves = np.log10(each.tau_s)
+        series = [
+            Series(label="raw", x=octaves, y=each.raw_allan),
+            Series(label="compensated", x=octaves, y=each.compensated_allan),
+        ]
+        y_label = f"{name} / {_unit(name)}"
+        drawn.append(line_chart(series, label=f"Allan deviation of {name}", x_label="log10 of averaging time / s", y_label=y_label))
+    return drawn
+
+
+def head_table(straight: Mapping[str, tuple[Vector, Vector]], angles: Angles) -> None:
+    """Print one row a function: straightness by the three lines, or the range of an angle."""
+    table = Table(title="measured by the 4-DOF head: largest minus smallest")
+    for heading in ("function", *LINES, "range", "unit"):
+        table.add_column(heading, justify="left" if heading in ("function", "unit") else "right")
+    for name, (position, value) in straight.items():
+        table.add_row(name, *(f"{straightness_um(position, value, line):.2f}" for line in LINES), "-", "um")
+    for name, known in angles.items():
+        table.add_row(name, *("-" for _ in LINES), f"{float(np.ptp(known.value_urad)):.2f}", "urad")
+    Console().print(table)
+
+
+def comparison_table(found: Mapping[str, Comparison]) -> None:
+    """Print one row a function: residuals against the reference."""
+    table = Table(title="head minus reference")
+    for heading in ("function", "positions", "lowest", "highest", "rms", "unit"):
+        table.add_column(heading, justify="left" if heading == "function" else "right")
+    for name, each in found.items():
+        figures = (f"{each.lowest:+.2f}", f"{each.highest:+.2f}", f"{each.rms:.2f}")
+        table.add_row(name, str(len(each.position_mm)), *figures, _unit(name))
+    Console().print(table)
+
+
+def comparison_charts(found: Mapping[str, Comparison]) -> list[str]:
+    """Return a chart of the residuals of every function."""
+    return [
+        line_chart(
+            [Series(label=name, x=each.position_mm, y=each.residual)],
+            label=f"{name}: head minus reference",
+            x_label="position / mm",
+            y_label=f"{name} / {_unit(name)}",
+        )
+        for name, each in found.items()
+    ]
+
+
+def _unit(name: str) -> str:
+    return "um" if name in DISPLACEMENTS or name.startswith("straightness") else "arcsec"

@@ -1,0 +1,65 @@
+"""Forecasts of the planner as tables that a person reads in a terminal."""
+
+from collections.abc import Sequence
+
+from rich.table import Table
+
+from stepdiag.solver.planning.planner import Addition, Forecast
+from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
+
+COVERAGE = 2.0
+"""Uncertainties are shown expanded, k = 2."""
+_ANGLES = {"assumed": "taken as the usual ones of a machine, not measured", "solved": "solved from the readings"}
+
+
+def in_words(forecast: Forecast) -> str:
+    """Return runs, time, volumetric uncertainty and how the angular errors are dealt with."""
+    runs = ", ".join(run.setup + (f" x{run.repeats}" if run.repeats > 1 else "") for run in forecast.plan.runs)
+    hours, minutes = divmod(round(forecast.minutes), 60)
+    expanded = COVERAGE * forecast.volumetric_um
+    return (
+        f"{runs}: {hours} h {minutes:02d} min with setting up; volumetric uncertainty {expanded:.2f} um (k = 2, rms over the volume); "
+        f"angular errors {_ANGLES[forecast.angles]}"
+    )
+
+
+def forecast_table(forecast: Forecast) -> Table:
+    """Return the expanded uncertainty of every quantity; a quantity that the survey does not identify is named as such."""
+    table = Table(title="forecast: U (k = 2)")
+    for column in ("quantity", "X", "Y", "Z", "unit"):
+        table.add_column(column, justify="left" if column in {"quantity", "unit"} else "right")
+    for word, names, unit in (("positioning, shape", ("EXX", "EYY", "EZZ"), "um"), ("scale", AXIS_LETTERS, "um/m")):
+        table.add_row(word, *(_u(forecast, name) for name in names), unit)
+    for component in "XYZ":
+        cells = ["" if axis == component else _u(forecast, f"E{component}{axis}") for axis in "XYZ"]
+        table.add_row(f"straightness in {component}", *cells, "um")
+    for component, word in zip("ABC", "XYZ", strict=True):
+        table.add_row(f"rotation about {word}", *(_u(forecast, f"E{component}{axis}") for axis in "XYZ"), "urad")
+    table.add_section()
+    for name, pair in zip(SQUARENESS, ("Y to X", "Z to X", "Z to Y"), strict=True):
+        table.add_row(f"squareness {name} ({pair})", _u(forecast, name), "", "", "urad")
+    table.caption = "-: the survey does not identify it" + _resolved(forecast)
+    return table
+
+
+def _u(forecast: Forecast, name: str) -> str:
+    u = forecast.u[name]
+    return "-" if u is None else f"{COVERAGE * u:.2f}"
+
+
+def _resolved(forecast: Forecast) -> str:
+    if forecast.resolves_all:
+        return "; all 18 functions could be solved from the laser's readings alone"
+    return f"; {len(forecast.resolved)} of {len((*DISPLACEMENTS, *ROTATIONS))} functions could be solved without assuming the angular ones"
+
+
+def additions_table(additions: Sequence[Addition], title: str) -> Table:
+    """Return one row an addition: what, minutes, gain, gain per minute, and what it identifies."""
+    table = Table(title=title)
+    for column in ("add", "min", "gain / um", "per h", "newly identified"):
+        table.add_column(column, justify="left" if column in {"add", "newly identified"} else "right")
+    for each in additions:
+        gain = COVERAGE * each.gain_um
+        newly = ", ".join(f"scale {name}" if name in AXIS_LETTERS else name for name in each.newly_identified)
+        table.add_row(each.text, f"{each.minutes:.0f}", f"{gain:.2f}", f"{COVERAGE * 60 * each.gain_um_per_minute:.2f}", newly)
+    return table

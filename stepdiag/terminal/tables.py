@@ -1,0 +1,112 @@
+"""Results, effects of compensation files and findings as tables that a person reads in a terminal."""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+import numpy as np
+from rich.console import Console
+from rich.table import Table
+from rich.text import Text
+
+from stepdiag.exporters.safety.verify import Prediction
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
+from stepdiag.terminal.printable import printable
+
+COVERAGE = 2.0
+"""Uncertainties are shown expanded, k = 2."""
+MARKS = {"error": "ERROR", "warning": "WARNING", "info": "note"}
+
+
+def result_table(result: Result, out: Path | None) -> None:
+    """Print a result: error functions, squareness, scales, mirror tilts, findings; ``out`` is where it was written, None if nowhere."""
+    console = Console()
+    volume = result.volume
+    low, size = (" x ".join(f"{value:g}" for value in values) for values in (volume.origin_mm, volume.size_mm))
+    console.print(
+        f"volume {size} mm from {low}, {volume.increments} increments; chain {result.chain}; method {result.method}", highlight=False
+    )
+    console.print(function_table(result))
+    console.print(quantity_table(result))
+    if any(isinstance(facts, dict) and facts.get("tilt_mrad") is not None for facts in result.setups.values()):
+        console.print(setup_table(result))
+    for line in finding_lines(result.findings):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
+    if out is not None:
+        console.print(f"written: {out}", markup=False, highlight=False, soft_wrap=True)
+
+
+def function_table(result: Result) -> Table:
+    """Return one row a function: range of its shape (end-point line removed), value at its end, largest uncertainty, what is known."""
+    table = Table(title="error functions, e = actual - commanded")
+    for column in ("function", "shape, range", "at the end", "largest U (k = 2)", "unit", "identified"):
+        table.add_column(column, justify="left" if column in {"function", "unit", "identified"} else "right")
+    for name in (*DISPLACEMENTS, *(name for name in result.errors if name not in DISPLACEMENTS)):
+        function = result.errors[name]
+        table.add_row(name, *_function_row(name, function), style="" if function.value is not None else "dim")
+    return table
+
+
+def _function_row(name: str, function: Function) -> tuple[str, str, str, str, str]:
+    """Return the cells behind the name. A straightness has no end value: its end-point line is in the squareness."""
+    if function.value is None:
+        return "-", "-", "-", function.unit, "NO"
+    end = float(function.value[-1] - function.value[0])
+    along = (function.position_mm - function.position_mm[0]) / (function.position_mm[-1] - function.position_mm[0])
+    expanded = None if function.u is None else COVERAGE * float(np.max(function.u))
+    known = "yes" if function.slope_identified else "shape only"
+    straightness = name in DISPLACEMENTS and name[1] != name[2]
+    end_shown = _shown(end) if function.slope_identified and not straightness else "-"
+    return _shown(float(np.ptp(function.value - end * along))), end_shown, _shown(expanded), function.unit, known
+
+
+def quantity_table(result: Result) -> Table:
+    """Return one row a squareness and a scale, with expanded uncertainty."""
+    table = Table(title="squareness and scale")
+    for column in ("quantity", "value", "U (k = 2)", "unit", "identified"):
+        table.add_column(column, justify="right" if column in {"value", "U (k = 2)"} else "left")
+    numbers = [(name, q.value, q.u, q.unit) for name, q in result.squareness.items()]
+    numbers += [(f"scale {axis}", scale.value, scale.u, scale.unit) for axis, scale in result.scale.items()]
+    for name, value, u, unit in numbers:
+        expanded = None if u is None else COVERAGE * u
+        known = "NO" if value is None else "yes"
+        table.add_row(name, _shown(value), _shown(expanded), unit, known, style="dim" if value is None else "")
+    return table
+
+
+def setup_table(result: Result) -> Table:
+    """Return one row a setup: how far the mirror was tilted, and how well the readings agree."""
+    table = Table(title="setups")
+    for column in ("setup", "tilt / mrad", "repeatability / um", "residual / um"):
+        table.add_column(column, justify="left" if column == "setup" else "right")
+    for name, facts in result.setups.items():
+        if isinstance(facts, dict):
+            cells = [facts.get(key) for key in ("tilt_mrad", "repeatability_um", "residual_um")]
+            table.add_row(Text(name), *(_shown(cell) if isinstance(cell, int | float) else "-" for cell in cells))
+    return table
+
+
+def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
+    """Yield one line a finding, the most serious first: how serious, its code, its words."""
+    for severity, mark in MARKS.items():
+        yield from (printable(f"{mark:<8}{each.code}: {each.text}") for each in findings if each.severity == severity)
+
+
+def effect_table(prediction: Prediction) -> Table:
+    """Return the volumetric error before and after, with and without the rigid motion of the volume, in um."""
+    table = Table(title="predicted volumetric error / um")
+    for column in ("", "before", "after", "factor"):
+        table.add_column(column, justify="right" if column else "left")
+    for rigid, name in ((True, "as it is"), (False, "without rigid motion")):
+        before, after = prediction.figures(rigid_motion=rigid)
+        table.add_row(f"largest, {name}", *_effect_row(before.largest_um, after.largest_um))
+        table.add_row(f"rms, {name}", *_effect_row(before.rms_um, after.rms_um))
+    return table
+
+
+def _effect_row(before_um: float, after_um: float) -> tuple[str, str, str]:
+    return _shown(before_um), _shown(after_um), f"{before_um / after_um:.1f}" if after_um > 0 else "-"
+
+
+def _shown(value: float | None, decimals: int = 2) -> str:
+    return "-" if value is None else f"{value:.{decimals}f}"

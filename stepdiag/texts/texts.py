@@ -1,0 +1,28 @@
+"""Every word that the page and the report show, in English and German, from one catalogue."""
+
+import tomllib
+from functools import cache
+from importlib.resources import files
+from typing import Literal, get_args
+
+Language = Literal["en", "de"]
+LANGUAGES: tuple[Language, ...] = get_args(Language)
+SECTIONS = ("common", "report", "page", "finding")
+
+
+@cache
+def _entries() -> dict[str, dict[str, dict[str, str]]]:
+    """Return section -> key -> language -> words."""
+    text = files("stepdiag.texts").joinpath("catalogue.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
+
+
+def catalogue(section: str, language: Language) -> dict[str, str]:
+    """Return key -> words of one section (one of `SECTIONS`)."""
+    return {key: words[language] for key, words in _entries()[section].items()}
+
+
+def finding_advice(code: str, language: Language) -> str:
+    """Return what a finding means and what to do about it; empty for a code that the catalogue does not know."""
+    words = _entries()["finding"].get(code)
+    return words[language] if words else ""

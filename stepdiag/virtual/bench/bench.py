@@ -1,0 +1,184 @@
+"""The virtual bench: machine, control, PLC and laser running together on real sockets and ptys."""
+
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Protocol, Self
+
+from stepdiag.virtual.base.clock import Clock
+from stepdiag.virtual.base.faults import Fault, FaultBoard
+from stepdiag.virtual.base.ports import SerialLine
+from stepdiag.virtual.bench.building import (
+    build_drive,
+    build_head_device,
+    build_laser,
+    build_machine,
+    build_plan,
+    head_builder,
+    setup_builder,
+)
+from stepdiag.virtual.bench.config import BenchConfig
+from stepdiag.virtual.drive.player import Player, Segment
+from stepdiag.virtual.drive.program import steps
+from stepdiag.virtual.instruments.readout import HeadView, Readout
+from stepdiag.virtual.instruments.talker import HEAD_CABLE, LASER_CABLE, Talker
+from stepdiag.virtual.physics.machine import Machine
+from stepdiag.virtual.plc.modbus_server import RtuSlave, Slave, TcpSlave
+from stepdiag.virtual.plc.plc import Plc
+
+_HEAD_CHUNK_S = 0.02
+Tell = Callable[[dict[str, str]], None]
+
+
+class _Worker(Protocol):
+    def start(self) -> None: ...
+
+    def close(self) -> None: ...
+
+
+class VirtualBench:
+    """A whole machine hall on loopback; use it in a ``with`` statement, or `start` and `close` it.
+
+    ``directory`` is where relative links of serial lines appear. ``tell`` is called from a worker thread with one event each when a setup
+    begins, when it waits for its start and when the program is over.
+    """
+
+    def __init__(self, config: BenchConfig, directory: Path, *, tell: Tell | None = None) -> None:
+        self.config = config
+        self.machine: Machine = build_machine(config)
+        self._tell = tell
+        self._clock = Clock(config.time_scale)
+        self._faults = FaultBoard(config.fault)
+        self._drive = build_drive(config)
+        self._player = Player(
+            steps(build_plan(config), self._faults),
+            self._drive,
+            handshake=config.program.handshake,
+            seed=config.seed,
+            on_enter=self._entered,
+        )
+        self._addresses: dict[str, str | int] = {}
+        self._workers: list[_Worker] = []
+        self._add_plc(directory)
+        self._add_laser(directory)
+        self._add_head(directory)
+
+    @property
+    def addresses(self) -> dict[str, str | int]:
+        """Return where the devices are: ``plc_host`` and ``plc_port`` or ``plc_link``, ``laser_link``, ``head_link``."""
+        return dict(self._addresses)
+
+    def start(self) -> None:
+        """Start every device and the program."""
+        for worker in self._workers:
+            worker.start()
+
+    def close(self) -> None:
+        """Stop every device; all threads, sockets and ptys are gone afterwards."""
+        for worker in reversed(self._workers):
+            worker.close()
+        self._workers.clear()
+
+    def __enter__(self) -> Self:
+        self.start()
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
+        self.close()
+
+    def start_setup(self) -> None:
+        """Begin the next setup, as the operator does at the control."""
+        self._player.start(self._clock.machine_s())
+
+    def inject(self, fault: Fault) -> None:
+        """Let a fault strike ``delay_s`` from now, or wait for its place."""
+        self._faults.inject(fault, self._clock.wall_s())
+
+    def wait_finished(self, timeout_s: float) -> bool:
+        """Return whether the program came to its end within ``timeout_s``."""
+        return self._player.finished.wait(timeout_s)
+
+    def _add_plc(self, directory: Path) -> None:
+        part = self.config.plc
+        if part is None:
+            return
+        plc = Plc(
+            self._player,
+            self._drive,
+            self.machine.environment,
+            clock=self._clock,
+            faults=self._faults,
+            scan_s=part.scan_s,
+            base=part.base,
+            order=part.order,
+        )
+        slave = Slave(plc, unit=part.unit, clock=self._clock, faults=self._faults)
+        if part.transport == "tcp":
+            server = TcpSlave(slave, host=part.host, port=part.port)
+            self._addresses |= {"plc_host": part.host, "plc_port": server.port}
+            self._workers.append(server)
+        else:
+            line = SerialLine(directory / part.link)
+            self._addresses["plc_link"] = str(line.link)
+            self._workers.append(RtuSlave(slave, line))
+
+    def _add_laser(self, directory: Path) -> None:
+        part = self.config.laser
+        if part is None:
+            return
+        readout = Readout(
+            self.machine,
+            self._player,
+            self._drive,
+            setup_builder(self.config, self.machine),
+            refresh_s=self.config.time_scale,
+        )
+        line = SerialLine(directory / part.link, lossless=part.lossless)
+        self._addresses["laser_link"] = str(line.link)
+        device = build_laser(part, readout.read, self.config.seed, clock=self._clock, faults=self._faults)
+        self._workers.append(
+            Talker(
+                line,
+                device,
+                LASER_CABLE,
+                clock=self._clock,
+                faults=self._faults,
+                powered=lambda: self._faults.inject(Fault(kind="laser-reset"), self._clock.wall_s()),
+                chunk_s=part.chunk_s,
+            )
+        )
+
+    def _add_head(self, directory: Path) -> None:
+        part = self.config.head
+        if part is None:
+            return
+        view = HeadView(
+            self.machine,
+            self._player,
+            self._drive,
+            part.optics,
+            head_builder(self.config, part, self.machine),
+            clock=self._clock,
+            faults=self._faults,
+            stand=self.config.alignment.stand,
+        )
+        line = SerialLine(directory / part.link)
+        self._addresses["head_link"] = str(line.link)
+        device = build_head_device(part, view.look)
+        self._workers.append(Talker(line, device, HEAD_CABLE, clock=self._clock, faults=self._faults, chunk_s=_HEAD_CHUNK_S))
+
+    def _entered(self, segment: Segment) -> None:
+        """Arm faults, zero the laser after the mirror has been set up, and tell what begins."""
+        step, wall_s = segment.step, segment.start_s / self._clock.scale
+        self._faults.reach(step.setup, step.pass_number, step.stop, step.kind, wall_s)
+        if step.kind != "pause":
+            return
+        if step.setup and step.pass_number == 0:
+            self._faults.inject(Fault(kind="laser-reset"), wall_s)
+            self._say("setup", step.setup)
+        elif not step.setup:
+            self._say("finished" if step.beam else "waiting", "")
+
+    def _say(self, event: str, setup: str) -> None:
+        if self._tell is not None:
+            self._tell({"event": event, "setup": setup})

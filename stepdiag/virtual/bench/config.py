@@ -1,0 +1,193 @@
+"""The bench in one TOML file: machine, alignment, program, laser, PLC, tables and faults."""
+
+import tomllib
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+
+from stepdiag.virtual.base.faults import Fault
+from stepdiag.virtual.control.compensation import Control
+from stepdiag.virtual.instruments.head import HeadOptics
+from stepdiag.virtual.physics.environment import Course
+from stepdiag.virtual.physics.kinematics import Stand
+
+LARGEST_BYTES = 1_000_000
+Three = tuple[float, float, float]
+
+
+class _Part(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """A table of the file: unknown keys are refused."""
+
+
+class VolumePart(_Part, frozen=True):
+    """The measured volume (contract 1)."""
+
+    origin_mm: Three = (0.0, 0.0, 0.0)
+    size_mm: Three = (500.0, 400.0, 300.0)
+    increments: int = 10
+    axis_order: str = "xyz"
+
+
+class OffsetPart(_Part, frozen=True):
+    """A setup driven through a shifted beam: it is named ``ppp+1``, ``ppp+2`` in the order of the file."""
+
+    setup: str
+    offset_mm: Three
+
+
+class ProgramPart(_Part, frozen=True):
+    """What is driven and how; machine seconds. ``start`` is when a setup begins: after ``pause_s``, or when told."""
+
+    setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")
+    passes: int = 2
+    feed_mm_min: float = 2000.0
+    acceleration_mm_s2: float = 1000.0
+    dwell_s: float = 2.0
+    overrun_mm: float = 5.0
+    pause_s: float = 2.0
+    start: Literal["auto", "command"] = "auto"
+    handshake: bool = False
+    beam_offset: tuple[OffsetPart, ...] = ()
+
+
+class TablePart(_Part, frozen=True):
+    """An error function given at nodes, linear between them: um or urad."""
+
+    position_mm: tuple[float, ...]
+    value: tuple[float, ...]
+
+
+class MachinePart(_Part, frozen=True):
+    """The machine's errors: drawn by the seed with these amplitudes, then any function replaced by a table."""
+
+    chain: str = "FXYZ"
+    reference_mm: Three | None = None
+    tool_offset_mm: Three = (0.0, 0.0, 0.0)
+    positioning_um: float = 8.0
+    straightness_um: float = 8.0
+    angle_urad: float = 0.0
+    scale_um_m: float = 15.0
+    squareness_urad: float = 20.0
+    squareness: dict[str, float] = {}
+    tables: dict[str, TablePart] = {}
+    backlash_um: Three = (0.0, 0.0, 0.0)
+    expansion_um_m_c: Three = (11.7, 11.7, 11.7)
+    drift_um_h: Three = (0.0, 0.0, 0.0)
+    ring_um: float = 1.0
+    ring_hz: float = 30.0
+    ring_decay_s: float = 0.08
+    hum_um: float = 0.02
+    hum_hz: float = 50.0
+    repeatability_um: float = 0.0
+
+
+class HallPart(_Part, frozen=True):
+    """The courses of heat and air."""
+
+    material_c: Course = Course(start=20.0)
+    air_c: Course = Course(start=20.0)
+    pressure_hpa: Course = Course(start=1013.25)
+    humidity_percent: Course = Course(start=50.0)
+
+
+class AlignmentPart(_Part, frozen=True):
+    """How well laser and mirror are aligned: angles of these sizes in directions drawn by the seed, for every setup anew."""
+
+    mirror_mrad: float = 0.0
+    beam_mrad: float = 0.0
+    flatness_um: float = 0.0
+    target_mm: Three = (0.0, 0.0, 0.0)
+    standoff_mm: float = 300.0
+    stand: Stand = "table"
+
+
+class LaserPart(_Part, frozen=True):
+    """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is where the port appears."""
+
+    format: Literal["umd", "nd", "line"] = "umd"
+    board: Literal["umd0", "umd1", "umd2"] = "umd2"
+    axes: Literal[1, 3] = 1
+    rate_hz: float = 0.0
+    link: str = "laser"
+    wavelength_nm: float = 632.991
+    optics: int = 1
+    compensated: bool = False
+    sign: Literal[1, -1] = 1
+    noise_um: float = 0.05
+    latency_s: float = 0.0
+    line_text: str = "{position_mm:+.6f} {counter:05d} {beam:.2f}\r\n"
+    counter_modulus: int = 65536
+    resolution_mm: float = 0.0001
+    lossless: bool = False
+    chunk_s: float = 0.005
+
+
+class HeadPart(_Part, frozen=True):
+    """The 4-DOF head on its own line; it has light during ``fourdof`` runs only. Optics as in `stepdiag.virtual.instruments.head`."""
+
+    format: Literal["fourdof", "tqd"] = "fourdof"
+    encoding: Literal["binary", "ascii"] = "binary"
+    rate_hz: float = 250.0
+    link: str = "head"
+    optics: HeadOptics = HeadOptics()
+    vertex_mm: Three = (0.0, 0.0, 0.0)
+    standoff_mm: float = 300.0
+    beam_mrad: float = 0.0
+    pointing_urad: float = 0.0
+    pointing_period_s: float = 300.0
+    bending_urad_m: float = 0.0
+    bending_period_s: float = 60.0
+
+
+class PlcPart(_Part, frozen=True):
+    """The PLC: TCP on ``port`` (0: any free one) or RTU on the pty ``link``."""
+
+    transport: Literal["tcp", "rtu"] = "tcp"
+    host: str = "127.0.0.1"
+    port: int = 0
+    link: str = "plc"
+    unit: int = 1
+    scan_s: float = 0.01
+    base: int = 0
+    order: Literal["ABCD", "CDAB", "BADC", "DCBA"] = "ABCD"
+
+
+class CompensationPart(_Part, frozen=True):
+    """Files loaded into the virtual control before it starts, relative to the configuration file."""
+
+    control: Control
+    files: tuple[str, ...]
+
+
+class BenchConfig(_Part, frozen=True):
+    """Everything. ``time_scale`` machine seconds pass in one wall second; ``seed`` draws all that is random."""
+
+    seed: int = 1
+    time_scale: float = 1.0
+    volume: VolumePart = VolumePart()
+    program: ProgramPart = ProgramPart()
+    machine: MachinePart = MachinePart()
+    hall: HallPart = HallPart()
+    alignment: AlignmentPart = AlignmentPart()
+    laser: LaserPart | None = LaserPart()
+    head: HeadPart | None = None
+    plc: PlcPart | None = PlcPart()
+    compensation: tuple[CompensationPart, ...] = ()
+    fault: tuple[Fault, ...] = ()
+
+
+def load_config(text: str) -> BenchConfig:
+    """Return the bench that a TOML text describes; raises ValueError naming the field that is wrong."""
+    return msgspec.convert(tomllib.loads(text), BenchConfig)
+
+
+def read_config(file: Path) -> BenchConfig:
+    """Return the bench of a file, its compensation files resolved against the file's folder."""
+    if file.stat().st_size > LARGEST_BYTES:
+        raise ValueError(f"{file}: expected at most {LARGEST_BYTES} bytes")
+    config = load_config(file.read_text(encoding="utf-8"))
+    resolved = tuple(
+        msgspec.structs.replace(part, files=tuple(str(file.parent / name) for name in part.files)) for part in config.compensation
+    )
+    return msgspec.structs.replace(config, compensation=resolved)

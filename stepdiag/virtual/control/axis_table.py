@@ -1,0 +1,50 @@
+"""A compensation table as every control holds it in the end: a curve over one axis that moves another (or the same) axis."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag.virtual.physics.error_functions import Array
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisTable:
+    """What the control adds to ``output_axis`` (0, 1, 2) at a position of ``input_axis``; end values are held outside.
+
+    ``correction_mm`` moves the axis in + where it is positive, whatever the sense of the file was. ``travel`` is +1 or -1 for a table
+    that acts in one direction of the input axis only, 0 for both. ``stepped`` holds each value up to the next point
+    instead of interpolating. ``factor`` is a second table whose value is multiplied in.
+    """
+
+    input_axis: int
+    output_axis: int
+    position_mm: tuple[float, ...]
+    value_mm: tuple[float, ...]
+    travel: int = 0
+    stepped: bool = False
+    factor: "AxisTable | None" = None
+
+    def __post_init__(self) -> None:
+        if len(self.position_mm) != len(self.value_mm) or not self.position_mm:
+            raise ValueError(f"table: expected one value per position, found {len(self.value_mm)} for {len(self.position_mm)}")
+        if np.any(np.diff(self.position_mm) <= 0.0):
+            raise ValueError(f"table: expected ascending positions, found {self.position_mm}")
+
+    def value_at(self, commanded_mm: Array) -> Array:
+        """Return the table's value at commanded positions (N, 3), shape (N,), without regard to direction."""
+        position = commanded_mm[:, self.input_axis]
+        nodes, values = np.array(self.position_mm), np.array(self.value_mm)
+        value: Array
+        if self.stepped:
+            reached = np.searchsorted(nodes, position + 1e-9, side="right") - 1
+            value = values[np.clip(reached, 0, len(nodes) - 1)]
+        else:
+            value = np.interp(position, nodes, values)
+        return value if self.factor is None else value * self.factor.value_at(commanded_mm)
+
+    def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:
+        """Return what is added to the axes, shape (N, 3). Direction 0 stands for the mean of both directions."""
+        acting = 1.0 if self.travel == 0 else 0.5 * (1.0 + self.travel * direction[:, self.input_axis])
+        correction = np.zeros_like(commanded_mm)
+        correction[:, self.output_axis] = acting * self.value_at(commanded_mm)
+        return correction

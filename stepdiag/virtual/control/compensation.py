@@ -1,0 +1,42 @@
+"""Loading compensation files into the virtual control, by the law of the control they are written for."""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Literal
+
+from stepdiag.virtual.control.axis_table import AxisTable
+from stepdiag.virtual.control.fanuc import load_fanuc
+from stepdiag.virtual.control.linuxcnc import load_matrix, load_screw_file
+from stepdiag.virtual.control.siemens import load_siemens
+
+Control = Literal["siemens", "fanuc", "linuxcnc"]
+LARGEST_BYTES = 4_000_000
+_COMP_SUFFIXES = (".comp", ".dat", ".txt")
+
+
+def load_files(control: Control, files: Sequence[Path]) -> list[AxisTable]:
+    """Return the tables that act after all ``files`` have been loaded into a control of that make.
+
+    A LinuxCNC screw file belongs to the axis that its name tells (``screw_x.comp``, ``compX.dat``); a ``.hal`` file sets the
+    matrix kinematics. Options of a control (measuring system, detection unit) are arguments of `load_siemens`, `load_fanuc`.
+    Raises ValueError for contents that the control would refuse.
+    """
+    large = [file.name for file in files if file.stat().st_size > LARGEST_BYTES]
+    if large:
+        raise ValueError(f"{large[0]}: expected at most {LARGEST_BYTES} bytes")
+    texts = [file.read_bytes().decode("ascii") for file in files]
+    if control == "siemens":
+        return [table for text in texts for table in load_siemens(text)]
+    if control == "fanuc":
+        return load_fanuc(texts)
+    return [table for file, text in zip(files, texts, strict=True) for table in _linuxcnc(file, text)]
+
+
+def _linuxcnc(file: Path, text: str) -> list[AxisTable]:
+    if file.suffix not in _COMP_SUFFIXES:
+        return load_matrix(text)
+    named = re.search(r"(?:^|[^a-z])([xyz])(?:$|[^a-z])|([xyz])$", file.stem.lower())
+    if named is None:
+        raise ValueError(f"{file.name}: expected an axis in the name of a screw file, such as screw_x.comp")
+    return load_screw_file(text, "xyz".index(named[1] or named[2]))

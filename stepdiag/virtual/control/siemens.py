@@ -1,0 +1,107 @@
+"""A virtual SINUMERIK: EEC and CEC tables from an INI file or the part program that loads them.
+
+Function manual K3 (6FC5397-1BP40-3BA1): EEC pp. 237-242, "a positive compensation value causes the corresponding machine axis to
+move in the negative direction"; CEC pp. 243-264, the same sense by a builder's production program. Values are absolute, linearly
+interpolated, the first and last are held outside. CEC looks at the setpoint of the base axis.
+"""
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+from stepdiag.virtual.control.axis_table import AxisTable
+
+AXIS_NAMES = {name: axis for axis, names in enumerate((("AX1", "X", "X1"), ("AX2", "Y", "Y1"), ("AX3", "Z", "Z1"))) for name in names}
+_ASSIGNMENT = re.compile(r"^\s*(?:N\d+\s*)?\$(?P<name>[A-Z]{2}_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*\(?(?P<value>[^\s;)]+)")
+_OFF = ("0", "FALSE")
+
+
+@dataclass(slots=True)
+class _Memory:
+    """The system variables as the file leaves them: name -> index words -> text."""
+
+    cells: dict[str, dict[tuple[str, ...], str]] = field(default_factory=dict)
+
+    def store(self, line: str) -> None:
+        if found := _ASSIGNMENT.match(line):
+            index = tuple(word.strip() for word in found["index"].split(","))
+            self.cells.setdefault(found["name"], {})[index] = found["value"]
+
+    def get(self, name: str, index: tuple[str, ...], default: str | None = None) -> str:
+        value = self.cells.get(name, {}).get(index, default)
+        if value is None:
+            raise ValueError(f"${name}[{','.join(index)}]: expected an assignment, found none")
+        return value
+
+    def indices(self, name: str) -> list[tuple[str, ...]]:
+        return list(self.cells.get(name, {}))
+
+
+def load_siemens(text: str, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None) -> list[AxisTable]:
+    """Return the tables that are active after ``text`` has been loaded.
+
+    Only EEC tables of ``measuring_system`` act. A table that the text itself switches off is not returned; a text without any
+    enable is taken as loaded into a control where the compensation is switched on. Raises ValueError for an unwritten point (the
+    control would keep an old value there), a grid that does not fit or a rotary table.
+    """
+    memory = _Memory()
+    for line in text.splitlines():
+        memory.store(line)
+    names = AXIS_NAMES | dict(axis_names or {})
+    return _leadscrew_tables(memory, str(measuring_system), names) + _cross_tables(memory, names)
+
+
+def _leadscrew_tables(memory: _Memory, system: str, names: Mapping[str, int]) -> list[AxisTable]:
+    tables = []
+    for index in memory.indices("AA_ENC_COMP_STEP"):
+        if index[0] != system or memory.get("MA_ENC_COMP_ENABLE", index, "1").upper() in _OFF:
+            continue
+        axis = _axis(index[1], names)
+        positions = _grid(memory, "AA_ENC_COMP", index)
+        values = tuple(-float(memory.get("AA_ENC_COMP", (system, str(n), index[1]))) for n in range(len(positions)))
+        tables.append(AxisTable(input_axis=axis, output_axis=axis, position_mm=positions, value_mm=values))
+    return tables
+
+
+def _cross_tables(memory: _Memory, names: Mapping[str, int]) -> list[AxisTable]:
+    tables = []
+    for index in memory.indices("AN_CEC_STEP"):
+        output = memory.get("AN_CEC_OUTPUT_AXIS", index)
+        switched_off = memory.get("SN_CEC_TABLE_ENABLE", index, "1").upper() in _OFF
+        if switched_off or memory.get("MA_CEC_ENABLE", (output,), "1").upper() in _OFF:
+            continue
+        factor = int(memory.get("AN_CEC_MULT_BY_TABLE", index, "0"))
+        multiplied = _cross_table(memory, (str(factor - 1),), names, sense=1.0) if factor else None
+        tables.append(_cross_table(memory, index, names, sense=-1.0, factor=multiplied))
+    return tables
+
+
+def _cross_table(
+    memory: _Memory, index: tuple[str, ...], names: Mapping[str, int], *, sense: float, factor: AxisTable | None = None
+) -> AxisTable:
+    positions = _grid(memory, "AN_CEC", index)
+    weight = sense * float(memory.get("SN_CEC_TABLE_WEIGHT", index, "1"))
+    return AxisTable(
+        input_axis=_axis(memory.get("AN_CEC_INPUT_AXIS", index), names),
+        output_axis=_axis(memory.get("AN_CEC_OUTPUT_AXIS", index), names),
+        position_mm=positions,
+        value_mm=tuple(weight * float(memory.get("AN_CEC", (*index, str(n)))) for n in range(len(positions))),
+        travel=int(memory.get("AN_CEC_DIRECTION", index, "0")),
+        factor=factor,
+    )
+
+
+def _grid(memory: _Memory, prefix: str, index: tuple[str, ...]) -> tuple[float, ...]:
+    step, low, high = (float(memory.get(f"{prefix}_{part}", index)) for part in ("STEP", "MIN", "MAX"))
+    if int(memory.get(f"{prefix}_IS_MODULO", index, "0")):
+        raise ValueError(f"${prefix}_IS_MODULO[{','.join(index)}]: expected 0 on a linear axis, found 1")
+    count = round((high - low) / step) + 1
+    if abs(low + (count - 1) * step - high) > 1e-6:
+        raise ValueError(f"${prefix}_MAX[{','.join(index)}]: expected a whole number of steps of {step}, found {low} to {high}")
+    return tuple(low + n * step for n in range(count))
+
+
+def _axis(name: str, names: Mapping[str, int]) -> int:
+    if name not in names:
+        raise ValueError(f"axis: expected one of {', '.join(names)}, found {name!r}")
+    return names[name]

@@ -1,0 +1,202 @@
+"""The control at work: where every axis is commanded at any moment, and what the machine says of itself.
+
+Time is machine time in seconds from the start of the bench. The player only moves forward; readers may look back a little.
+"""
+
+import math
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag.virtual.drive.program import Step
+from stepdiag.virtual.physics.error_functions import Array
+
+_HISTORY = 512
+
+
+@dataclass(slots=True, kw_only=True)
+class Segment:
+    """A step as it is played: from ``start_s`` to ``end_s`` (infinite while unknown), ``number`` counts from 0.
+
+    ``stop_count`` is the counter from its beginning on; ``miss_um`` is how far position is off along the beam at begin and end.
+    """
+
+    number: int
+    step: Step
+    start_s: float
+    end_s: float
+    from_mm: Array
+    to_mm: Array
+    approach: Array
+    stop_count: int
+    miss_um: tuple[float, float]
+    moved: Array
+    """The unit vector of the last move, (3,): the structure rings along it from ``arrived_s`` on."""
+    arrived_s: float
+
+    @property
+    def distance_mm(self) -> float:
+        """Return the length of the move."""
+        return float(np.linalg.norm(self.to_mm - self.from_mm))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drive:
+    """How the axes move: trapezoidal speed, then a decaying ring of the structure, over a hum that never stops.
+
+    ``repeatability_um`` (standard deviation) is how far each arrival misses, along the beam.
+    """
+
+    feed_mm_min: float = 2000.0
+    acceleration_mm_s2: float = 1000.0
+    ring_um: float = 1.0
+    ring_hz: float = 30.0
+    ring_decay_s: float = 0.08
+    hum_um: float = 0.0
+    hum_hz: float = 50.0
+    repeatability_um: float = 0.0
+
+    def duration_s(self, distance_mm: float) -> float:
+        """Return how long a move takes."""
+        peak = self._peak_mm_s(distance_mm)
+        return distance_mm / peak + peak / self.acceleration_mm_s2 if distance_mm > 0.0 else 0.0
+
+    def _peak_mm_s(self, distance_mm: float) -> float:
+        return min(self.feed_mm_min / 60.0, math.sqrt(distance_mm * self.acceleration_mm_s2))
+
+    def fraction(self, distance_mm: float, elapsed_s: Array) -> Array:
+        """Return how much of a move is done, 0 to 1, shape like ``elapsed_s``."""
+        if distance_mm <= 0.0:
+            return np.ones_like(elapsed_s)
+        peak, acceleration = self._peak_mm_s(distance_mm), self.acceleration_mm_s2
+        ramp_s, total_s = peak / acceleration, self.duration_s(distance_mm)
+        t = np.clip(elapsed_s, 0.0, total_s)
+        left = total_s - t
+        way = np.where(t < ramp_s, 0.5 * acceleration * t**2, peak * (t - 0.5 * ramp_s))
+        way = np.where(left < ramp_s, distance_mm - 0.5 * acceleration * left**2, way)
+        done: Array = way / distance_mm
+        return done
+
+    def ring_um_at(self, segment: Segment, time_s: Array) -> Array:
+        """Return how far the structure swings along the last move, shape (N,); nothing while the axes move."""
+        if segment.step.kind == "move":
+            return np.zeros_like(time_s)
+        since = time_s - max(segment.arrived_s, 0.0)
+        swing: Array = self.ring_um * np.exp(-since / self.ring_decay_s) * np.sin(2 * np.pi * self.ring_hz * since)
+        return swing
+
+
+class Player:
+    """Plays the steps of a program. Safe to use from several threads."""
+
+    def __init__(
+        self,
+        program: Iterator[Step],
+        drive: Drive,
+        *,
+        handshake: bool = False,
+        seed: int = 0,
+        on_enter: Callable[[Segment], None] | None = None,
+    ) -> None:
+        self._lock = threading.RLock()
+        self._program = program
+        self._drive = drive
+        self._handshake = handshake
+        self._rng = np.random.default_rng(seed)
+        self._on_enter = on_enter
+        self._captured: tuple[int, float] | None = None
+        self._started_s = -math.inf
+        self._now_s = 0.0
+        self.finished = threading.Event()
+        self._segments: deque[Segment] = deque(maxlen=_HISTORY)
+        home = np.zeros(3)
+        at_home = Segment(
+            number=-1,
+            step=Step(kind="pause"),
+            start_s=0.0,
+            end_s=0.0,
+            from_mm=home,
+            to_mm=home,
+            approach=home,
+            stop_count=0,
+            miss_um=(0.0, 0.0),
+            moved=home,
+            arrived_s=-math.inf,
+        )
+        self._segments.append(at_home)
+
+    def advance(self, to_s: float) -> Segment:
+        """Play up to ``to_s`` and return the segment of that moment."""
+        with self._lock:
+            self._now_s = max(self._now_s, to_s)
+            while True:
+                current = self._segments[-1]
+                self._decide_end(current)
+                if current.end_s > self._now_s:
+                    return self._at(to_s)
+                self._enter(current)
+
+    def capture(self, stop_count: int, at_s: float) -> None:
+        """Take the handshake: the stop with this counter has been captured."""
+        with self._lock:
+            self._captured = (stop_count, at_s)
+
+    def start(self, at_s: float) -> None:
+        """Begin the next setup that waits for a start; a start before the machine waits is not remembered."""
+        with self._lock:
+            self._started_s = at_s
+
+    def span(self, first_s: float, last_s: float) -> list[Segment]:
+        """Return the segments that cover ``first_s`` .. ``last_s`` in order, as far as they are remembered."""
+        self.advance(last_s)
+        with self._lock:
+            return [segment for segment in self._segments if segment.end_s > first_s and segment.start_s <= last_s]
+
+    def _at(self, at_s: float) -> Segment:
+        for segment in reversed(self._segments):
+            if segment.start_s <= at_s:
+                return segment
+        return self._segments[0]
+
+    def _decide_end(self, segment: Segment) -> None:
+        """End a segment that waits for somebody who has meanwhile come."""
+        if segment.end_s != math.inf:
+            return
+        step = segment.step
+        if step.kind == "pause" and self._started_s > segment.start_s:
+            segment.end_s = self._started_s
+        elif step.kind == "dwell" and self._captured is not None and self._captured[0] == segment.stop_count % 65536:
+            segment.end_s = max(segment.start_s + step.duration_s, self._captured[1])
+
+    def _enter(self, last: Segment) -> None:
+        step = next(self._program, None)
+        if step is None:
+            self.finished.set()
+            step = Step(kind="pause", duration_s=math.inf)
+        target = last.to_mm if step.target_mm is None else step.target_mm
+        distance = float(np.linalg.norm(target - last.to_mm))
+        miss_um = float(self._rng.normal(scale=self._drive.repeatability_um)) if step.kind == "move" else last.miss_um[1]
+        segment = Segment(
+            number=last.number + 1,
+            step=step,
+            start_s=last.end_s,
+            end_s=last.end_s + self._duration_s(step, distance),
+            from_mm=last.to_mm,
+            to_mm=target,
+            approach=last.approach if step.approach is None else step.approach,
+            stop_count=last.stop_count + step.counts,
+            miss_um=(last.miss_um[1], miss_um),
+            moved=(target - last.to_mm) / distance if distance > 0.0 else last.moved,
+            arrived_s=last.end_s if last.step.kind == "move" else last.arrived_s,
+        )
+        self._segments.append(segment)
+        if self._on_enter is not None:
+            self._on_enter(segment)
+
+    def _duration_s(self, step: Step, distance_mm: float) -> float:
+        if step.kind == "move":
+            return self._drive.duration_s(distance_mm)
+        return math.inf if step.kind == "dwell" and self._handshake and step.signalled else step.duration_s

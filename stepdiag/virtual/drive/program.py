@@ -1,0 +1,119 @@
+"""The NC program of the virtual survey, step by step: moves, dwells, pauses, and what faults make of them."""
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.virtual.base.faults import FaultBoard
+from stepdiag.virtual.drive.sequence import Box, DrivenPass, axis_of_run, driven_pass
+from stepdiag.virtual.physics.error_functions import Array
+
+_GAP_S = 0.2
+"""Time in which the program does not stand at a stop although no axis moves."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Step:
+    """What the control does next.
+
+    A move ends at ``target_mm`` (3,) with ``approach`` (3,), the sign of each axis' last movement; dwells and pauses stay where they are.
+    ``duration_s`` holds for those, infinite until somebody starts the program. ``counts`` is what the stop adds to the
+    stop counter; a stop that is not ``signalled`` happens without a word. ``setup`` is empty between two programs, ``pass_number`` is 0
+    before the first pass; during an ``alarm`` the program does not run.
+    """
+
+    kind: Literal["move", "dwell", "pause"]
+    target_mm: Array | None = None
+    approach: Array | None = None
+    setup: str = ""
+    pass_number: int = 0
+    stop: int = -1
+    duration_s: float = 0.0
+    counts: int = 0
+    signalled: bool = True
+    beam: bool = True
+    alarm: bool = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """What to drive: setups in order, ``passes`` of each, odd ones outward. ``pause_s`` None waits for a start each time."""
+
+    box: Box
+    setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")
+    passes: int = 2
+    axis_order: str = "xyz"
+    dwell_s: float = 2.0
+    overrun_mm: float = 5.0
+    pause_s: float | None = 2.0
+
+
+def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
+    """Yield every step of the survey; the beam is off while laser and mirror are moved to the next setup."""
+    for setup in plan.setups:
+        yield Step(kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False)
+        yield from _setup_steps(plan, setup, faults)
+
+
+def _setup_steps(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
+    wrong = faults.take("axis-order", setup, 1, 0)
+    order = wrong.text if wrong else plan.axis_order
+    first = driven_pass(plan.box, setup, 1, order)
+    yield Step(kind="move", target_mm=_before(first, 0, plan.overrun_mm), approach=first.approach, beam=False)
+    yield Step(kind="pause", setup=setup, duration_s=_GAP_S)
+    for number in range(1, plan.passes + 1):
+        driven = driven_pass(plan.box, setup, number, order)
+        if number > 1:
+            yield from _approach(plan, driven, 0)
+        yield from _pass_steps(plan, driven, faults)
+    yield Step(kind="pause", setup=setup, pass_number=plan.passes, duration_s=_GAP_S)
+
+
+def _approach(plan: Plan, driven: DrivenPass, stop: int) -> Iterator[Step]:
+    """Overrun a stop, so that every axis comes to it in the direction of the pass."""
+    before = _before(driven, stop, plan.overrun_mm)
+    place = Step(kind="move", target_mm=before, approach=-driven.approach, setup=driven.setup, pass_number=driven.number)
+    yield place
+    yield replace(place, kind="pause", duration_s=_GAP_S)
+
+
+def _before(driven: DrivenPass, stop: int, overrun_mm: float) -> Array:
+    """Return the point from which all moving axes approach a stop in the direction of the pass, shape (3,)."""
+    axis = axis_of_run(driven.setup)
+    moving = np.ones(3) if axis is None else np.eye(3)[axis]
+    before: Array = driven.stop_mm[stop] - overrun_mm * driven.approach * moving
+    return before
+
+
+def _pass_steps(plan: Plan, driven: DrivenPass, faults: FaultBoard) -> Iterator[Step]:
+    stop = 0
+    while stop < len(driven.stop_mm):
+        place = (driven.setup, driven.number, stop)
+        if not faults.take("stop-skipped", *place):
+            yield from _stop_steps(plan, driven, stop, faults)
+        aborted = faults.take("program-aborted", *place)
+        if aborted is None:
+            stop += 1
+            continue
+        stop = max(0, stop - int(aborted.value))
+        yield Step(kind="pause", setup=driven.setup, pass_number=driven.number, duration_s=aborted.duration_s, alarm=True)
+        yield from _approach(plan, driven, stop)
+
+
+def _stop_steps(plan: Plan, driven: DrivenPass, stop: int, faults: FaultBoard) -> Iterator[Step]:
+    place = (driven.setup, driven.number, stop)
+    move = Step(
+        kind="move",
+        target_mm=driven.stop_mm[stop],
+        approach=driven.approach,
+        setup=driven.setup,
+        pass_number=driven.number,
+        stop=stop,
+    )
+    yield move
+    counts = 0 if faults.take("count-missed", *place) else 2 if faults.take("count-doubled", *place) else 1
+    silent = faults.take("stop-unsignalled", *place) is not None
+    yield replace(move, kind="dwell", duration_s=plan.dwell_s, counts=0 if silent else counts, signalled=not silent)

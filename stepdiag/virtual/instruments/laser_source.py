@@ -1,0 +1,137 @@
+"""The laser as an instrument: counting, losing its beam, being reset, late by its own latency."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+
+from stepdiag.virtual.base.clock import Clock
+from stepdiag.virtual.base.faults import FaultBoard
+from stepdiag.virtual.instruments.lasers import Encoder, Flags, NdDisplay
+from stepdiag.virtual.physics.error_functions import Array
+
+Read = Callable[[Array], tuple[Array, Flags]]
+"""Ascending machine times to indicated lengths in mm and beam present."""
+
+_LOST_FRINGES = 400
+_LOST_FRINGE_MM = 0.000158
+
+
+class Counter:
+    """What an interferometer makes of the optical path: a count from zero that a lost beam ruins for good.
+
+    While the beam is away the count stands; when it returns the count goes on from there, off by the way lost and by a random
+    number of fringes.
+    """
+
+    def __init__(self, *, sign: int = 1, noise_um: float = 0.0, seed: int = 0) -> None:
+        self._sign = sign
+        self._noise_mm = noise_um * 1e-3
+        self._rng = np.random.default_rng(seed)
+        self._offset_mm = math.nan
+        self._held_mm = 0.0
+
+    def zero(self) -> None:
+        """Make the next reading zero."""
+        self._offset_mm = math.nan
+        self._held_mm = 0.0
+
+    def jump(self, by_um: float) -> None:
+        """Shift everything from now on: somebody has touched the mirror."""
+        self._offset_mm += by_um * 1e-3
+
+    def count(self, indicated_mm: Array, beam: Flags) -> Array:
+        """Return the readings of consecutive samples in mm, shape (N,)."""
+        reading = np.empty(len(indicated_mm))
+        edges = np.flatnonzero(np.diff(beam)) + 1
+        for first, last in zip((0, *edges), (*edges, len(beam)), strict=True):
+            if first == last:
+                continue
+            if beam[first]:
+                self._count_on(indicated_mm[first:last], reading[first:last])
+            else:
+                reading[first:last] = self._held_mm
+                self._lose()
+        return reading
+
+    def _count_on(self, indicated_mm: Array, reading: Array) -> None:
+        if math.isnan(self._offset_mm):
+            self._offset_mm = self._held_mm - self._sign * float(indicated_mm[0])
+        noise = self._rng.normal(scale=self._noise_mm, size=len(reading)) if self._noise_mm else 0.0
+        reading[:] = self._sign * indicated_mm + self._offset_mm + noise
+        self._held_mm = float(reading[-1])
+
+    def _lose(self) -> None:
+        if not math.isnan(self._offset_mm):
+            self._held_mm += float(self._rng.integers(-_LOST_FRINGES, _LOST_FRINGES)) * _LOST_FRINGE_MM
+            self._offset_mm = math.nan
+
+
+class _Sampler:
+    """The instrument's view of the world, with its beam, its reset button and its latency.
+
+    ``latency_s`` is the delay inside the instrument: what is sent was true that long ago.
+    """
+
+    def __init__(self, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float) -> None:
+        self._read = read
+        self._counter = counter
+        self._clock = clock
+        self._faults = faults
+        self._latency_s = latency_s
+
+    def sample(self, wall_s: Array) -> tuple[Array, Flags]:
+        """Return the readings that the instrument has at these wall times, and whether it saw the beam."""
+        for _ in self._faults.due("laser-reset", float(wall_s[-1])):
+            self._counter.zero()
+        for fault in self._faults.due("laser-jump", float(wall_s[-1])):
+            self._counter.jump(fault.value)
+        then_s = wall_s - self._latency_s
+        indicated, beam = self._read(then_s * self._clock.scale)
+        for start_s, end_s in self._faults.spans("beam-lost"):
+            beam &= (then_s < start_s) | (then_s >= end_s)
+        return self._counter.count(indicated, beam), beam
+
+
+class TalkingLaser(_Sampler):
+    """A laser that sends line after line (`stepdiag.virtual.instruments.talker.Talking`)."""
+
+    def __init__(self, encoder: Encoder, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
+        super().__init__(read, counter, clock=clock, faults=faults, latency_s=latency_s)
+        self._encoder = encoder
+        self.rate_hz = encoder.rate_hz
+
+    def banner(self) -> bytes:
+        """Return the boot text of the board."""
+        return self._encoder.banner()
+
+    def skip(self, count: int) -> None:
+        """Let samples pass without a word."""
+        self._encoder.skip(count)
+
+    def speak(self, wall_s: Array) -> bytes:
+        """Return the lines of these samples."""
+        return self._encoder.encode(*self.sample(wall_s))
+
+
+class AskedLaser(_Sampler):
+    """A position display that gives its value when asked (`stepdiag.virtual.instruments.talker.Answering`)."""
+
+    def __init__(
+        self, display: NdDisplay, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0
+    ) -> None:
+        super().__init__(read, counter, clock=clock, faults=faults, latency_s=latency_s)
+        self._display = display
+
+    def requests(self, received: bytes) -> list[bytes]:
+        """Return the complete requests."""
+        return self._display.requests(received)
+
+    def answer(self, request: bytes, wall_s: float) -> bytes:
+        """Return the display's answer at this moment."""
+        reading_mm, beam = self.sample(np.array([wall_s]))
+        return self._display.answer(request, float(reading_mm[0]), beam=bool(beam[0]))
+
+    def watch(self, wall_s: float) -> None:
+        """Count on, so that a beam lost between two requests is noticed."""
+        self.sample(np.array([wall_s]))

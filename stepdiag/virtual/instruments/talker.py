@@ -1,0 +1,151 @@
+"""An instrument on a serial line: a thread that lets it talk or answer, and every misfortune of its cable."""
+
+import threading
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+
+from stepdiag.virtual.base.clock import Clock
+from stepdiag.virtual.base.faults import FaultBoard, FaultKind
+from stepdiag.virtual.base.ports import SerialLine
+from stepdiag.virtual.physics.error_functions import Array
+
+_MAXIMUM_BACKLOG_S = 0.5
+
+
+@runtime_checkable
+class Talking(Protocol):
+    """An instrument that sends by itself."""
+
+    rate_hz: float
+
+    def banner(self) -> bytes:
+        """Return what it sends when it gets power."""
+        ...
+
+    def skip(self, count: int) -> None:
+        """Let samples pass without a word."""
+        ...
+
+    def speak(self, wall_s: Array) -> bytes:
+        """Return the bytes of consecutive samples taken at these wall times."""
+        ...
+
+
+class Answering(Protocol):
+    """An instrument that only speaks when asked."""
+
+    def requests(self, received: bytes) -> list[bytes]:
+        """Return the complete requests in the stream so far, keep the rest."""
+        ...
+
+    def answer(self, request: bytes, wall_s: float) -> bytes:
+        """Return the answer to one request."""
+        ...
+
+    def watch(self, wall_s: float) -> None:
+        """Go on measuring although nobody asks."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class CableFaults:
+    """The names under which the faults of this cable are scripted."""
+
+    unplug: FaultKind
+    silent: FaultKind
+    garbage: FaultKind
+    baud: FaultKind
+
+
+LASER_CABLE = CableFaults("laser-unplug", "laser-silent", "laser-garbage", "laser-baud")
+HEAD_CABLE = CableFaults("head-unplug", "head-silent", "head-garbage", "head-baud")
+
+
+class Talker:
+    """The thread. ``powered`` is called when the instrument gets power after its cable was pulled."""
+
+    def __init__(
+        self,
+        line: SerialLine,
+        device: Talking | Answering,
+        cable: CableFaults,
+        *,
+        clock: Clock,
+        faults: FaultBoard,
+        powered: Callable[[], None] = lambda: None,
+        chunk_s: float = 0.005,
+    ) -> None:
+        self._line = line
+        self._device = device
+        self._cable = cable
+        self._clock = clock
+        self._faults = faults
+        self._powered = powered
+        self._chunk_s = chunk_s
+        self._rng = np.random.default_rng(1)
+        self._stop = threading.Event()
+        self._thread = threading.Thread(target=self._run, name=line.link.name)
+
+    def start(self) -> None:
+        """Begin to talk."""
+        self._thread.start()
+
+    def close(self) -> None:
+        """End the thread and unplug."""
+        self._stop.set()
+        self._line.end()
+        self._thread.join()
+        self._line.unplug()
+
+    def _run(self) -> None:
+        if isinstance(self._device, Talking):
+            self._talk(self._device)
+        else:
+            self._answer(self._device)
+
+    def _talk(self, device: Talking) -> None:
+        self._line.write(device.banner())
+        sent = int(self._clock.wall_s() * device.rate_hz)
+        while not self._stop.wait(self._chunk_s):
+            now = self._clock.wall_s()
+            due = int(now * device.rate_hz)
+            late = due - sent - int(_MAXIMUM_BACKLOG_S * device.rate_hz)
+            if late > 0:
+                device.skip(late)
+                sent += late
+            if self._plugged_in(now):
+                self._line.write(device.banner())
+            if due > sent:
+                data = device.speak(np.arange(sent + 1, due + 1) / device.rate_hz)
+                sent = due
+                self._send(data, now)
+
+    def _answer(self, device: Answering) -> None:
+        while not self._stop.is_set():
+            self._plugged_in(self._clock.wall_s())
+            for request in device.requests(self._line.read(self._chunk_s)):
+                now = self._clock.wall_s()
+                self._send(device.answer(request, now), now)
+            device.watch(self._clock.wall_s())
+
+    def _plugged_in(self, now: float) -> bool:
+        """Pull the cable or put it back as scripted; return whether the instrument has just got power."""
+        if self._faults.active(self._cable.unplug, now):
+            self._line.unplug()
+        elif not self._line.plugged:
+            self._line.plug()
+            self._powered()
+            return True
+        return False
+
+    def _send(self, data: bytes, now: float) -> None:
+        if self._faults.active(self._cable.silent, now):
+            return
+        if self._faults.active(self._cable.baud, now):
+            data = self._rng.integers(0, 256, size=len(data), dtype=np.uint8).tobytes()
+        for fault in self._faults.due(self._cable.garbage, now):
+            data = data[: len(data) // 2] + self._rng.bytes(int(fault.value) or 40) + data[len(data) // 2 :]
+        self._line.write(data)

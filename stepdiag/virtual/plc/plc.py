@@ -1,0 +1,123 @@
+"""The PLC of the virtual machine: the contract's register block (contract 2), encoded here from its table alone."""
+
+import struct
+import threading
+from collections.abc import Sequence
+
+import numpy as np
+
+from stepdiag.virtual.base.clock import Clock
+from stepdiag.virtual.base.faults import FaultBoard
+from stepdiag.virtual.drive.player import Drive, Player
+from stepdiag.virtual.drive.sequence import register_of
+from stepdiag.virtual.physics.environment import Environment
+from stepdiag.virtual.plc.modbus import ILLEGAL_ADDRESS, ModbusError
+
+CAPTURED_REGISTER = 100
+_BYTE_ORDERS = {"ABCD": (0, 1, 2, 3), "CDAB": (2, 3, 0, 1), "BADC": (1, 0, 3, 2), "DCBA": (3, 2, 1, 0)}
+_HEARTBEAT_S = 0.4
+_STOPPED, _RUNNING, _ALARM = 1, 2, 4
+
+
+class Plc:
+    """The registers as a master reads them at a moment.
+
+    The image is made new every ``scan_s``: a change in the control is seen up to that much later. ``order`` is the byte order of the
+    32-bit positions, ``base`` the address of the block. Coils and discrete inputs 0 to 2 repeat the bits of the state word.
+    """
+
+    def __init__(
+        self,
+        player: Player,
+        drive: Drive,
+        environment: Environment,
+        *,
+        clock: Clock,
+        faults: FaultBoard,
+        scan_s: float = 0.01,
+        base: int = 0,
+        order: str = "ABCD",
+    ) -> None:
+        self._player = player
+        self._drive = drive
+        self._environment = environment
+        self._clock = clock
+        self._faults = faults
+        self._scan_s = scan_s
+        self._base = base
+        self._order = _BYTE_ORDERS[order]
+        self._lock = threading.Lock()
+        self._captured = 0
+        self._counted_before_reboot = 0
+        self._frozen: list[int] | None = None
+
+    def reboot(self) -> None:
+        """Start the stop counter again at 0."""
+        with self._lock:
+            self._counted_before_reboot = self._player.advance(self._clock.machine_s()).stop_count
+            self._captured = 0
+
+    def read(self, table: str, address: int, count: int) -> Sequence[int]:
+        """Return registers or bits of the image; raises `ModbusError` outside it or while a fault says so."""
+        if fault := self._faults.active("plc-exception", self._clock.wall_s()):
+            raise ModbusError(int(fault.value) or 4)
+        with self._lock:
+            image = self._image()
+            if table in ("coil", "discrete"):
+                bits = [image[2] >> bit & 1 for bit in range(3)]
+                return _slice(bits, address, count)
+            if address == CAPTURED_REGISTER and table == "holding":
+                return _slice([self._captured], 0, count)
+            return _slice(image, address - self._base, count)
+
+    def write(self, table: str, address: int, values: Sequence[int]) -> None:
+        """Take ``captured``; every other address refuses to be written."""
+        if table != "holding" or address != CAPTURED_REGISTER or len(values) != 1:
+            raise ModbusError(ILLEGAL_ADDRESS)
+        with self._lock:
+            self._captured = values[0]
+            self._player.capture((values[0] + self._counted_before_reboot) % 65536, self._clock.machine_s())
+
+    def _image(self) -> list[int]:
+        wall_s = self._clock.wall_s()
+        if self._faults.active("plc-frozen", wall_s):
+            self._frozen = self._frozen or self._fresh_image(wall_s)
+            return self._frozen
+        self._frozen = None
+        return self._fresh_image(wall_s)
+
+    def _fresh_image(self, wall_s: float) -> list[int]:
+        scanned_s = wall_s // self._scan_s * self._scan_s
+        machine_s = scanned_s * self._clock.scale
+        segment = self._player.advance(machine_s)
+        step = segment.step
+        stopped = step.kind == "dwell" and step.signalled
+        state = _STOPPED * stopped | _RUNNING * (bool(step.setup) and not step.alarm) | _ALARM * step.alarm
+        fraction = self._drive.fraction(segment.distance_mm, np.array([machine_s - segment.start_s]))
+        commanded = segment.from_mm + fraction[0] * (segment.to_mm - segment.from_mm)
+        count = (segment.stop_count - self._counted_before_reboot) % 65536
+        setup = register_of(step.setup) if step.setup else 0
+        words = [int(scanned_s / _HEARTBEAT_S) % 65536, count, state, setup]
+        for position_mm in commanded:
+            words += self._long(round(float(position_mm) * 1e4))
+        return words + self._air(machine_s)
+
+    def _long(self, value: int) -> list[int]:
+        """Return a signed 32-bit value as two registers in the byte order of this PLC."""
+        abcd = struct.pack(">i", value)
+        return list(struct.unpack(">HH", bytes(abcd[place] for place in self._order)))
+
+    def _air(self, machine_s: float) -> list[int]:
+        hall, now = self._environment, np.array([machine_s])
+        return [
+            round(float(hall.material_c.at(now)[0]) * 100.0) & 0xFFFF,
+            round(float(hall.air_c.at(now)[0]) * 100.0) & 0xFFFF,
+            round(float(hall.pressure_hpa.at(now)[0]) * 10.0),
+            round(float(hall.humidity_percent.at(now)[0]) * 10.0),
+        ]
+
+
+def _slice(values: list[int], first: int, count: int) -> list[int]:
+    if first < 0 or first + count > len(values):
+        raise ModbusError(ILLEGAL_ADDRESS)
+    return values[first : first + count]

@@ -1,0 +1,282 @@
+"""The synchroniser on whole passes: every stop right, or named as doubtful, or asked for again; never silently wrong."""
+
+from dataclasses import replace
+
+import msgspec
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.outcome import Ended
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.records.events import Chunk
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.solver.findings import Finding
+from testkit.timeline import STOPPED_ONLY, Timeline, arrival, diagonal, skipped, survey_text
+
+
+def run(events, *, text=None, start=None):
+    """Return (stops, finding codes, ends) of a capture fed with events."""
+    survey = parse_survey(text or survey_text(), "survey.toml")
+    capture = Capture(survey, start or PassBook(survey).start(skip_open_dwell=False))
+    outcomes = [outcome for event in events for outcome in capture.feed(event)] + capture.finish()
+    return (
+        [each for each in outcomes if isinstance(each, CapturedStop)],
+        [each.code for each in outcomes if isinstance(each, Finding)],
+        [each for each in outcomes if isinstance(each, Ended)],
+    )
+
+
+def assert_right(stops, truth, *, within_um=0.6):
+    """Every stop reads what the machine truly did, relative to the first."""
+    assert [stop.stop for stop in stops] == list(range(len(truth)))
+    for stop, true in zip(stops, truth, strict=True):
+        assert abs((stop.reading_mm - stops[0].reading_mm) - (true.reading - truth[0].reading)) * 1e3 < within_um
+        assert stop.position_mm == pytest.approx(true.position)
+
+
+@settings(max_examples=12)
+@given(seed=st.integers(0, 10_000), setup=st.sampled_from(["ppp", "npp", "pnp", "ppn"]), signals=st.sampled_from(["", STOPPED_ONLY]))
+def test_a_clean_pass_is_captured_whole(seed, setup, signals):
+    """Ten stops in order, each within its noise, over the wrap of the stop counter; with `stopped` alone as well."""
+    truth = diagonal(setup)
+    stops, codes, ends = run(Timeline(truth, seed=seed).events(), text=survey_text(setups=(setup,), signals=signals))
+    assert_right(stops, truth)
+    assert codes == []
+    assert [end.kind for end in ends] == ["complete"]
+    assert all(0 < stop.u_um < 0.2 and not stop.doubtful and not stop.broken for stop in stops)
+
+
+@settings(max_examples=10)
+@given(seed=st.integers(0, 1000), data=st.data())
+def test_the_result_does_not_depend_on_how_the_bytes_were_cut(seed, data):
+    """The same bytes in other chunks with the same last arrival give the same stops to the last bit."""
+    events = Timeline(diagonal("ppp"), seed=seed).events()
+    whole, _, _ = run(events)
+    cut = []
+    for event in events:
+        if isinstance(event, Chunk) and data.draw(st.booleans()):
+            at = data.draw(st.integers(0, len(event.data)))
+            cut += [msgspec.structs.replace(event, data=part) for part in (event.data[:at], event.data[at:])]
+        else:
+            cut.append(event)
+    again, _, _ = run(cut)
+    assert [(s.stop, s.window_from_ns, s.window_to_ns) for s in again] == [(s.stop, s.window_from_ns, s.window_to_ns) for s in whole]
+    assert [s.reading_mm for s in again] == pytest.approx([s.reading_mm for s in whole], abs=1e-4)
+
+
+def test_only_standing_samples_are_used():
+    """A move at 10 m/min puts 167 um into a millisecond: no window may touch one."""
+    timeline = Timeline(diagonal("ppp"), seed=3)
+    stops, _, _ = run(timeline.events())
+    for stop, (begin, end) in zip(stops, timeline.schedule(), strict=True):
+        assert begin + 0.15 <= stop.window_from_ns * 1e-9
+        assert stop.window_to_ns * 1e-9 <= end
+
+
+@pytest.mark.parametrize("signals", ["", STOPPED_ONLY])
+@pytest.mark.parametrize("index", [3, 8])
+def test_a_stop_that_modbus_missed_is_recovered_and_marked(index, signals):
+    truth = diagonal("npp")
+    stops, codes, ends = run(Timeline(skipped(truth, index)).events(), text=survey_text(setups=("npp",), signals=signals))
+    assert_right(stops, truth)
+    assert stops[index].recovered
+    assert "plateau" in stops[index].doubtful
+    assert "stop-recovered" in codes
+    assert sum(stop.recovered for stop in stops) == 1
+    assert ends[0].kind == "complete"
+
+
+def test_a_stop_that_nobody_saw_is_lost_by_name():
+    """The machine drove past without standing: the counter went on, the laser shows no plateau."""
+    truth = diagonal("ppp")
+    hurried = [replace(stop, seconds=0.02 if k == 4 else 0.8, shown=k != 4) for k, stop in enumerate(truth)]
+    stops, codes, _ = run(Timeline(hurried).events())
+    assert [stop.stop for stop in stops] == [0, 1, 2, 3, 5, 6, 7, 8, 9]
+    assert "stop-lost" in codes
+
+
+def test_polls_lost_in_a_dwell_do_not_lose_the_stop():
+    truth = diagonal("ppp")
+    timeline = Timeline(truth)
+    begin, end = timeline.schedule()[5]
+    stops, codes, _ = run(replace(timeline, poll_gaps=[(begin + 0.1, begin + 0.5)]).events())
+    assert_right(stops, truth)
+    assert codes == []
+    del end
+
+
+def test_wrong_laser_sign_is_named_at_the_first_step():
+    mirrored = [replace(stop, reading=-stop.reading) for stop in diagonal("ppp")]
+    stops, codes, _ = run(Timeline(mirrored).events())
+    assert codes[0] == "wrong-laser-sign"
+    assert stops[1].refused == "wrong-laser-sign"
+
+
+def test_wrong_axis_order_is_named_by_position_and_without_it_by_the_step():
+    """The program moves y before x. With positions the place is no stop of the route; without, the step is one of another axis."""
+    truth = diagonal("ppp")
+    place = (0.0, 200.0 / 3, 0.0)
+    size = (300.0**2 + 200.0**2 + 100.0**2) ** 0.5
+    swapped = [truth[0], replace(truth[1], position=place, reading=200.0 / 3 * 200.0 / size), *truth[2:]]
+    assert "unexpected-position" in run(Timeline(swapped).events())[1]
+    stops, codes, _ = run(Timeline(swapped).events(), text=survey_text(signals=STOPPED_ONLY))
+    assert codes[0] == "wrong-axis-order"
+    assert stops[1].refused
+
+
+def test_a_stop_counted_twice_is_measured_again_not_numbered_anew():
+    truth = diagonal("ppp")
+    doubled = [*truth[:5], replace(truth[4]), *truth[5:]]
+    for signals in ("", STOPPED_ONLY):
+        stops, codes, ends = run(Timeline(doubled, move_s=0.3).events(), text=survey_text(signals=signals))
+        assert [stop.stop for stop in stops] == [0, 1, 2, 3, 4, 4, 5, 6, 7, 8, 9]
+        assert {"stop-again", "no-move"} & set(codes) or signals
+        assert ends[0].kind == "complete"
+
+
+def test_beam_lost_between_stops_breaks_the_count_there():
+    truth = diagonal("ppp")
+    timeline = Timeline(truth)
+    gap = timeline.schedule()[4][1] + 0.1
+    stops, codes, _ = run(replace(timeline, beam_lost=[(gap, gap + 0.1)]).events())
+    assert codes.count("beam-lost") == 1
+    assert [stop.stop for stop in stops if stop.broken] == [5]
+    assert "beam lost" in stops[5].broken
+
+
+def whole_of(stops):
+    """Return the only pass of a survey with these stops."""
+    book = PassBook(parse_survey(survey_text(), "survey.toml"))
+    book.add_all(stops)
+    (only,) = book.passes
+    return only
+
+
+def assert_joined(each, truth, *, within_um=0.6):
+    """Every stop of a pass reads what the machine truly did, once its stretches have one zero."""
+    chosen = each.chosen()
+    assert sorted(chosen) == list(range(len(truth)))
+    readings = [chosen[k][0].reading_mm + chosen[k][1] for k in range(len(truth))]
+    for k, true in enumerate(truth):
+        assert abs(readings[k] - readings[0] - true.reading + truth[0].reading) * 1e3 < within_um, k
+
+
+def test_beam_lost_in_a_dwell_is_measured_on_both_sides_and_costs_nothing():
+    """The machine stood all the while: the readings before and after tell by how much the count went wrong."""
+    truth = diagonal("ppp")
+    timeline = Timeline([replace(stop, seconds=1.2) for stop in truth])
+    begin, _ = timeline.schedule()[4]
+    stops, codes, _ = run(replace(timeline, beam_lost=[(begin + 0.5, begin + 0.6)]).events())
+    assert "beam-lost" in codes
+    assert [stop.stop for stop in stops] == [0, 1, 2, 3, 4, 4, 5, 6, 7, 8, 9]
+    assert stops[4].window_to_ns * 1e-9 < begin + 0.51
+    assert stops[5].window_from_ns * 1e-9 > begin + 0.6
+    assert_joined(whole_of(stops), truth)
+
+
+def test_beam_lost_too_early_in_a_dwell_breaks_the_count_there():
+    truth = diagonal("ppp")
+    timeline = Timeline([replace(stop, seconds=1.2) for stop in truth])
+    begin, _ = timeline.schedule()[4]
+    stops, codes, _ = run(replace(timeline, beam_lost=[(begin + 0.16, begin + 0.3)]).events())
+    assert "beam-lost" in codes
+    assert [stop.stop for stop in stops if stop.broken] == [4]
+    assert stops[4].window_from_ns * 1e-9 > begin + 0.3
+    assert "from stop 3 on" in whole_of(stops).why_incomplete()
+
+
+def unseen(timeline, begin, end):
+    """Return the events of a timeline without those of a span in which nobody looked."""
+    return [event for event in timeline.events() if not begin < arrival(event) * 1e-9 < end]
+
+
+def test_a_beam_lost_while_nobody_looked_is_doubted_from_there_on():
+    """The process was stopped during a move, and the beam was cut meanwhile: the data cannot tell, so the person is told."""
+    truth = [replace(stop, seconds=3.0) for stop in diagonal("ppp")]
+    timeline = Timeline(truth)
+    begin = timeline.schedule()[3][1] + 0.1
+    stops, codes, _ = run(unseen(replace(timeline, beam_lost=[(begin + 0.7, begin + 0.8)], lost_mm=0.05), begin, begin + 1.5))
+    assert codes == ["laser-gap", "laser-unwatched"]
+    only = whole_of(stops)
+    assert [stop.stop for stop in stops if stop.unwatched] == [4]
+    assert only.complete
+    assert [k for k in range(10) if only.doubt(k)] == [4, 5, 6, 7, 8, 9]
+    assert "no sample was seen for 1.5 s before stop 4" in only.why_doubtful()
+    assert "drive again from stop 3 on" in only.why_doubtful()
+
+
+def test_a_beam_lost_while_nobody_looked_in_a_dwell_costs_nothing():
+    truth = [replace(stop, seconds=3.0) for stop in diagonal("ppp")]
+    timeline = Timeline(truth)
+    begin = timeline.schedule()[4][0] + 0.8
+    stops, codes, _ = run(unseen(replace(timeline, beam_lost=[(begin + 0.3, begin + 0.4)]), begin, begin + 1.0))
+    assert "laser-unwatched" in codes
+    only = whole_of(stops)
+    assert_joined(only, truth)
+    assert not only.why_doubtful()
+
+
+def test_a_loss_after_the_last_stop_of_a_log_counts_for_the_log_that_goes_on():
+    """The program is left in the middle, the beam is cut while nothing is recorded, the program goes on."""
+    truth = diagonal("ppp")
+    survey = parse_survey(survey_text(), "survey.toml")
+    first = Timeline(truth[:5])
+    capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
+    departure = first.schedule()[4][1]
+    outcomes = [
+        outcome for event in replace(first, beam_lost=[(departure + 0.1, departure + 0.2)]).events() for outcome in capture.feed(event)
+    ]
+    book = PassBook(survey)
+    book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
+    stops, codes, _ = run(
+        Timeline(truth[5:], first_count=65535).events(), start=book.start(skip_open_dwell=False, breaks=capture.left_over())
+    )
+    assert codes[0] == "beam-lost"
+    assert [stop.stop for stop in stops if stop.broken] == [5]
+
+
+def test_a_laser_set_to_zero_is_named():
+    truth = diagonal("ppp")
+    timeline = Timeline(truth)
+    moment = timeline.schedule()[6][0] + 0.05
+    stops, codes, _ = run(replace(timeline, zeroed_at=[moment]).events())
+    assert "laser-reset" in codes
+    assert stops[6].broken
+
+
+def test_plc_started_again_with_its_counter_at_zero():
+    truth = diagonal("ppp")
+    reset = [replace(stop, counts=-20_005 if k == 5 else 1) for k, stop in enumerate(truth)]
+    stops, codes, _ = run(Timeline(reset, first_count=20_000).events())
+    assert_right(stops, truth)
+    assert "count-reset" in codes
+
+
+def test_a_program_left_in_the_middle_ends_the_pass():
+    stops, _, ends = run(Timeline(diagonal("ppp")[:6]).events())
+    assert len(stops) == 6
+    assert ends[0].kind == "aborted"
+    assert "stop 5 of 9" in ends[0].reason
+
+
+def test_an_unplanned_setup_is_refused_by_name_once():
+    stops, codes, _ = run(Timeline(diagonal("pnp")).events(), text=survey_text(setups=("ppp", "npp")))
+    assert stops == []
+    assert codes == ["unplanned-setup"]
+
+
+def test_a_vibrating_stop_is_doubtful():
+    stops, codes, _ = run(Timeline(diagonal("ppp"), noise_um=8.0).events())
+    assert codes.count("stop-doubtful") == 10
+    assert "scatter" in stops[0].doubtful
+
+
+def test_a_dwell_without_beam_gives_no_reading_and_says_so():
+    timeline = Timeline(diagonal("ppp"))
+    begin, end = timeline.schedule()[4]
+    stops, codes, _ = run(replace(timeline, beam_lost=[(begin - 0.2, end + 0.2)]).events())
+    assert "stop-without-reading" in codes
+    assert 4 not in [stop.stop for stop in stops]

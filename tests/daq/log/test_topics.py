@@ -1,0 +1,94 @@
+"""Channels and notes: what Foxglove and PlotJuggler must be able to read."""
+
+import json
+from typing import Any
+
+import msgspec
+import pytest
+
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.log.topics import (
+    CHANNELS,
+    LINK_STATES,
+    PHASES,
+    Channel,
+    Note,
+    finding_note,
+    log_note,
+    phase_note,
+    sample_note,
+    signals_note,
+    stop_note,
+)
+from stepdiag.daq.records.status import Phase
+from stepdiag.solver.findings import Finding
+from testkit.schema_dialect import dialect_faults
+
+SCHEMAS: dict[str, dict[str, Any]] = {channel.topic: json.loads(channel.schema) for channel in CHANNELS}
+STOP = CapturedStop(
+    setup="ppp", outward=True, stop=3, position_mm=(1.0, 2.0, 3.0), axis="z", stop_count=4, reading_mm=3.7, u_um=0.1, scatter_um=0.3,
+    slope_um_s=0.0, samples=300, rejected=1, window_from_ns=5, window_to_ns=7, time_s=1.7e9, beam=0.9, channels=(1.0,), u_channels=(0.1,),
+    material_temperature_c=20.1, air_temperature_c=20.2, air_pressure_hpa=1000.0, relative_humidity_percent=40.0,
+)  # fmt: skip
+NOTES = [
+    sample_note(1, 1.5, 0.9, 0),
+    signals_note(2, Signals(stopped=True, running=True, alarm=False, heartbeat=1, stop_count=2, setup=1, x_mm=1.0, y_mm=2.0, z_mm=3.0)),
+    stop_note(STOP),
+    phase_note(4, "dwelling", "stop 3"),
+    finding_note(5, Finding(code="beam-lost", severity="error", text="words")),
+    log_note(6, "info", "words", "daq"),
+]
+JSON_TYPES = {"number": int | float, "integer": int, "string": str, "boolean": bool, "array": list | tuple}
+
+
+@pytest.mark.parametrize("channel", CHANNELS, ids=lambda channel: channel.topic)
+def test_every_channel_is_in_the_dialect_of_the_viewers(channel: Channel) -> None:
+    assert dialect_faults(channel.topic, SCHEMAS[channel.topic]) == []
+    assert channel.schema_name
+
+
+@pytest.mark.parametrize(
+    ("part", "fault"),
+    [
+        ({"type": ["number", "null"]}, "not one plain type"),
+        ({"anyOf": [{"type": "number"}]}, "anyOf"),
+        ({"$ref": "#/x"}, "$ref"),
+        ({"enum": ["a"]}, "not one plain type"),
+        ({"type": "array", "items": {"type": "array", "items": {"type": "number"}}}, "array of arrays"),
+        ({"type": "array"}, "not one plain type"),
+        ({"type": "object"}, "object without properties"),
+        ({"type": "object", "properties": {"a": {"type": "object"}}}, "part.a: object without properties"),
+    ],
+)
+def test_the_checker_finds_what_viewers_refuse(part: dict[str, Any], fault: str) -> None:
+    """acquisition.md B2, rule 4: the forms that were found to be rejected."""
+    (found,) = dialect_faults("/a/b", {"type": "object", "properties": {"part": part}})
+    assert fault in found
+
+
+def test_the_checker_wants_a_root_and_a_topic() -> None:
+    assert len(dialect_faults("Laser Raw", {"type": "array"})) == 2
+
+
+@pytest.mark.parametrize("note", NOTES, ids=lambda note: note.topic)
+def test_every_note_fits_the_schema_of_its_channel(note: Note) -> None:
+    """Every field is in the schema with its type; what is None is unknown and will be left out."""
+    properties = SCHEMAS[note.topic]["properties"]
+    for name, value in note.fields.items():
+        assert name in properties
+        assert value is None or isinstance(value, JSON_TYPES[properties[name]["type"]])
+
+
+def test_a_captured_stop_goes_into_the_log_whole() -> None:
+    names = {field.encode_name for field in msgspec.structs.fields(CapturedStop)}
+    logged = {name.replace("_mono_ns", "_ns") for name in stop_note(STOP).fields}
+    assert logged == names
+    assert stop_note(STOP).time_ns == 7
+
+
+def test_states_are_number_and_text() -> None:
+    """PlotJuggler drops texts (rule 6)."""
+    phases: list[Phase] = ["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
+    assert [phase_note(0, phase).fields["state"] for phase in phases] == list(range(len(PHASES)))
+    assert LINK_STATES == ("connecting", "connected", "silent", "lost")

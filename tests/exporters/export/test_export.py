@@ -1,0 +1,359 @@
+"""The one door: what is written, under which names, and what stops it; every safety check by its own code."""
+
+import hashlib
+from dataclasses import replace
+from datetime import date
+
+import msgspec
+import numpy as np
+import pytest
+
+from stepdiag.exporters.export.export import export
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
+from stepdiag.exporters.safety.checks import Case, check_round_trip, run_checks
+from stepdiag.exporters.safety.verify import read_files, verify_files
+from stepdiag.exporters.siemens.control import Siemens
+from stepdiag.exporters.tables.controller import Limits
+from stepdiag.exporters.tables.curves import curves_of
+from stepdiag.exporters.tables.profile import Profile, SignTestRecord
+from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import Result
+from testkit.machines import MACHINES, profile_of
+from testkit.results import VOLUME, made_result
+
+TODAY = date(2026, 6, 1)
+ERRORS = {"EXX": [0, 3, 8, 12, 20], "EYY": [0, -2, -5, -7, -9], "EYX": [0, 1.5, 2, 1, 0], "EXZ": [0, -2, 1, 2, 0]}
+SQUARE = {"C0Y": 20.0, "B0Z": 8.0, "A0Z": -15.0}
+RESULT = made_result(ERRORS, squareness=SQUARE)
+
+
+def machine(**changes: object) -> Profile:
+    """A Siemens profile with changes in [machine] and, by axis letter, in [axes]."""
+    profile = profile_of("siemens", VOLUME)
+    axes = {letter: msgspec.structs.replace(axis, **changes.pop(letter, {})) for letter, axis in profile.axes.items()}
+    return replace(profile, machine=msgspec.structs.replace(profile.machine, **changes), axes=axes)
+
+
+def with_sign_test(profile: Profile, day: date = date(2026, 5, 1), verdict: str = "as-error") -> Profile:
+    """The profile with a sign test of both kinds of Siemens table."""
+    return replace(profile, sign_tests=tuple(SignTestRecord(kind=kind, date=day, verdict=verdict) for kind in ("eec", "cec")))
+
+
+def refusal_of(result, profile, tmp_path, **options) -> SafetyError:
+    with pytest.raises(SafetyError) as refusal:
+        export(result, "siemens", profile, out_dir=tmp_path / "out", today=TODAY, **options)
+    assert not (tmp_path / "out").exists()
+    return refusal.value
+
+
+def noisy(result: Result, repeatability_um: float) -> Result:
+    """The result of a survey whose stops repeat only to this."""
+    return replace(result, setups={"ppp": {"passes": [1, 2], "repeatability_um": repeatability_um}})
+
+
+class TestQuickLook:
+    @pytest.mark.parametrize("name", sorted(set(CONTROLLERS) - {"fanuc"}))
+    def test_a_step_alone_suffices_and_the_files_mend_the_machine(self, name, tmp_path):
+        """contract 5; verify tells the controller from the files alone and predicts the gain from their bytes."""
+        report = export(RESULT, name, None, step_mm=50.0, out_dir=tmp_path)
+        files = [tmp_path / file for file in report.files if "_RESTORE" not in file and "SHA" not in file and "REPORT" not in file]
+        found = verify_files(RESULT, [file for file in read_files(files) if CONTROLLERS[name].recognises(file)])
+        assert found.controller == name
+        before, after = found.prediction.figures(rigid_motion=False)
+        assert after.largest_um < 0.5 * before.largest_um
+
+    def test_says_what_it_assumed(self, tmp_path):
+        report = export(RESULT, "siemens", None, step_mm=50.0, out_dir=tmp_path)
+        text = next(item.text for item in report.findings if item.code == "profile-assumed")
+        assert "X = AX1 with its reference at -200 mm" in text
+        assert "first measuring system" in text
+
+    def test_writes_files_programs_restore_report_and_sums(self, tmp_path):
+        report = export(RESULT, "siemens", None, step_mm=50.0, out_dir=tmp_path)
+        stems = {"AX_EEC": "INI", "NC_CEC": "INI", "LOAD_EEC": "MPF", "LOAD_CEC": "MPF"}
+        wanted = {f"{stem}{suffix}.{end}" for stem, end in stems.items() for suffix in ("_UNTESTED_SIGN", "_RESTORE")}
+        assert set(report.files) == wanted | {"EXPORT_REPORT.txt", "SHA256SUMS"}
+        assert sorted(path.name for path in tmp_path.iterdir()) == sorted(report.files)
+        for line in (tmp_path / "SHA256SUMS").read_text(encoding="ascii").splitlines():
+            digest, _, name = line.partition("  ")
+            assert hashlib.sha256((tmp_path / name).read_bytes()).hexdigest() == digest
+
+    def test_a_shape_without_scale_is_exported_with_a_loud_note(self, tmp_path):
+        report = export(made_result(ERRORS, shape_only=["EXX"]), "siemens", None, step_mm=50.0, out_dir=tmp_path)
+        assert "EXX: ONLY THE SHAPE" in report.text
+        assert ("shape-only", "warning") in {(item.code, item.severity) for item in report.findings}
+
+    def test_neither_profile_nor_step_is_wrong_usage(self, tmp_path):
+        with pytest.raises(UsageError, match="--step-mm"):
+            export(RESULT, "siemens", None, out_dir=tmp_path)
+
+    @pytest.mark.parametrize("step", [0.0, -5.0, float("nan"), float("inf")])
+    def test_a_step_that_is_none_is_wrong_usage(self, step, tmp_path):
+        with pytest.raises(UsageError, match="--step-mm"):
+            export(RESULT, "siemens", None, step_mm=step, out_dir=tmp_path)
+
+    def test_an_unknown_controller_meets_the_nearest_name(self, tmp_path):
+        with pytest.raises(UsageError, match="did you mean siemens"):
+            export(RESULT, "simens", None, step_mm=50.0, out_dir=tmp_path)
+
+
+class TestFanuc:
+    def test_without_a_master_the_readable_table_is_written_and_the_file_refused(self, tmp_path):
+        with pytest.raises(SafetyError) as refusal:
+            export(RESULT, "fanuc", None, step_mm=50.0, out_dir=tmp_path)
+        assert refusal.value.code == "template-missing"
+        assert sorted(path.name for path in tmp_path.iterdir()) == ["EXPORT_REPORT.txt", "SHA256SUMS"]
+        text = (tmp_path / "EXPORT_REPORT.txt").read_text(encoding="utf-8")
+        assert text.startswith("NO FILE FOR THE CONTROL WAS WRITTEN")
+        assert "parameter 3620 A1 = 100" in text
+
+    def test_restore_is_the_masters_own_bytes(self, tmp_path):
+        report = export(RESULT, "fanuc", profile_of("fanuc", VOLUME), out_dir=tmp_path, today=TODAY)
+        assert "PITCH_UNTESTED_SIGN.TXT" in report.files
+        assert (tmp_path / "PITCH_RESTORE.TXT").read_bytes() == MACHINES["fanuc"].files["PITCH.TXT"]
+
+
+class TestNothingIsWritten:
+    @pytest.mark.parametrize("name", ["EXX", "EZY"])
+    def test_for_a_function_that_is_not_identified(self, name, tmp_path):
+        with pytest.raises(DataError, match=name):
+            export(made_result({name: None}), "siemens", None, step_mm=50.0, out_dir=tmp_path / "out")
+        assert not (tmp_path / "out").exists()
+
+    def test_over_other_bytes(self, tmp_path):
+        """Nothing that exists is overwritten; the same export again is no harm."""
+        export(RESULT, "siemens", None, step_mm=50.0, out_dir=tmp_path)
+        export(RESULT, "siemens", None, step_mm=50.0, out_dir=tmp_path)
+        before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+        with pytest.raises(UsageError, match="nothing is overwritten"):
+            export(RESULT, "siemens", None, step_mm=100.0, out_dir=tmp_path)
+        assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+    def test_into_a_file(self, tmp_path):
+        (tmp_path / "out").write_text("in the way", encoding="ascii")
+        with pytest.raises(UsageError, match="folder"):
+            export(RESULT, "siemens", None, step_mm=50.0, out_dir=tmp_path / "out")
+
+
+def test_a_table_that_is_coarser_than_the_survey_says_what_it_leaves(tmp_path):
+    """EXX 0 3 8 12 20 um through every other point: 4 instead of 3, 14 instead of 12. As fine as the survey, nothing is said."""
+    coarse = export(RESULT, "siemens", machine(X={"step_mm": 200.0}), out_dir=tmp_path / "coarse", today=TODAY)
+    said = [finding.text for finding in coarse.findings if finding.code == "step-coarse"]
+    assert len(said) == 1
+    assert "up to: EXX 2.0 um, EYX 0.5 um; take a smaller step" in said[0]
+    for step_mm in (100.0, 50.0):
+        fine = export(RESULT, "siemens", machine(X={"step_mm": step_mm}), out_dir=tmp_path / f"{step_mm:g}", today=TODAY)
+        assert not [finding for finding in fine.findings if finding.code == "step-coarse"]
+
+
+class TestSignTest:
+    def test_a_dated_test_takes_the_suffix_away(self, tmp_path):
+        report = export(RESULT, "siemens", with_sign_test(machine()), out_dir=tmp_path, today=TODAY)
+        assert "AX_EEC.INI" in report.files
+        assert b"UNTESTED" not in (tmp_path / "AX_EEC.INI").read_bytes()
+
+    def test_the_header_of_an_untested_file_says_so(self, tmp_path):
+        export(RESULT, "siemens", machine(), out_dir=tmp_path, today=TODAY)
+        assert b"; UNTESTED SIGN (cec, eec)" in (tmp_path / "AX_EEC_UNTESTED_SIGN.INI").read_bytes()
+
+    @pytest.mark.parametrize("day", [date(2025, 5, 31), date(2026, 6, 2)])
+    def test_a_test_of_more_than_twelve_months_ago_or_of_the_future_does_not_count(self, day, tmp_path):
+        report = export(RESULT, "siemens", with_sign_test(machine(), day), out_dir=tmp_path, today=TODAY)
+        assert "AX_EEC_UNTESTED_SIGN.INI" in report.files
+
+    def test_a_test_that_showed_the_other_sense_refuses(self, tmp_path):
+        refusal = refusal_of(RESULT, with_sign_test(machine(), verdict="as-compensation"), tmp_path, accept=["sign-contradicted"])
+        assert refusal.code == "sign-contradicted"
+
+
+class TestSafetyChecks:
+    """controllers.md 10: an error refuses, a warning refuses until it is accepted by its code."""
+
+    @pytest.mark.parametrize(
+        ("code", "result", "changes"),
+        [
+            ("value-large", made_result({"EXX": [0, 15, 30, 45, 60]}), {}),
+            ("slope-steep", made_result({"EXX": [0, 21, 0, 0, 0]}), {}),
+            ("travel-not-covered", RESULT, {"X": {"travel_mm": (-250.0, 210.0)}}),
+            ("correction-within-uncertainty", made_result({"EXX": [0, 0.1, 0.2, 0.1, 0]}), {}),
+            ("repeatability-exceeds-correction", noisy(RESULT, 15.0), {}),
+            ("reversal-unasked", made_result(ERRORS, reversal={"EXX": [0, 2, 2, 2, 2]}), {"direction": "both"}),
+        ],
+    )
+    def test_a_warning_refuses_until_it_is_accepted(self, code, result, changes, tmp_path):
+        assert refusal_of(result, machine(**changes), tmp_path).code == code
+        report = export(result, "siemens", machine(**changes), out_dir=tmp_path / "out", accept=[code], today=TODAY)
+        assert code in {item.code for item in report.findings}
+
+    @pytest.mark.parametrize(
+        ("code", "result", "changes"),
+        [
+            ("value-beyond-limit", made_result({"EXX": [0, 30, 60, 90, 120]}), {}),
+            ("units-not-metric", RESULT, {"units": "inch"}),
+            ("axis-name-doubled", RESULT, {"Y": {"name": "AX1"}}),
+            ("grid-not-integral", RESULT, {"X": {"step_mm": 60.0}}),
+            ("reversal-twice", made_result(reversal={"EXX": [0, 2, 2, 2, 2]}), {"direction": "both", "X": {"backlash_um": 3.0}}),
+            ("data-quality", made_result(ERRORS, findings=(Finding(code="beam-lost", severity="error", text="stop 4"),)), {}),
+        ],
+    )
+    def test_an_error_cannot_be_accepted(self, code, result, changes, tmp_path):
+        assert refusal_of(result, machine(**changes), tmp_path, accept=[code, "value-large", "slope-steep"]).code == code
+
+    def test_more_points_than_the_control_holds(self, tmp_path):
+        profile = machine()
+        small = replace(profile, options=msgspec.structs.replace(profile.options, eec_points={"X": 4}))
+        assert refusal_of(RESULT, small, tmp_path).code == "points-beyond-limit"
+
+    def test_all_refusals_are_named_at_once(self, tmp_path):
+        refusal = refusal_of(made_result({"EXX": [0, 30, 60, 90, 120]}), machine(units="inch"), tmp_path)
+        assert "units-not-metric" in str(refusal)
+
+
+class TestChecksOnTables:
+    """Faults that the planning cannot make are caught too: the checks do not trust it."""
+
+    @pytest.mark.parametrize(
+        ("code", "spoil"),
+        [
+            ("table-not-finite", {"value_um": np.array([0, 1, np.nan, 0, 0])}),
+            ("grid-not-ascending", {"position_mm": np.array([-200.0, -100, -100, 100, 200])}),
+            ("reference-not-zero", {"value_um": np.array([5.0, 5, 5, 5, 5])}),
+        ],
+    )
+    def test_a_spoilt_table_is_found(self, code, spoil):
+        profile = machine()
+        (table,) = controller_named("siemens").plan(curves_of(RESULT, ["EXX"]), profile).tables
+        assert code in {item.code for item in run_checks(case_of(profile, [replace(table, **spoil)]))}
+
+    def test_a_step_from_point_to_point_that_the_control_cannot_hold(self):
+        """TNC 306: neighbours differ by at most spacing / 64."""
+        (table,) = controller_named("siemens").plan(curves_of(RESULT, ["EXX"]), machine()).tables
+        assert codes_with_limits(table, Limits(neighbour_um_mm=0.07)) == {"neighbour-beyond-limit"}
+        assert codes_with_limits(table, Limits(neighbour_um=7.9)) == {"neighbour-beyond-limit"}
+        assert codes_with_limits(table, Limits(neighbour_um=8.0, neighbour_um_mm=0.08)) == set()
+
+    def test_bytes_that_say_something_else_are_found(self):
+        """11: what is read back is compared with what was planned."""
+        planned = controller_named("siemens").plan(curves_of(RESULT, ["EXX"]), machine()).tables
+        wrong = [replace(table, value_um=table.value_um + 5) for table in planned]
+        assert [item.code for item in check_round_trip(planned, wrong)] == ["round-trip"]
+        assert [item.code for item in check_round_trip(planned, [])] == ["round-trip"]
+        assert not list(check_round_trip(planned, planned))
+
+
+def case_of(profile: Profile, tables: list[Table]) -> Case:
+    curves = curves_of(RESULT, ["EXX"])
+    control = controller_named("siemens")
+    return Case(controller=control, profile=profile, result=RESULT, curves=curves, tables=tables, previous=(), today=TODAY)
+
+
+def codes_with_limits(table: Table, limits: Limits) -> set[str]:
+    """The codes that the checks find where the control has these limits."""
+    control = Siemens()
+    limited = type("Limited", (), {"name": control.name, "title": control.title, "limits": lambda *_: limits})()
+    return {item.code for item in run_checks(replace(case_of(machine(), [table]), controller=limited))}
+
+
+OLD_TABLE = b"""\
+%_N_AX_EEC_INI
+CHANDATA(1)
+$AA_ENC_COMP[0,0,AX1]=0.0000
+$AA_ENC_COMP[0,1,AX1]=0.0100
+$AA_ENC_COMP[0,2,AX1]=0.0200
+$AA_ENC_COMP_STEP[0,AX1]=200
+$AA_ENC_COMP_MIN[0,AX1]=-200
+$AA_ENC_COMP_MAX[0,AX1]=200
+$AA_ENC_COMP_IS_MODULO[0,AX1]=0
+M17
+"""
+"""An EEC table of X that is a straight line from 0 to 20 um."""
+
+
+class TestActiveTables:
+    def active(self, state: str) -> Profile:
+        return replace(machine(measured_with=state), existing=(ControlFile(name="AX_EEC.INI", data=OLD_TABLE),))
+
+    def test_merging_adds_the_residual_to_an_as_error_table(self, tmp_path):
+        """controllers.md 9: T_new = T_old + r, on the new grid, zero at the reference."""
+        report = export(RESULT, "siemens", self.active("on"), out_dir=tmp_path, accept=["change-large"], today=TODAY)
+        table = next(table for table in report.tables if table.name == "EXX")
+        np.testing.assert_allclose(table.value_um, [0, 3 + 5, 8 + 10, 12 + 15, 20 + 20], atol=0.05)
+
+    def test_prediction_counts_the_change_only(self, tmp_path):
+        """The residual was measured with the old table on: replacing it by old + residual leaves nothing."""
+        report = export(RESULT, "siemens", self.active("on"), out_dir=tmp_path, accept=["change-large"], today=TODAY)
+        assert report.prediction is not None
+        assert report.prediction.figures(rigid_motion=True)[1].largest_um < 0.2
+
+    def test_restore_is_the_old_file(self, tmp_path):
+        export(RESULT, "siemens", self.active("off"), out_dir=tmp_path, today=TODAY, accept=["change-large"])
+        assert (tmp_path / "AX_EEC_RESTORE.INI").read_bytes() == OLD_TABLE
+
+    def test_a_large_change_has_to_be_accepted(self, tmp_path):
+        big = made_result({"EXX": [0, -8, -16, -24, -32]})
+        assert refusal_of(big, self.active("off"), tmp_path).code == "change-large"
+
+    def test_an_old_table_that_would_stay_active_is_refused(self, tmp_path):
+        """Two CEC tables on one output axis add up: the new one must take the old one's number."""
+        old = OLD_TABLE.replace(b"\nM17\n", b"\n") + (
+            b"$AN_CEC[7,0]=0\n$AN_CEC[7,1]=0.002\n$AN_CEC_INPUT_AXIS[7]=(AX1)\n$AN_CEC_OUTPUT_AXIS[7]=(AX2)\n"
+            b"$AN_CEC_STEP[7]=400\n$AN_CEC_MIN[7]=-200\n$AN_CEC_MAX[7]=200\nM17\n"
+        )
+        profile = replace(machine(), existing=(ControlFile(name="ALL.INI", data=old),))
+        assert refusal_of(RESULT, profile, tmp_path).code == "old-table-left-active"
+        numbered = replace(profile, options=msgspec.structs.replace(profile.options, cec_tables={"EYX": [7]}))
+        assert export(RESULT, "siemens", numbered, out_dir=tmp_path / "out", today=TODAY).files
+
+    def test_an_old_table_for_each_direction_is_not_merged_into_a_mean(self, tmp_path):
+        old = b"CHANDATA(1)\n" + b"".join(
+            b"$AN_CEC[%d,0]=0\n$AN_CEC[%d,1]=0.002\n$AN_CEC_INPUT_AXIS[%d]=(AX1)\n$AN_CEC_OUTPUT_AXIS[%d]=(AX1)\n$AN_CEC_STEP[%d]=400\n"
+            b"$AN_CEC_MIN[%d]=-200\n$AN_CEC_MAX[%d]=200\n$AN_CEC_DIRECTION[%d]=%d\n" % (*[n] * 8, way) for n, way in ((0, 1), (1, -1))
+        ) + b"M17\n"  # fmt: skip
+        profile = replace(machine(measured_with="on"), existing=(ControlFile(name="CEC.INI", data=old),))
+        assert refusal_of(RESULT, profile, tmp_path).code == "merge-direction"
+
+    def test_a_truncated_old_table_is_refused_with_its_place(self, tmp_path):
+        profile = replace(machine(), existing=(ControlFile(name="AX_EEC.INI", data=OLD_TABLE[:90]),))
+        with pytest.raises(DataError, match=r"AX_EEC\.INI"):
+            export(RESULT, "siemens", profile, out_dir=tmp_path / "out", today=TODAY)
+
+
+class TestMergingAnyController:
+    @pytest.mark.parametrize("name", sorted(CONTROLLERS))
+    def test_old_plus_residual_is_what_was_wanted_at_once(self, name, tmp_path):
+        """controllers.md 9: exporting e, then measuring nothing but a residual r on top, gives the table of e + r."""
+        profile = profile_of(name, VOLUME)
+        control = controller_named(name)
+        both = made_result({"EXX": [0, 5, 9, 12, 16]})
+        plan = control.plan(curves_of(made_result({"EXX": [0, 3, 7, 9, 12]}), profile.machine.functions), profile)
+        settled = replace(profile, options=plan.options or profile.options)
+        old = control.render(plan.tables, settled)
+        machine_now = msgspec.structs.replace(profile.machine, measured_with="on")
+        now = replace(settled, machine=machine_now, existing=tuple(file for file in old if file.role == "data"))
+        residual = made_result({"EXX": [0, 2, 2, 3, 4]})
+        accept = ["change-large", "slope-steep", "correction-within-uncertainty"]
+        report = export(residual, name, now, out_dir=tmp_path, accept=accept, today=TODAY)
+        wanted = -np.array(both.errors["EXX"].value)
+        tables = [table for table in report.tables if table.name == "EXX"]
+        got = sum(correction_um(table, VOLUME.nodes_mm(0)) for table in tables)
+        np.testing.assert_allclose(got, wanted, atol=max(table.quantum_um for table in tables) + 0.01)
+
+
+class TestReplay:
+    def test_the_same_export_gives_the_same_bytes(self, tmp_path):
+        """No clock and no path is in any file."""
+        for folder in ("one", "two"):
+            export(RESULT, "siemens", machine(), out_dir=tmp_path / folder, today=TODAY)
+        for path in (tmp_path / "one").iterdir():
+            assert path.read_bytes() == (tmp_path / "two" / path.name).read_bytes()
+
+
+def test_lattice_holds_what_the_angular_errors_do(tmp_path):
+    """A lattice takes the whole field with its Abbe arms; on its own vertices nothing is left but the rounding."""
+    report = export(RESULT, "lattice", None, step_mm=20.0, out_dir=tmp_path)
+    found = verify_files(RESULT, read_files([tmp_path / "lattice.csv"]), nodes=11)
+    assert found.controller == report.controller == "lattice"
+    assert found.prediction.figures(rigid_motion=True)[1].largest_um < 0.01

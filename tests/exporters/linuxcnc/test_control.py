@@ -1,0 +1,118 @@
+"""LinuxCNC files: the worked example, what the control's reader would make of a file, squareness, inches."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.linuxcnc.control import LinuxCnc
+from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
+from stepdiag.exporters.tables.tables import correction_um
+from stepdiag.solver.errors import DataError, UsageError
+from testkit.machines import profile_of
+from testkit.results import VOLUME, made_result
+
+LINUXCNC = LinuxCnc()
+EXAMPLE = [4.0, 1.0, 0.0, -2.0, -5.0]
+"""controllers.md 12: e of X at -200 .. 200 mm in um, zero at the reference."""
+
+
+def files_of(result, profile, names=FUNCTIONS):
+    plan = LINUXCNC.plan(curves_of(result, names), profile)
+    return {file.name: file.data.decode() for file in LINUXCNC.render(plan.tables, profile)}, plan
+
+
+def example_profile(**machine):
+    profile = profile_of("linuxcnc", VOLUME, reference_at=2)
+    return replace(profile, machine=msgspec.structs.replace(profile.machine, **machine))
+
+
+def test_worked_example():
+    """controllers.md 12.4: the actual positions forward and in reverse, nothing else in the file."""
+    files, _ = files_of(made_result({"EXX": EXAMPLE}), example_profile(), ["EXX"])
+    assert files["screw_x.comp"] == (
+        "-200.0 -199.996 -199.996\n-100.0 -99.999 -99.999\n0.0 0.0 0.0\n100.0 99.998 99.998\n200.0 199.995 199.995\n"
+    )
+    assert files["ini_lines.txt"] == "[JOINT_0]\nCOMP_FILE = screw_x.comp\nCOMP_FILE_TYPE = 0\n"
+
+
+def test_two_directions_in_two_columns():
+    """A reversal of 6 um is 6 um between the columns; zero at the reference in + (controllers.md 5)."""
+    result = made_result({"EXX": EXAMPLE}, reversal={"EXX": [-6.0] * 5})
+    files, _ = files_of(result, example_profile(direction="both"), ["EXX"])
+    rows = np.array([line.split() for line in files["screw_x.comp"].splitlines()], dtype=float)
+    np.testing.assert_allclose(rows[:, 2] - rows[:, 1], 0.006, atol=1e-9)
+    assert rows[2, 1] == 0.0
+
+
+def test_a_machine_in_inches_gets_inches():
+    """[TRAJ]LINEAR_UNITS = inch: 100 mm is 3.937 in, and the law is the same after reading."""
+    profile = example_profile(units="inch")
+    files, _ = files_of(made_result({"EXX": EXAMPLE}), profile, ["EXX"])
+    assert files["screw_x.comp"].splitlines()[3].startswith("3.937007874 3.93692")
+    (table,) = LINUXCNC.parse([ControlFile(name="screw_x.comp", data=files["screw_x.comp"].encode())], profile)
+    assert correction_um(table, np.array([-200.0, 100.0, 200.0])) == pytest.approx([-4.0, 2.0, 5.0], abs=0.02)
+
+
+def test_squareness_becomes_coefficients_and_straightness_is_said_to_stay():
+    """matrixkins: X_joint = C_xy * Y; dX = -C0Y y is taken back by C_xy = +C0Y (contract 1). The shape of EXY cannot be written."""
+    result = made_result({"EXY": [0.0, 3.0, 7.0, 3.0, 0.0]}, squareness={"C0Y": 20.0, "B0Z": 10.0, "A0Z": -5.0})
+    files, plan = files_of(result, example_profile())
+    assert files["squareness.hal"].splitlines() == [
+        "setp matrixkins.C_xy 0.000020000",
+        "setp matrixkins.C_xz -0.000010000",
+        "setp matrixkins.C_yz -0.000005000",
+    ]
+    assert "stays in the machine: EYX 0.0 um, EZX 0.0 um, EXY 7.0 um" in "".join(finding.text for finding in plan.findings)
+    tables = LINUXCNC.parse([ControlFile(name="squareness.hal", data=files["squareness.hal"].encode())], example_profile())
+    moved = {table.name: float(correction_um(table, np.array([400.0]))[0]) for table in tables}
+    assert moved == pytest.approx({"EXY": 8.0, "EXZ": -4.0, "EYZ": -2.0})
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (b"# compensation of X\n0 0 0\n1 1 1\n", r"screw_x\.comp: line 1: expected three numbers.*silently stops reading here"),
+        (b"0 0 0\n10 10 10\nend\n", r"line 3: expected three numbers, found 'end'"),
+        (b"0 0 0\n10 10\n", r"line 2: expected three numbers"),
+        (b"0 0 0\n10 nan 10\n", r"line 2: expected three numbers"),
+        (b"0 0 0\n0 0 0\n", r"line 2: expected a nominal position above 0, found 0"),
+        (b"".join(b"%d %d %d\n" % (n, n, n) for n in range(257)), r"expected 2 to 256 rows, found 257"),
+        (b"0 0 0\n10 10 10.0", r"expected a line end after the last row"),
+        (b"0 0 0\n", r"expected 2 to 256 rows, found 1"),
+    ],
+)
+def test_what_the_control_would_read_in_part_is_refused(data, message):
+    """baselines.md: a comment silently disables the rest, more than 256 rows or rows out of order are not applied as written."""
+    with pytest.raises(DataError, match=message):
+        LINUXCNC.parse([ControlFile(name="screw_x.comp", data=data)], example_profile())
+
+
+def test_the_shipped_sample_with_its_typing_error_reads_as_a_jump_of_0_2_inch():
+    """configs/sim/screwcompX.dat (commit 5c41560): LinuxCNC loads the row -4 -4.2 without complaint; its slope must show."""
+    sample = b"-10 -10.001 -9.999\n-8 -8.001 -7.999\n-6 -6.002 -5.999\n-4 -4.2 -3.998\n-2 -2.003 -1.998\n0 -0.003 0.002\n2 1.997 2.003\n"
+    tables = LINUXCNC.parse([ControlFile(name="screwcompX.dat", data=sample)], example_profile(units="inch"))
+    assert [(table.name, table.direction) for table in tables] == [("EXX", 1), ("EXX", -1)]
+    slope_um_mm = np.abs(np.diff(tables[0].value_um) / np.diff(tables[0].position_mm))
+    assert slope_um_mm.max() == pytest.approx(99.0)
+    assert np.sort(slope_um_mm)[-3] < 1.0
+
+
+def test_an_axis_without_joints_is_asked():
+    """The mapping of axes to joints is the configuration's, not a guess."""
+    profile = example_profile()
+    without_x = replace(profile, options=msgspec.structs.replace(profile.options, joints={"Y": [1]}))
+    with pytest.raises(UsageError, match=r"linuxcnc\.joints: expected the joints of X"):
+        files_of(made_result({"EXX": EXAMPLE}), without_x, ["EXX"])
+
+
+def test_hal_files_hold_coefficients_only():
+    """A foreign HAL line is named; identity on the diagonal counts as no correction."""
+    (table,) = LINUXCNC.parse([ControlFile(name="m.hal", data=b"setp matrixkins.C_xx 1.0001\n# note\n")], example_profile())
+    assert correction_um(table, np.array([100.0])) == pytest.approx([10.0])
+    with pytest.raises(DataError, match=r"m\.hal: line 1: expected setp matrixkins"):
+        LINUXCNC.parse([ControlFile(name="m.hal", data=b"loadrt matrixkins\n")], example_profile())
+    with pytest.raises(DataError, match=r"m\.hal: line 1: expected a number"):
+        LINUXCNC.parse([ControlFile(name="m.hal", data=b"setp matrixkins.C_xy nan\n")], example_profile())

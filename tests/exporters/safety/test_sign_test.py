@@ -1,0 +1,135 @@
+"""The sign test: a bump that passes the checks, and the verdict from what a machine of either kind does with it."""
+
+from datetime import date
+
+import numpy as np
+import pytest
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.profiles.file import quick_profile
+from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
+from stepdiag.exporters.safety.sign_run import from_readings, read_sign_run
+from stepdiag.exporters.safety.sign_test import Bump, bump, verdict
+from stepdiag.exporters.tables.tables import total_correction_um
+from stepdiag.solver.errors import DataError, SafetyError
+from stepdiag.solver.readings.readings import Readings, make_readings
+from testkit.machines import profile_of
+from testkit.results import VOLUME
+
+POSITIONS = np.linspace(-200.0, 200.0, 41)
+
+
+def siemens_bump() -> Bump:
+    return bump(controller_named("siemens"), profile_of("siemens", VOLUME, sections=8), "EXX")
+
+
+def moved_um(test: Bump) -> np.ndarray:
+    """What a control that follows the stated law does to X along the run."""
+    points = np.column_stack([POSITIONS, np.zeros(41), np.zeros(41)])
+    return total_correction_um(test.tables, points)[:, 0]
+
+
+class TestBump:
+    @pytest.mark.parametrize("name", sorted(set(CONTROLLERS) - {"neutral"}))
+    def test_moves_the_axis_as_the_stated_law_says_and_comes_back_to_zero(self, name):
+        """controllers.md 11: 10 um in error sense, zero at the reference and beyond the bump."""
+        test = bump(controller_named(name), profile_of(name, VOLUME, sections=8), "EXX")
+        moved = moved_um(test)
+        assert test.expected_um == pytest.approx(-10.0, abs=test.tables[-1].quantum_um)
+        assert moved[0] == pytest.approx(0.0, abs=1e-9)
+        assert moved[-1] == pytest.approx(0.0, abs=1e-9)
+
+    def test_is_gentle(self):
+        """Flanks of 0.2 um/mm at most: the slope check lets them pass."""
+        table = siemens_bump().tables[0]
+        assert np.max(np.abs(np.diff(table.value_um) / np.diff(table.position_mm))) <= 0.2 + 1e-9
+
+    def test_lies_on_the_longer_side_of_the_reference(self):
+        profile = profile_of("siemens", VOLUME, sections=8, reference_at=8)
+        assert bump(controller_named("siemens"), profile, "EXX").top_mm < 200.0
+
+    def test_a_travel_that_is_too_short_is_refused(self):
+        with pytest.raises(SafetyError) as refusal:
+            bump(controller_named("siemens"), quick_profile(controller_named("siemens"), VOLUME, 200.0), "EXX")
+        assert refusal.value.code == "bump-does-not-fit"
+
+
+class TestVerdict:
+    def test_a_control_that_does_as_stated(self):
+        test = siemens_bump()
+        shown = verdict(test, POSITIONS, 3.0 + 0 * POSITIONS, 3.0 + moved_um(test))
+        assert shown.sense == "as-error"
+        assert shown.as_toml(date(2026, 5, 31)) == '[[sign_test]]\nkind = "eec"\ndate = 2026-05-31\nverdict = "as-error"\n'
+
+    def test_a_control_with_the_opposite_sense(self):
+        test = siemens_bump()
+        shown = verdict(test, POSITIONS, 0 * POSITIONS, -moved_um(test))
+        assert shown.sense == "as-compensation"
+        assert "NOT as-error" in shown.text
+
+    def test_a_table_that_is_not_active(self):
+        test = siemens_bump()
+        shown = verdict(test, POSITIONS, 0 * POSITIONS, 0.1 * np.sin(POSITIONS))
+        assert shown.sense is None
+        assert "not active" in shown.text
+        with pytest.raises(DataError):
+            shown.as_toml(date(2026, 5, 31))
+
+    def test_a_staircase_tells_that_the_control_adds_up(self):
+        """controllers.md 11: absolute data read as increments do not come back to zero after the bump."""
+        test = siemens_bump()
+        shown = verdict(test, POSITIONS, 0 * POSITIONS, np.cumsum(moved_um(test)))
+        assert shown.sense is None
+        assert "incremental" in shown.text
+
+    def test_half_a_movement_decides_nothing(self):
+        test = siemens_bump()
+        assert verdict(test, POSITIONS, 0 * POSITIONS, 0.4 * moved_um(test)).sense is None
+
+    def test_a_run_that_does_not_reach_the_bump_is_refused(self):
+        with pytest.raises(DataError, match="drive the run over"):
+            verdict(siemens_bump(), POSITIONS[:10], POSITIONS[:10], POSITIONS[:10])
+
+
+def linear_run(actual_um: np.ndarray, setup: str = "linear-x") -> Readings:
+    """Two passes, out and back, along X; readings count from the first stop of each pass."""
+    place = np.concatenate([POSITIONS, POSITIONS[::-1]])
+    actual = place + np.concatenate([actual_um, actual_um[::-1]]) / 1000
+    first = np.repeat([actual[0], actual[41]], 41)
+    return make_readings(
+        setup=[setup] * 82,
+        pass_number=np.repeat([1, 2], 41),
+        stop=np.tile(np.arange(41), 2),
+        position_mm=np.column_stack([place, np.zeros(82), np.zeros(82)]),
+        reading_mm=actual - first,
+    )
+
+
+class TestRuns:
+    def test_two_linear_runs_give_the_verdict(self):
+        """The machine's own error (here a parabola) is in both runs and drops out."""
+        test, own = siemens_bump(), 1e-4 * POSITIONS**2
+        run = from_readings(linear_run(own), linear_run(own + moved_um(test)), "X")
+        shown = verdict(test, *run)
+        assert (shown.sense, shown.moved_um) == ("as-error", pytest.approx(-10.0))
+
+    def test_runs_at_other_positions_are_refused(self):
+        off = linear_run(0 * POSITIONS)
+        with pytest.raises(DataError, match="same commanded positions"):
+            from_readings(off, off.select(range(30)), "X")
+
+    def test_a_missing_run_is_refused_by_its_name(self):
+        off = linear_run(0 * POSITIONS)
+        with pytest.raises(DataError, match="table on: expected a run linear-x, found linear-y"):
+            from_readings(off, linear_run(0 * POSITIONS, "linear-y"), "X")
+
+    def test_a_csv_serves_for_cross_tables(self):
+        """Straightness is seen with a dial or a straightness laser: position, off, on."""
+        rows = "position_mm,off_um,on_um\n200,1,1\n-200,0,0\n0,2,-8\n"
+        run = read_sign_run(ControlFile(name="run.csv", data=rows.encode()))
+        assert [column.tolist() for column in run] == [[-200, 0, 200], [0, 2, 1], [0, -8, 1]]
+
+    @pytest.mark.parametrize("text", ["", "a,b,c\n", "position_mm,off_um,on_um\n1,2\n", "position_mm,off_um,on_um\n1,2,x\n"])
+    def test_a_damaged_csv_is_refused(self, text):
+        with pytest.raises(DataError, match=r"run\.csv"):
+            read_sign_run(ControlFile(name="run.csv", data=text.encode()))

@@ -1,0 +1,110 @@
+"""Wrong stops: found, named, and without effect on the result beyond its uncertainty."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.readings.readings import Readings
+from testkit.surveys import DIAGONALS, LINEAR, Bench
+
+FULL = (*DIAGONALS, *LINEAR)
+CLEAN = {setups: (Bench(seed=2).survey(setups), solve(Bench(seed=2).survey(setups))) for setups in (FULL, DIAGONALS)}
+PICKED = [*range(0, 31, 3), *range(32, 62, 7), *range(63, 93, 7), *range(94, 124, 7), *range(124, 157, 4)]
+
+
+def spoiled(readings: Readings, row: int, error_um: float) -> Readings:
+    reading = readings.reading_mm.copy()
+    reading[row] += error_um * 1e-3
+    return replace(readings, reading_mm=reading)
+
+
+def name_of(readings: Readings, row: int) -> str:
+    return f"setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop {readings.stop[row]} "
+
+
+def moved(before, after) -> tuple[float, float]:
+    """Return the root mean square and the largest move of all values, in units of their uncertainty after the stop was wrong."""
+    moves = []
+    for name, function in before.errors.items():
+        other = after.errors[name]
+        told = other.u > 1e-9
+        moves += ((other.value - function.value)[told] / other.u[told]).tolist()
+    moves += [(after.squareness[name].value - q.value) / after.squareness[name].u for name, q in before.squareness.items()]
+    moves += [(after.scale[name].value - s.value) / after.scale[name].u for name, s in before.scale.items() if s.identified]
+    return float(np.sqrt(np.mean(np.square(moves)))), float(np.max(np.abs(moves)))
+
+
+@pytest.mark.parametrize("error_um", [5.0, -5.0, 5000.0])
+def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um):
+    readings, before = CLEAN[FULL]
+    for row in PICKED:
+        after = solve(spoiled(readings, row, error_um))
+        texts = [finding.text for finding in after.findings if finding.code.startswith("stop-outlier")]
+        assert any(name_of(readings, row) in text for text in texts), name_of(readings, row)
+        rms, largest = moved(before, after)
+        assert rms < 0.5
+        assert largest < 1.3
+
+
+def test_five_millimetres_on_four_diagonals_alone_are_found_and_harmless():
+    """One pass of four diagonals checks a stop through one other stop only: smoothness tells which is wrong."""
+    readings, before = CLEAN[DIAGONALS]
+    for row in range(0, 124, 5):
+        after = solve(spoiled(readings, row, 5000.0))
+        texts = [finding.text for finding in after.findings if finding.code == "stop-outlier"]
+        assert any(name_of(readings, row) in text for text in texts), name_of(readings, row)
+        rms, largest = moved(before, after)
+        assert rms < 0.5
+        assert largest < 2.0
+
+
+def test_a_stop_that_two_diagonals_could_have_wrong_costs_weight_and_is_said():
+    readings, before = CLEAN[DIAGONALS]
+    codes = []
+    for row in range(4, 120, 6):
+        after = solve(spoiled(readings, row, 4.0))
+        found = [finding for finding in after.findings if finding.code == "stop-outlier-ambiguous"]
+        codes += [finding.code for finding in found]
+        for finding in found:
+            assert "repeat one of these passes" in finding.text
+            assert moved(before, after)[0] < 1.0
+    assert codes
+
+
+def test_a_wrong_first_stop_is_named_although_all_others_are_relative_to_it():
+    readings, before = CLEAN[FULL]
+    reading = np.where(np.array(readings.setup) == "pnp", readings.reading_mm - 0.05, readings.reading_mm)
+    reading[name_index(readings, "pnp", 0)] = 0.0
+    after = solve(replace(readings, reading_mm=reading))
+    assert any("setup pnp, pass 1, stop 0 " in finding.text for finding in after.findings if finding.code == "stop-outlier")
+    assert moved(before, after)[0] < 0.5
+
+
+def name_index(readings: Readings, setup: str, stop: int) -> int:
+    return next(row for row in range(len(readings)) if readings.setup[row] == setup and readings.stop[row] == stop)
+
+
+def test_good_surveys_are_left_alone():
+    codes = [finding.code for seed in range(40) for finding in solve(Bench(seed=seed).survey()).findings]
+    assert sum(code.startswith("stop-outlier") for code in codes) <= 1
+    assert "too-many-outliers" not in codes
+
+
+def test_two_wrong_stops_are_both_found():
+    readings, before = CLEAN[FULL]
+    after = solve(spoiled(spoiled(readings, 11, 8.0), 70, -2000.0))
+    texts = " ".join(finding.text for finding in after.findings if finding.code.startswith("stop-outlier"))
+    assert name_of(readings, 11) in texts
+    assert name_of(readings, 70) in texts
+    assert moved(before, after)[0] < 0.6
+
+
+def test_a_setup_that_went_wrong_as_a_whole_is_not_mended_stop_by_stop():
+    readings, _ = CLEAN[FULL]
+    wrong = np.array(readings.setup) == "npp"
+    noise = np.random.default_rng(0).normal(scale=0.03, size=len(readings))
+    after = solve(replace(readings, reading_mm=readings.reading_mm + np.where(wrong, noise, 0.0)))
+    codes = {finding.code for finding in after.findings}
+    assert codes & {"too-many-outliers", "chi-square-high"}

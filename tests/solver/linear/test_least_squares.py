@@ -1,0 +1,97 @@
+"""Sparse rows, elimination in blocks and the computed null space, against dense decompositions."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.linear.elimination import eliminate, order_blocks
+from stepdiag.solver.linear.fit import fit
+from stepdiag.solver.linear.least_squares import invert
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.design import Model, build_design
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.model.reported import reported, variance
+from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
+from testkit.surveys import DIAGONALS
+
+
+def random_rows(rng, count, width, columns, *, used):
+    return Rows(rng.integers(0, used, (count, width)), rng.normal(size=(count, width)), columns)
+
+
+@given(st.integers(0, 10_000), st.integers(0, 4), st.integers(4, 30))
+@settings(max_examples=40)
+def test_null_space_and_solution_agree_with_a_dense_decomposition(seed, unused, used):
+    rng = np.random.default_rng(seed)
+    columns = used + unused
+    rows = random_rows(rng, 2 * used, 4, columns, used=used)
+    weight = rng.uniform(0.5, 2.0, len(rows))
+    target = rng.normal(size=len(rows))
+    found = fit(rows, order_blocks(np.full(columns, -1)), target, weight)
+    dense = rows.dense()
+    assert found.inverse.rank == np.linalg.matrix_rank(dense)
+    assert np.max(np.abs(dense @ found.inverse.null), initial=0.0) < 1e-9
+    best = np.linalg.lstsq(np.sqrt(weight)[:, None] * dense, np.sqrt(weight) * target, rcond=None)[0]
+    assert np.allclose(dense @ found.unknowns, dense @ best, atol=1e-9)
+
+
+def test_a_combination_is_seen_exactly_if_it_is_orthogonal_to_the_null_space():
+    """Three unknowns, only x0 + x1 and x2 measured."""
+    rows = Rows(np.array([[0, 1], [2, 2]]), np.array([[1.0, 1.0], [1.0, 0.0]]), 3)
+    inverse = invert(rows, np.ones(2), order_blocks(np.full(3, -1)))
+    asked = Rows(np.array([[0, 1], [0, 1], [2, 0]]), np.array([[2.0, 2.0], [1.0, 0.0], [1.0, 0.0]]), 3)
+    assert inverse.sees(asked).tolist() == [True, False, True]
+    spread = inverse.solve(asked.dense().T)
+    assert float(asked.dense()[0] @ spread[:, 0]) == pytest.approx(4.0)
+
+
+def test_elimination_in_blocks_is_the_dense_inverse():
+    rng = np.random.default_rng(4)
+    group = np.array([2, 0, 1, -1, 0, 3, 1, 2, -1, 3, 0])
+    blocks = order_blocks(group)
+    count = len(group)
+    full = rng.normal(size=(count, count))
+    full = full @ full.T + count * np.eye(count)
+    coupled = (np.abs(group[:, None] - group) <= 1) | (group[:, None] < 0) | (group < 0)
+    matrix = np.where(coupled, full, 0.0) + 5 * count * np.eye(count)
+    ordered = np.empty_like(matrix)
+    ordered[np.ix_(blocks.place, blocks.place)] = matrix
+    found = eliminate(ordered, blocks)
+    assert found.solve(np.eye(count)) == pytest.approx(np.linalg.inv(ordered), abs=1e-12)
+    assert found.diagonal() == pytest.approx(np.diag(np.linalg.inv(ordered)), abs=1e-12)
+
+
+def test_redundancy_is_what_a_change_of_one_reading_leaves_in_its_residual():
+    rng = np.random.default_rng(8)
+    rows, target = random_rows(rng, 30, 3, 10, used=10), rng.normal(size=30)
+    blocks = order_blocks(np.full(10, -1))
+    before = fit(rows, blocks, target, np.ones(30))
+    for row in (0, 13):
+        after = fit(rows, blocks, target + np.eye(30)[row], np.ones(30))
+        assert after.residual[row] - before.residual[row] == pytest.approx(before.redundancy[row], abs=1e-10)
+    assert np.sum(before.redundancy) == pytest.approx(before.freedom)
+
+
+def test_a_whole_survey_in_blocks_is_a_dense_least_squares_fit():
+    """All 18 functions of n = 12 from three beam lines: residuals of numpy's lstsq, and its variance of every reported quantity."""
+    volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(600.0, 500.0, 400.0), increments=12)
+    runs = [
+        Run(setup=f"{name}+{k}", return_pass=k == 1, beam_offset_mm=(50.0 * (k == 2), 50.0 * (k == 3), 0.0))
+        for name in DIAGONALS
+        for k in (1, 2, 3)
+    ]
+    layout = lay_out(perfect_readings(Plan(volume=volume, runs=(*runs, Run(setup="linear-x"))), 0.3))
+    design = build_design(layout, "XFYZ", Model(angles=True))
+    assert design.blocks.count == 6
+    target = np.random.default_rng(5).normal(size=len(layout))
+    found = fit(design.rows, design.blocks, target, np.ones(len(target)))
+    dense = design.rows.dense()
+    best = np.linalg.lstsq(dense, target, rcond=1e-10)[0]
+    assert found.residual == pytest.approx(target - dense @ best, abs=1e-8)
+    asked = reported(design)
+    seen = found.inverse.sees(asked.combination)
+    wanted = asked.combination.dense()[seen]
+    exact = np.sum((wanted @ np.linalg.pinv(dense, rcond=1e-10)) ** 2, axis=1)
+    assert variance(asked, found.inverse)[seen] == pytest.approx(exact, rel=1e-5, abs=1e-12)

@@ -1,0 +1,76 @@
+"""The one door: methods by name, chains, determinism, refusals."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.methods.registry import METHODS
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.readings.readings import parse_readings, render_readings
+from testkit.surveys import DIAGONALS, Bench
+
+SURVEY = Bench(increments=4).survey()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_every_method_gives_a_complete_result(method):
+    result = solve(SURVEY, method=method)
+    assert result.method == method
+    assert len([name for name in result.errors if name[1] in "XYZ"]) == 9
+    assert set(result.squareness) == {"C0Y", "B0Z", "A0Z"}
+    assert set(result.scale) == {"X", "Y", "Z"}
+
+
+@pytest.mark.parametrize("method", METHODS)
+@given(st.randoms())
+@settings(max_examples=5)
+def test_the_order_of_rows_does_not_change_a_byte(method, random):
+    rows = list(range(len(SURVEY)))
+    random.shuffle(rows)
+    assert solve(SURVEY.select(rows), method=method).to_json() == solve(SURVEY, method=method).to_json()
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_survey_from_a_file_gives_the_same_bytes_each_time(method):
+    text = render_readings(SURVEY)
+    assert solve(parse_readings(text), method=method).to_json() == solve(parse_readings(text), method=method).to_json()
+
+
+def test_a_machine_that_stands_elsewhere_has_the_same_errors():
+    moved = Bench(increments=4, origin_mm=(-1200.0, 350.0, 80.0)).survey()
+    here, there = solve(SURVEY), solve(moved)
+    assert there.squareness["C0Y"].value == pytest.approx(here.squareness["C0Y"].value, abs=1e-3)
+    assert there.errors["EZX"].position_mm[0] == -1200.0
+    assert there.errors["EZX"].value == pytest.approx(here.errors["EZX"].value, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"method": "estimat"}, "did you mean 'estimate'?"),
+        ({"method": "magic"}, "method: expected one of estimate, least-squares, wang2000, found 'magic'"),
+        ({"chain": "XYZ"}, "chain: expected X, Y, Z and the bed once each"),
+        ({"method": "wang2000", "estimate_angles": True}, "expected estimate, which can use angles"),
+    ],
+)
+def test_wrong_use_is_refused(options, message):
+    with pytest.raises(UsageError) as refusal:
+        solve(SURVEY, **options)
+    assert message in str(refusal.value)
+
+
+@pytest.mark.parametrize("missing", DIAGONALS)
+def test_a_survey_without_one_diagonal_says_what_it_lacks(missing):
+    """Three diagonals and three linear runs: rank 9n+3 of the theory's table, one squareness or more is unknown or all is told."""
+    result = solve(Bench(increments=4).survey([name for name in DIAGONALS if name != missing]))
+    codes = {finding.code for finding in result.findings}
+    assert "squareness-unidentified" in codes
+    for name, quantity in result.squareness.items():
+        assert quantity.value is None or name not in next(f.text for f in result.findings if f.code == "squareness-unidentified")
+
+
+def test_a_pass_of_one_stop_is_refused():
+    rows = [row for row in range(len(SURVEY)) if SURVEY.setup[row] != "linear-x" or SURVEY.stop[row] == 0]
+    with pytest.raises(DataError, match="setup linear-x, pass 1: expected at least 2 stops, found 1"):
+        solve(SURVEY.select(rows))

@@ -1,0 +1,140 @@
+"""Forecasts before the machine moves, and advice on what to add."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS, Volume
+from stepdiag.solver.planning.planner import Circumstances, bare_survey, best_survey, forecast, plan, rank, resolving
+from stepdiag.solver.planning.runs import Plan, Run, plan_minutes
+from stepdiag.solver.result.result import ROTATIONS
+from stepdiag.solver.uncertainty.sources import Assumptions
+
+BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=3)
+BARE = bare_survey(Plan(volume=BOX, runs=()))
+LINEAR = tuple(Run(setup=f"linear-{axis}", return_pass=False) for axis in "xyz")
+QUIET = Assumptions(
+    reading_um=0.2, repeatability_um=0.0, drift_um=0.0, wander_um=0.0, index=0.0, u_expansion_um_m_c=0.0, u_material_c=0.0,
+    alignment_mrad=0.0, angle_urad={},
+)  # fmt: skip
+SEPARABLE = Circumstances(assumed=QUIET)
+USUAL = Circumstances()
+
+
+@pytest.fixture(scope="module")
+def bare():
+    return forecast(BARE, USUAL)
+
+
+def test_hidden_combinations_are_those_of_the_rank_table():
+    """theory.md 5.2, n = 6: four step diagonals hide 44 combinations of all unknowns, with three linear runs 31."""
+    diagonals = bare_survey(Plan(volume=replace(BOX, increments=6), runs=()))
+    assert forecast(diagonals, USUAL).hidden == 44
+    assert forecast(diagonals.with_runs(*LINEAR), USUAL).hidden == 31
+
+
+def test_noise_of_the_readings_reaches_the_shapes_as_measured():
+    """theory.md 5.2: separable model, 1 m cube, n = 10, 0.2 um: shapes 0.37 to 0.39 um at their worst node."""
+    cube = Volume(origin_mm=(0, 0, 0), size_mm=(1000, 1000, 1000), increments=10)
+    found = forecast(bare_survey(Plan(volume=cube, runs=())), SEPARABLE)
+    assert [found.u[name] for name in ("EXX", "EYX", "EZZ")] == pytest.approx([0.32] * 3, abs=0.02)
+    assert found.u["X"] is None
+    assert found.angles == "assumed"
+
+
+def test_linear_runs_identify_the_scales(bare):
+    assert [bare.u[axis] for axis in "XYZ"] == [None] * 3
+    assert all(forecast(BARE.with_runs(*LINEAR), USUAL).u[axis] is not None for axis in "XYZ")
+
+
+def test_three_beams_resolve_all_eighteen_functions(bare):
+    """theory.md 5.2: three beam positions in two directions resolve all 18; the planner finds the two shifts by itself."""
+    assert not bare.resolves_all
+    steps = resolving(bare, USUAL)
+    assert [("beam shifted" in step.text) for step in steps] == [True, True]
+    assert steps[-1].forecast.resolves_all
+    shifts = {run.beam_offset_mm for run in steps[-1].forecast.plan.runs}
+    assert len(shifts) == 3
+    assert len(steps[-1].forecast.plan.runs) == 12
+
+
+def test_survey_that_resolves_all_needs_no_step():
+    advice = plan(BARE, USUAL)
+    assert advice.best is None
+    assert resolving(advice.resolving[-1].forecast, USUAL) == ()
+
+
+def test_additions_come_with_their_price_and_the_best_first(bare):
+    added = rank(bare, USUAL)
+    rates = [addition.gain_um_per_minute for addition in added]
+    assert rates == sorted(rates, reverse=True)
+    for addition in added:
+        assert addition.minutes == pytest.approx(addition.forecast.minutes - bare.minutes)
+        assert addition.gain_um == pytest.approx(bare.volumetric_um - addition.forecast.volumetric_um)
+    # nothing is worth more on bare diagonals than the scales that they do not see
+    assert added[0].text == "a linear run along X"
+    assert added[0].newly_identified == ("X",)
+
+
+def test_more_of_everything_is_never_worse(bare):
+    """Repeats and return passes add readings to the same model."""
+    offers = {addition.text: addition for addition in rank(bare, SEPARABLE)}
+    now = forecast(BARE, SEPARABLE)
+    for text in ("one more repeat of every run", "return passes"):
+        then = offers[text].forecast
+        assert all(then.u[name] <= u * (1 + 1e-9) for name, u in now.u.items() if u is not None and then.u[name] is not None)
+
+
+def test_head_lowers_what_angles_spoil(bare):
+    """Pitch and yaw known to 1 urad instead of 10: the false squareness of theory.md 5.3 shrinks to what the rolls leave."""
+    runs = [Run(setup=f"fourdof-{axis}") for axis in "xyz"]
+    measured = forecast(BARE.with_runs(*runs), USUAL)
+    assert measured.u["EXX"] < 0.35 * bare.u["EXX"]
+    assert measured.volumetric_um < bare.volumetric_um
+    no_roll = dict.fromkeys(set(ROTATIONS) - {"EAX", "EBY", "ECZ"}, 10.0)
+    levelled = forecast(BARE.with_runs(*runs), Circumstances(assumed=Assumptions(angle_urad=no_roll)))
+    assert levelled.u["C0Y"] < 0.2 * bare.u["C0Y"]
+
+
+def test_best_survey_fits_the_time_and_uses_it():
+    found = [best_survey(BARE, USUAL, available_min=minutes) for minutes in (130, 160, 220)]
+    assert [one.minutes <= minutes for one, minutes in zip(found, (130, 160, 220), strict=True)] == [True] * 3
+    uncertainty = [one.volumetric_um for one in found]
+    assert uncertainty == sorted(uncertainty, reverse=True)
+    assert uncertainty[-1] < 0.6 * uncertainty[0]
+
+
+def test_best_survey_stops_at_the_target():
+    found = best_survey(BARE, USUAL, target_um=7.0)
+    assert found.volumetric_um <= 7.0
+    assert found.minutes < 220
+
+
+def test_impossible_wish_gives_no_survey():
+    assert best_survey(BARE, USUAL, available_min=60) is None
+    assert best_survey(BARE, USUAL, available_min=130, target_um=0.1) is None
+
+
+def test_fine_survey_is_forecast_on_few_increments_and_timed_on_all():
+    """The noise of a node does not depend on how many others there are; the minutes do."""
+    coarse, fine = (bare_survey(Plan(volume=replace(BOX, increments=n), runs=())) for n in (10, 80))
+    first, second = forecast(coarse, USUAL), forecast(fine, USUAL)
+    assert second.volumetric_um == first.volumetric_um
+    assert second.minutes == plan_minutes(fine)
+    assert second.plan == fine
+
+
+def test_advice_holds_all_of_it():
+    survey = Plan(volume=BOX, runs=tuple(Run(setup=name) for name in BODY_DIAGONALS))
+    advice = plan(survey, USUAL, available_min=130)
+    assert advice.forecast.minutes == pytest.approx(plan_minutes(survey))
+    assert "return passes" not in [addition.text for addition in advice.additions]
+    assert advice.best.minutes <= 130
+    assert np.isfinite(advice.forecast.volumetric_um)
+
+
+def test_plan_without_laser_is_refused():
+    with pytest.raises(UsageError, match="laser"):
+        forecast(Plan(volume=BOX, runs=(Run(setup="fourdof-x"),)), USUAL)

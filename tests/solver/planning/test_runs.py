@@ -1,0 +1,84 @@
+"""Stops, readings and minutes of a planned survey."""
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.geometry.setups import SETUP_NAMES
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS, Volume, diagonal_stops_mm, linear_stops_mm
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.planning.runs import Pace, Plan, Run, perfect_readings, plan_minutes, run_minutes, run_stops_mm
+
+BOX = Volume(origin_mm=(10.0, -20.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
+DIAGONALS = tuple(Run(setup=name) for name in BODY_DIAGONALS)
+
+
+def plan(*runs, **changes):
+    return Plan(volume=BOX, runs=runs, **changes)
+
+
+@pytest.mark.parametrize("setup", BODY_DIAGONALS)
+@pytest.mark.parametrize("order", ["xyz", "yzx"])
+def test_step_diagonals_are_those_of_the_geometry(setup, order):
+    stops = run_stops_mm(plan(axis_order=order), Run(setup=setup))
+    assert stops.tolist() == diagonal_stops_mm(BOX, setup, order).tolist()
+
+
+@pytest.mark.parametrize("axis", "xyz")
+def test_linear_and_fourdof_runs_go_along_one_edge(axis):
+    for kind in ("linear", "fourdof"):
+        assert run_stops_mm(plan(), Run(setup=f"{kind}-{axis}")).tolist() == linear_stops_mm(BOX, f"linear-{axis}").tolist()
+
+
+def test_every_setup_the_solver_knows_can_be_planned():
+    """The layout's own checks (route, ends, sign and unit of the laser) accept each perfect run, out and back."""
+    runs = [Run(setup=name, repeats=2) for name in SETUP_NAMES]
+    layout = lay_out(perfect_readings(plan(*runs), 0.3))
+    assert len(layout.passes) == 4 * len(SETUP_NAMES)
+    assert np.abs(layout.deviation_um).max() < 1e-6
+    assert layout.volume == BOX
+
+
+def test_shifted_beam_shifts_the_spot():
+    """The part of the shift across the beam is what moves the spot."""
+    here, there = (
+        lay_out(perfect_readings(plan(Run(setup="ppp", beam_offset_mm=shift)), 0.3)) for shift in ((0.0, 0.0, 0.0), (0.0, 0.0, 50.0))
+    )
+    along = here.direction[0]
+    assert there.spot_mm - here.spot_mm == pytest.approx(np.tile([0, 0, 50.0] - 50.0 * along[2] * along, (62, 1)))
+
+
+def test_minutes_by_hand():
+    """X run of 500 mm out and back: 20 min to set up, 2 (500 + 20) mm at 2000 mm/min, 22 dwells of 2 s."""
+    run = Run(setup="linear-x")
+    assert run_minutes(plan(run), run) == pytest.approx(20 + 2 * 520 / 2000 + 22 * 2 / 60)
+    once = Run(setup="linear-x", return_pass=False, repeats=2)
+    assert run_minutes(plan(once), once) == pytest.approx(20 + 2 * 520 / 2000 + 500 / 2000 + 22 * 2 / 60)
+
+
+def test_four_diagonals_take_what_is_published():
+    """Wang's article: 2 to 4 hours for four diagonals of one cubic metre."""
+    cube = Volume(origin_mm=(0, 0, 0), size_mm=(1000, 1000, 1000), increments=20)
+    assert 2.0 < plan_minutes(Plan(volume=cube, runs=DIAGONALS)) / 60 < 4.0
+
+
+def test_shift_of_the_beam_is_cheaper_than_a_setup():
+    pace = Pace()
+    plain, shifted = Run(setup="ppp"), Run(setup="ppp+1", beam_offset_mm=(50.0, 0.0, 0.0))
+    saved = run_minutes(plan(plain), plain) - run_minutes(plan(shifted), shifted)
+    assert saved == pytest.approx(pace.diagonal_setup_min - pace.beam_shift_min)
+
+
+def test_second_run_of_a_setup_gets_the_next_number():
+    grown = plan(*DIAGONALS).with_runs(Run(setup="ppp"), Run(setup="ppp"), Run(setup="linear-x"))
+    assert [run.setup for run in grown.runs[4:]] == ["ppp+1", "ppp+2", "linear-x"]
+
+
+def test_plan_without_laser_is_refused():
+    with pytest.raises(UsageError, match="at least one run of the laser"):
+        perfect_readings(plan(Run(setup="fourdof-x")), 0.3)
+
+
+def test_unknown_setup_is_refused_by_name():
+    with pytest.raises(UsageError, match="pqp"):
+        run_stops_mm(plan(), Run(setup="pqp"))

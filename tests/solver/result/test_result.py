@@ -1,0 +1,87 @@
+"""The result and its JSON (contract 4)."""
+
+import json
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.result.result import parse_result
+from testkit.surveys import DIAGONALS, Bench
+
+RESULT = solve(Bench().survey(DIAGONALS))
+TEXT = RESULT.to_json()
+
+
+def test_the_json_is_what_the_contract_says():
+    document = json.loads(TEXT)
+    assert document["format"] == "stepdiag-result"
+    assert document["version"] == 1
+    assert document["volume"] == {"origin_mm": [0.0, 0.0, 0.0], "size_mm": [500.0, 400.0, 300.0], "increments": 10}
+    assert document["errors"]["EXX"].keys() >= {"position_mm", "value", "u", "unit"}
+    assert document["squareness"]["C0Y"].keys() == {"value", "u", "unit"}
+    assert document["scale"]["X"] == {"value": None, "u": None, "unit": "um/m", "identified": False}
+    assert document["errors"]["EXX"]["slope_identified"] is False
+    assert all(finding.keys() == {"code", "severity", "text"} for finding in document["findings"])
+    assert TEXT.endswith("}\n")
+    assert "\r" not in TEXT
+
+
+def test_reading_back_gives_the_same_bytes_and_values():
+    again = parse_result(TEXT)
+    assert again.to_json() == TEXT
+    assert np.allclose(again.errors["EYZ"].value, RESULT.errors["EYZ"].value, atol=1e-6)
+    assert again.findings == RESULT.findings
+    assert again.extra.keys() == RESULT.extra.keys()
+
+
+def test_a_result_of_another_program_needs_only_what_the_contract_names():
+    document = json.loads(TEXT)
+    for name in ("software", "method", "reversal", "fit", "closure_um", "scale_sum_um"):
+        del document[name]
+    for function in document["errors"].values():
+        del function["slope_identified"]
+    assert parse_result(json.dumps(document)).method == ""
+
+
+def changed(path, value):
+    document = json.loads(TEXT)
+    place = document
+    for name in path[:-1]:
+        place = place[name]
+    if value is None:
+        del place[path[-1]]
+    else:
+        place[path[-1]] = value
+    return json.dumps(document)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "line 1: expected a JSON document"),
+        ("[" * 100_000, "expected a JSON document"),
+        ("[]", "document: expected an object"),
+        (changed(["format"], "else"), r"format: expected 'stepdiag-result', found \"else\""),
+        (changed(["version"], 2), "version: expected 1, found 2"),
+        (changed(["version"], True), "version: expected 1, found true"),
+        (changed(["chain"], "XYZ"), "chain: expected X, Y, Z and the bed once each"),
+        (changed(["volume", "size_mm"], [1, 2]), "volume.size_mm: expected three numbers above 0"),
+        (changed(["volume", "size_mm"], [1, 2, 0]), "volume.size_mm: expected three numbers above 0"),
+        (changed(["volume", "increments"], 2.5), "volume.increments: expected a whole number from 1 to 500"),
+        (changed(["errors", "EXY"], None), "errors.EXY: expected this entry, found nothing"),
+        (changed(["errors", "EXQ"], {}), "errors.EXQ: expected a function named"),
+        (changed(["errors", "EXY", "unit"], "mm"), "errors.EXY.unit: expected 'um'"),
+        (changed(["errors", "EXY", "value"], [1.0]), "errors.EXY.value: expected 11 numbers"),
+        (changed(["errors", "EXY", "value", 3], "a"), r"errors.EXY.value\[3\]: expected a finite number"),
+        (changed(["errors", "EXY", "position_mm", 3], 0.0), "errors.EXY.position_mm: expected at least two ascending positions"),
+        (changed(["scale", "X", "identified"], True), "scale.X: expected a value exactly where identified is true"),
+        (changed(["squareness", "B0Z"], None), "squareness.B0Z: expected this entry"),
+        (changed(["findings", 0, "severity"], "bad"), r"findings\[0\].severity: expected info, warning or error"),
+        (TEXT.replace("500.0", "NaN", 1), "expected a finite number"),
+    ],
+)
+def test_what_is_no_result_is_refused_by_field(text, message):
+    with pytest.raises(DataError, match=message):
+        parse_result(text, "old.json")

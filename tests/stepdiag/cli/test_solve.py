@@ -1,0 +1,129 @@
+"""``solve`` as a person and a program meet it, and how soon the command line is there."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import parse_result
+from stepdiag.terminal.tables import result_table
+from testkit.cli import stepdiag
+from testkit.madeup import made_up_result
+from testkit.results import made_result
+
+GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
+
+
+def cells(out: str, name: str) -> list[str]:
+    """Return the cells of the row that begins with a name."""
+    rows = ([cell.strip() for cell in line.strip("│ ").split("│")] for line in out.splitlines())
+    return next(row for row in rows if row[0] == name)
+
+
+class TestSolve:
+    def test_a_result_at_a_glance(self, tmp_path):
+        told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json")
+        assert told.code == 0
+        assert "volume 1000 x 800 x 500 mm" in told.out
+        assert cells(told.out, "EXX")[1] == "16.22", "range of the shape, um"
+        assert cells(told.out, "EXX")[5] == "shape only"
+        assert cells(told.out, "EYX")[5] == "yes"
+        assert cells(told.out, "scale X") == ["scale X", "-", "-", "um/m", "NO"]
+        assert float(cells(told.out, "C0Y")[1]) == pytest.approx(-20.0, abs=0.2)
+        assert float(cells(told.out, "ppp")[1]) == pytest.approx(0.4, abs=0.05), "the mirror's tilt in mrad"
+        assert "WARNING scale-unidentified" in told.out
+
+    def test_for_programs_it_prints_the_bytes_that_it_writes(self, tmp_path):
+        told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json", "--json")
+        assert told.out == (tmp_path / "result.json").read_text(encoding="utf-8")
+        assert parse_result(told.out).chain == "FXYZ"
+
+    def test_a_result_is_never_overwritten(self, tmp_path):
+        (tmp_path / "result.json").write_text("mine", encoding="utf-8")
+        told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json")
+        assert told.code == 2
+        assert (tmp_path / "result.json").read_text(encoding="utf-8") == "mine"
+
+    @pytest.mark.parametrize(
+        ("arguments", "code", "words"),
+        [
+            (("--method", "estimat"), 2, "did you mean 'estimate'?"),
+            (("--chain", "XYZ"), 2, "chain"),
+            (("--angles", "none.csv"), 2, "none.csv: expected a readable file"),
+        ],
+    )
+    def test_wrong_usage_is_named(self, arguments, code, words):
+        told = stepdiag("solve", GOLDEN, *arguments)
+        assert told.code == code
+        assert words in told.refusal
+
+    def test_readings_that_are_no_survey_are_refused(self, tmp_path):
+        (tmp_path / "r.csv").write_text("setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\nppp,1,0,0,0,0,0\nppp,1,2,1,1,1,1\n", encoding="utf-8")
+        told = stepdiag("solve", tmp_path / "r.csv")
+        assert told.code == 3
+        assert "setup ppp, pass 1: expected stop 1" in told.refusal
+
+    def test_a_laser_of_the_wrong_sign_is_named_with_the_file(self, tmp_path):
+        """The reading is the column before the last one of the golden survey."""
+        head, *rows = GOLDEN.read_text(encoding="utf-8").splitlines()[1:]
+        turned = [[*cells[:6], str(-float(cells[6])), *cells[7:]] for cells in (row.split(",") for row in rows)]
+        (tmp_path / "turned.csv").write_text("\n".join([head, *(",".join(cells) for cells in turned)]), encoding="utf-8")
+        told = stepdiag("solve", tmp_path / "turned.csv")
+        assert told.code == 3
+        assert told.refusal.startswith("turned.csv: setup ppp, pass 1: ")
+        assert "sign = -1" in told.refusal
+
+    def test_what_is_neither_readings_nor_logs_is_refused_by_name(self, tmp_path):
+        (tmp_path / "readings.txt").write_bytes(GOLDEN.read_bytes())
+        told = stepdiag("solve", tmp_path / "readings.txt")
+        assert told.code == 2
+        assert "readings.txt: expected one readings file (*.csv), or logs (*.mcap)" in told.refusal
+        told = stepdiag("solve", tmp_path / "none.mcap")
+        assert (told.code, told.refusal) == (
+            2,
+            f"{tmp_path / 'none.mcap'}: expected a log (*.mcap) or a folder of logs, found nothing of this name",
+        )
+
+
+@pytest.mark.parametrize("group", [(), ("fourdof",)])
+def test_the_list_of_commands_says_whole_sentences(group):
+    """80 columns wide; what is too long the library cuts off with three dots."""
+    told = stepdiag(*group, "--help")
+    listed = told.out.partition("Commands:")[2].strip().splitlines()
+    assert len(listed) > 5
+    assert [line for line in listed if not line.endswith(".") or line.endswith("...")] == []
+
+
+class TestResultTable:
+    def test_what_is_not_identified_is_not_a_number(self, capsys):
+        result_table(made_result({"EYX": None}, squareness={"C0Y": None}), None)
+        out = capsys.readouterr().out
+        assert cells(out, "EYX") == ["EYX", "-", "-", "-", "um", "NO"]
+        assert cells(out, "C0Y")[-1] == "NO"
+
+    def test_uncertainty_is_shown_expanded(self, capsys):
+        """k = 2 (GUM 6.2): standard uncertainty 0.3 um, shown 0.60."""
+        result_table(made_result({"EXX": [0.0, 1.0, 2.0, 3.0, 8.0]}, u_um=0.3), Path("r.json"))
+        out = capsys.readouterr().out
+        assert cells(out, "EXX")[1:4] == ["3.00", "8.00", "0.60"], "shape 0, -1, -2, -3, 0 um once the end-point line is removed"
+        assert "written: r.json" in out
+
+    def test_angles_stand_below_and_findings_at_the_end_the_worst_first(self, capsys):
+        findings = (Finding(code="b", severity="info", text="[note]"), Finding(code="a", severity="error", text="worst"))
+        result_table(made_up_result(angles=True), None)
+        assert cells(capsys.readouterr().out, "ECZ")[4] == "urad"
+        result_table(made_result(findings=findings), None)
+        assert capsys.readouterr().out.splitlines()[-2:] == ["ERROR   a: worst", "note    b: [note]"]
+
+
+def test_help_comes_at_once():
+    """Contract: under 0.25 s. What takes long to load is not loaded for it."""
+    code = (
+        "import sys; from typer.testing import CliRunner; from stepdiag.cli.app import app, build; build();"
+        "assert CliRunner().invoke(app, ['--help']).exit_code == 0;"
+        "print([n for n in ('numpy', 'rich.table', 'msgspec', 'pymodbus', 'asyncio.base_events') if n in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
+    assert done.stdout.strip() == "[]"

@@ -1,0 +1,118 @@
+"""``status``: what of a survey is kept and what must be driven again, from the disk alone."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import msgspec
+import pytest
+
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.log.topics import stop_note
+from stepdiag.daq.recording.rounds import FolderLock
+from testkit.captured import stops_of
+from testkit.cli import stepdiag
+from testkit.recording import HEADER, recording, write_log
+from testkit.timeline import survey_text
+
+TEXT = survey_text(setups=("ppp", "npp"))
+EVENTS = recording(0.1)
+
+
+@pytest.fixture
+def survey(tmp_path: Path) -> Path:
+    path = tmp_path / "survey.toml"
+    path.write_text(TEXT, encoding="utf-8")
+    return path
+
+
+def record(survey: Path, number: int, stops: list[CapturedStop], *, round_: str = "0001", finish: bool = True) -> Path:
+    """Leave a log behind as a daemon does; cut off where it is not finished."""
+    path = survey.parent / "bench" / round_ / f"{number:04d}.mcap"
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_log(path, [*EVENTS, *map(stop_note, stops)], flush_every=1, finish=finish, header=replace(HEADER, survey_text=TEXT))
+    return path
+
+
+def told(*arguments: object) -> dict:
+    return json.loads(stepdiag("status", *arguments, "--json").out)
+
+
+def test_before_anything_was_recorded_everything_is_to_do(survey):
+    said = told(survey)
+    assert [(setup["name"], setup["state"]) for setup in said["setups"]] == [("ppp", "to-do"), ("npp", "to-do")]
+    assert (said["round"], said["next_setup"], said["complete"], said["logs"]) == (None, "ppp", False, [])
+    assert not (survey.parent / "bench").exists(), "status makes nothing"
+    assert "nothing recorded yet" in stepdiag("status", survey).out
+
+
+def test_what_is_whole_is_kept(survey):
+    record(survey, 1, stops_of("ppp"))
+    said = told(survey)
+    assert [setup["state"] for setup in said["setups"]] == ["done", "to-do"]
+    assert said["setups"][0]["stops_done"] == said["setups"][0]["stops_wanted"] == 10
+    assert said["next_setup"] == "npp"
+
+
+def test_a_pass_left_in_the_middle_goes_on_from_its_last_stop(survey):
+    record(survey, 1, stops_of("ppp", only=range(4)), finish=False)
+    out = stepdiag("status", survey).out
+    assert "ppp: pass 1: stops 4, 5, 6, 7, 8, 9 are missing: drive again from stop 3 on" in out
+    assert "0001.mcap.part: not closed: it is being written, or it was cut off" in out
+    assert "next: ppp" in out
+
+
+def test_a_beam_that_was_lost_says_so(survey):
+    stops = stops_of("ppp")
+    stops[5] = msgspec.structs.replace(stops[5], broken="beam lost")
+    record(survey, 1, stops)
+    reason = told(survey)["setups"][0]["reason"]
+    assert reason.startswith("pass 1: stops 5, 6, 7, 8, 9 do not reach back to the start (beam lost): drive again from stop 4 on")
+
+
+def test_the_folder_alone_is_enough_and_the_last_round_counts(survey):
+    record(survey, 1, [*stops_of("ppp"), *stops_of("npp")])
+    record(survey, 1, stops_of("npp"), round_="0002")
+    folder = survey.parent / "bench"
+    assert told(folder)["next_setup"] == "ppp"
+    assert told(folder / "0001")["complete"]
+    assert "every pass is in, no result yet: `stepdiag solve" in stepdiag("status", folder / "0001").out
+    (folder / "0001" / "result.json").write_text("{}", encoding="utf-8")
+    assert "complete: " in stepdiag("status", folder / "0001").out
+
+
+def test_a_daemon_that_records_is_seen_and_not_disturbed(survey):
+    record(survey, 1, stops_of("ppp"))
+    folder = survey.parent / "bench"
+    assert not told(survey)["recording"]
+    lock = FolderLock.take(folder)
+    try:
+        assert told(survey)["recording"]
+    finally:
+        lock.release()
+    assert not told(survey)["recording"]
+
+
+def test_a_survey_file_changed_since_is_named(survey):
+    record(survey, 1, stops_of("ppp"))
+    survey.write_text(TEXT + "# a word\n", encoding="utf-8")
+    assert "will begin a new round" in stepdiag("status", survey).out
+
+
+def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):
+    record(survey, 1, stops_of("ppp"))
+    path = record(survey, 2, stops_of("npp"))
+    path.write_bytes(b"\x00" * 100)
+    said = told(survey)
+    assert said["next_setup"] == "npp"
+    assert said["logs"][1]["trouble"]
+    (path.parent / "0001.mcap").write_bytes(b"\x00" * 100)
+    told_ = stepdiag("status", path.parent)
+    assert told_.code == 3
+    assert "at least one log that can be read" in told_.refusal
+
+
+def test_a_folder_without_logs_is_refused(tmp_path):
+    found = stepdiag("status", tmp_path)
+    assert found.code == 2
+    assert "expected a folder with logs (*.mcap), found none" in found.refusal

@@ -1,0 +1,131 @@
+"""Comparing results: the right quantity is named, chance is not called a change, and a change is not called chance."""
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from stepdiag.cli.app import build
+from stepdiag.comparing.compare import compare, coverage_factor, trend
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.result.result import Function, Quantity, Result
+from testkit.madeup import made_up_result
+
+
+def noisy(result: Result, random: np.random.Generator) -> Result:
+    """Return the result of measuring the same machine again: each value moved by its own uncertainty."""
+
+    def again(function: Function) -> Function:
+        return replace(function, value=function.value + function.u * random.normal(size=len(function.u)))
+
+    squareness = {name: Quantity(value=q.value + q.u * random.normal(), u=q.u) for name, q in result.squareness.items()}
+    return replace(result, errors={name: again(function) for name, function in result.errors.items()}, squareness=squareness)
+
+
+def test_nothing_changed_is_said_so() -> None:
+    """A result against itself: no difference, no change, factor 1."""
+    result = made_up_result(scales=True)
+    same = compare(result, result)
+    assert all(change.difference == 0 and change.significant is False for change in same.changes)
+    assert same.improvement == 1.0
+
+
+def test_chance_is_rarely_called_a_change() -> None:
+    """Measured twice without a change, a quantity is called changed in about 4.6 % of the cases (k = 2), function or number."""
+    random = np.random.default_rng(20)
+    result = made_up_result(scales=False, reversal=False)
+    called = [change.significant for _ in range(150) for change in compare(noisy(result, random), noisy(result, random)).changes]
+    decided = [one for one in called if one is not None]
+    assert len(decided) == 150 * 12
+    assert np.mean(decided) == pytest.approx(0.0455, abs=0.015)
+
+
+def test_the_coverage_factor_is_two_for_one_quantity() -> None:
+    """Sidak: for 9 nodes the chance of 4.55 % is shared, 1 - (1 - 0.0455)^(1/9) = 0.516 %, k = 2.797."""
+    assert coverage_factor(1) == pytest.approx(2.0)
+    assert coverage_factor(9) == pytest.approx(2.797, abs=2e-3)
+
+
+def test_a_crash_of_one_axis_is_found() -> None:
+    """Squareness moved by 5 urad and one straightness by 4 um in one place: these two are named, with size and place."""
+    before = made_up_result()
+    bent = before.errors["EYX"].value.copy()
+    bent[4] += 4.0
+    after = replace(
+        before,
+        squareness={**before.squareness, "C0Y": Quantity(value=25.0, u=0.4)},
+        errors={**before.errors, "EYX": replace(before.errors["EYX"], value=bent)},
+    )
+    changed = {change.name: change for change in compare(before, after).changes if change.significant}
+    assert changed.keys() == {"C0Y", "EYX"}
+    assert changed["C0Y"].difference == pytest.approx(5.0)
+    assert changed["EYX"].difference == pytest.approx(4.0)
+    assert changed["EYX"].position_mm == pytest.approx(200.0)
+
+
+def test_half_the_error_is_an_improvement_of_two() -> None:
+    """All functions and squarenesses halved: factor 2."""
+    before = made_up_result(reversal=False)
+    after = replace(
+        before,
+        errors={name: replace(function, value=function.value / 2) for name, function in before.errors.items()},
+        squareness={name: Quantity(value=q.value / 2, u=q.u) for name, q in before.squareness.items()},
+    )
+    assert compare(before, after).improvement == pytest.approx(2.0)
+
+
+def test_a_scale_known_only_once_is_no_change() -> None:
+    """Where one survey had linear runs and the other had not, the shapes are compared and the scale is left open."""
+    with_runs, without = made_up_result(scales=True), made_up_result(scales=False)
+    changes = {change.name: change for change in compare(with_runs, without).changes}
+    assert changes["scale X"].significant is None
+    assert changes["EXX"].significant is False
+
+
+def test_other_nodes_are_compared_where_both_cover() -> None:
+    """A survey with other increments over a part of the travel is compared by interpolation."""
+    before = made_up_result(reversal=False)
+    nodes = np.array([100.0, 200.0, 300.0])
+    function = before.errors["EYX"]
+    part = replace(function, position_mm=nodes, value=np.interp(nodes, function.position_mm, function.value), u=np.full(3, 0.4))
+    change = next(one for one in compare(before, replace(before, errors={**before.errors, "EYX": part})).changes if one.name == "EYX")
+    assert change.significant is False
+
+
+def test_another_machine_is_refused() -> None:
+    """Another chain, or a volume elsewhere: a refusal, not a table of nonsense."""
+    result = made_up_result()
+    far = Volume(origin_mm=(900.0, 0.0, 0.0), size_mm=(100.0, 100.0, 100.0), increments=4)
+    with pytest.raises(DataError, match="chain"):
+        compare(result, replace(result, chain="XYFZ"))
+    with pytest.raises(DataError, match="overlap"):
+        compare(result, replace(result, volume=far))
+
+
+def test_the_trend_follows_each_quantity() -> None:
+    """Three results in order give three values a quantity, in that order."""
+    results = [made_up_result(amplitude_um=amplitude) for amplitude in (4.0, 6.0, 8.0)]
+    by_name = {one.name: one for one in trend(results)}
+    low, middle, high = by_name["volumetric error rms"].values
+    assert low < middle < high
+    assert by_name["scale X"].values == (None, None, None)
+    assert by_name["range of EYX"].values[2] == pytest.approx(2 * by_name["range of EYX"].values[0])
+
+
+def test_the_command_prints_a_table_and_json(tmp_path: Path) -> None:
+    """A person gets a table with the verdict; a program gets the same numbers."""
+    for name, amplitude in (("a", 8.0), ("b", 4.0), ("c", 2.0)):
+        (tmp_path / f"{name}.json").write_text(made_up_result(amplitude_um=amplitude).to_json(), encoding="utf-8")
+    paths = [str(tmp_path / f"{name}.json") for name in "abc"]
+    told = CliRunner().invoke(build(), ["compare", *paths], env={"COLUMNS": "160"})
+    assert told.exit_code == 0, told.output
+    assert "improvement factor" in told.output
+    assert "trend" in told.output
+    document = json.loads(CliRunner().invoke(build(), ["compare", *paths, "--json"]).output)
+    eyx = next(change for change in document["changes"] if change["name"] == "EYX")
+    assert eyx["significant"] is True
+    assert len(document["trend"][0]["values"]) == 3

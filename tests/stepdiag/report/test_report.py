@@ -1,0 +1,286 @@
+"""The report: whole, alone, escaped, the same bytes each time, and true to the result."""
+
+import base64
+import csv
+import io
+import re
+import shutil
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from typer.testing import CliRunner
+
+from stepdiag.cli.app import build
+from stepdiag.cli.report import read_result
+from stepdiag.report.charts import ticks
+from stepdiag.report.document import build_report, volumetric_error
+from stepdiag.report.exported import Exported, ExportedFile
+from stepdiag.report.measured import layout_of, setup_figures
+from stepdiag.report.output import print_pdf, write_report
+from stepdiag.report.sections import conditions_table
+from stepdiag.report.space import lattice_mm, view_matrix
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.methods.standard_figures import diagonals
+from stepdiag.solver.readings.readings import Readings, parse_readings
+from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.result import Result
+from stepdiag.texts.texts import LANGUAGES, SECTIONS, catalogue
+from testkit.madeup import VOLUME, made_up_result
+
+
+class Outline(HTMLParser):
+    """What a browser would see: tags, addresses and text."""
+
+    VOID = frozenset({"meta", "br", "link", "input"})
+
+    def __init__(self, html: str) -> None:
+        super().__init__()
+        self.tags: list[str] = []
+        self.addresses: list[str] = []
+        self.open: list[str] = []
+        self.words = ""
+        self.feed(html)
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+        self.addresses += [value or "" for name, value in attrs if name in {"src", "href", "xlink:href"}]
+        if tag not in self.VOID:
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        self.tags.append(tag)
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() == tag
+
+    def handle_data(self, data: str) -> None:
+        self.words += data
+
+
+def test_the_report_needs_nothing_else() -> None:
+    """One file: no address but the CSV inside it, one script and one style sheet, admitted by their hashes."""
+    html = build_report(made_up_result(), source="result.json").html
+    outline = Outline(html)
+    assert outline.open == []
+    assert all(address.startswith("data:text/csv") for address in outline.addresses)
+    assert outline.tags.count("script") == outline.tags.count("style") == 1
+    assert "default-src 'none'" in html
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_same_result_gives_the_same_bytes(language: str) -> None:
+    """No clock, no order of a set, no address of the machine goes into it."""
+    first, second = (build_report(made_up_result(), source="result.json", language=language) for _ in range(2))
+    assert first.html == second.html
+    assert f'<html lang="{language}">' in first.html
+
+
+HOSTILE = "<script>alert(1)</script>\"'&<img src=x onerror=alert(1)>"
+
+
+def test_what_a_stranger_wrote_stays_text() -> None:
+    """Markup in any free text of a result, of a file name or of the source comes out as text."""
+    result = made_up_result(
+        survey={"machine": HOSTILE, "operator": [HOSTILE]},
+        conditions={HOSTILE: {HOSTILE: HOSTILE}},
+        budget={"shares": {HOSTILE: {HOSTILE: 1.0}}, "assumptions": {HOSTILE: HOSTILE}},
+    )
+    hostile = Finding(code=HOSTILE, severity="error", text=HOSTILE)
+    result.setups[HOSTILE] = {HOSTILE: HOSTILE}
+    object.__setattr__(result, "findings", (hostile,))
+    exported = [Exported(controller=HOSTILE, files=(ExportedFile(name=HOSTILE, size_bytes=1, sha256=HOSTILE),))]
+    outline = Outline(build_report(result, source=HOSTILE, exported=exported).html)
+    assert outline.tags.count("script") == 1
+    assert "img" not in outline.tags
+    assert outline.words.count(HOSTILE) > 8
+
+
+FOREIGN = (
+    3,
+    "x",
+    [1],
+    {"shares": 1, "diagonals": 1, "x": 1},
+    {"shares": {"EXX": 3}},
+    {"shares": {"EXX": {"reading": "much"}}},
+    {"x": [1, "y"]},
+)
+
+
+@pytest.mark.parametrize("name", ["survey", "conditions", "budget", "fit", "closure_um", "scale_sum_um"])
+@pytest.mark.parametrize("value", FOREIGN)
+def test_foreign_extras_are_left_out(name: str, value: object) -> None:
+    """Entries that the contract does not fix may hold anything; the report is written all the same."""
+    assert "<h1>" in build_report(made_up_result(**{name: value}), source="r").html
+
+
+def test_every_figure_says_its_numbers() -> None:
+    """The CSV of a function holds its values and standard uncertainties to a femtometre, inside the HTML too."""
+    result = made_up_result()
+    report = build_report(result, source="r")
+    figure = next(one for one in report.figures if one.name == "EYX")
+    rows = list(csv.DictReader(io.StringIO(figure.table)))
+    np.testing.assert_allclose([float(row["EYX_um"]) for row in rows], result.errors["EYX"].value, rtol=0, atol=1e-9)
+    np.testing.assert_allclose([float(row["u_um"]) for row in rows], result.errors["EYX"].u, rtol=0, atol=1e-9)
+    inside = [base64.b64decode(address.split(",")[1]).decode() for address in Outline(report.html).addresses]
+    assert inside == [one.table for one in report.figures]
+    assert {"EXX", "field-before"} <= {one.name for one in report.figures}
+
+
+def test_the_band_is_twice_the_standard_uncertainty() -> None:
+    """On a chart 20 um high, a u of 0.4 um at the middle spans 1.6 um from edge to edge."""
+    report = build_report(made_up_result(amplitude_um=8.0, u_um=0.4), source="r")
+    drawing = next(one.drawing for one in report.figures if one.name == "EYX")
+    band = re.search(r'<path d="M([^Z"]+)Z" class="band', drawing)
+    assert band is not None
+    points = np.array([[float(v) for v in pair.split(" ")] for pair in band[1].split("L")])
+    upper, lower = points[:11], points[:10:-1]
+    pixels_per_um = (250 - 38 - 14) / 20
+    assert lower[5, 1] - upper[5, 1] == pytest.approx(4 * 0.4 * pixels_per_um, abs=0.02)
+
+
+def test_the_prediction_is_what_the_tables_leave() -> None:
+    """A control that takes away 80 % of the error leaves a fifth of it; the rigid motion counts for nothing."""
+    result = made_up_result()
+
+    def four_fifths(points: np.ndarray) -> np.ndarray:
+        return -0.8 * error_field_um(result, points) + np.array([3.0, -2.0, 1.0])
+
+    known = volumetric_error(result, four_fifths)
+    assert known.improvement == pytest.approx(5.0)
+    assert known.largest_after_um == pytest.approx(known.largest_before_um / 5)
+    html = build_report(result, source="r", exported=[Exported(controller="siemens", files=(), correction=four_fifths)]).html
+    assert "improvement factor (rms): 5.0" in html
+    assert "figure-field-after" in html
+
+
+def golden() -> tuple[Result, Readings]:
+    """Return the golden separable survey (reference data, section 11 of the theory) and its result."""
+    path = Path(__file__).parents[2] / "data" / "golden_stepdiag_separable.csv"
+    readings = parse_readings(path.read_text(encoding="utf-8"), path.name)
+    return solve(readings, method="least-squares"), readings
+
+
+def test_diagonals_by_iso_230_6_come_from_the_readings() -> None:
+    """On the points of each diagonal, one run outward: E_up is the range of reading less way; the machine's figure is the largest."""
+    result, readings = golden()
+    layout = layout_of(readings, result)
+    found = diagonals(layout)
+    assert found is not None
+    for name, figures in found[0].diagonals.items():
+        rows = [row for row, setup in enumerate(readings.setup) if setup == name and readings.stop[row] % 3 == 0]
+        way = np.linalg.norm(readings.position_mm[rows] - readings.position_mm[rows[0]], axis=1)
+        assert figures.E_up == pytest.approx(np.ptp(readings.reading_mm[rows] - way) * 1e3, abs=1e-6)
+    html = build_report(result, source="r", readings=readings).html
+    assert "Diagonals by ISO 230-6" in html
+    assert f"{max(one.E_up for one in found[0].diagonals.values()):.2f}" in html
+
+
+def test_the_readings_are_drawn_with_the_return_hung_on() -> None:
+    """Out and back: the return pass starts where the outward pass ended, and ends at its own reversal."""
+    result, readings = golden()
+    rows = [row for row, setup in enumerate(readings.setup) if setup == "ppp"]
+    back = rows[::-1]
+    returned = replace(
+        readings,
+        setup=(*readings.setup, *("ppp" for _ in back)),
+        pass_number=np.concatenate([readings.pass_number, np.full(len(back), 2)]),
+        stop=np.concatenate([readings.stop, np.arange(len(back))]),
+        position_mm=np.vstack([readings.position_mm, readings.position_mm[back]]),
+        reading_mm=np.concatenate([readings.reading_mm, readings.reading_mm[back] - readings.reading_mm[rows[-1]]]),
+        **{name: np.concatenate([getattr(readings, name), getattr(readings, name)[back]]) for name in ("u_um", "temperature_c", "time_s")},
+        beam_mm=np.vstack([readings.beam_mm, readings.beam_mm[back]]),
+    )
+    figure = next(one for one in setup_figures(layout_of(returned, result), catalogue("report", "en")) if one.name == "setup-ppp")
+    there, back_again = (re.findall(rf'class="line s{order}"', figure.drawing) for order in (0, 1))
+    assert len(there) == len(back_again) == 2
+    paths = re.findall(r'<path d="M([^"]+)" class="line s[01]"/>', figure.drawing)[:2]
+    assert paths[0].split("L") == paths[1].split("L")[::-1]
+
+
+def test_conditions_are_ranges_and_each_is_said_once() -> None:
+    """The result carries least and largest; where it does, the readings' own temperatures do not repeat it."""
+    _, readings = golden()
+    readings = replace(readings, temperature_c=np.linspace(21.0, 23.0, len(readings.stop)))
+    told = {"material_temperature_c": [21.0, 23.0], "air_pressure_hpa": [1013.0, 1013.0]}
+    pressure = ("air pressure / hPa", "1013.00")
+    for conditions, rows in ((told, [pressure]), ({}, [])):
+        table = conditions_table(made_up_result(conditions=conditions), readings, catalogue("report", "en"))
+        assert sorted(row for row in table.rows if "temp" in row[0] or "press" in row[0]) == [
+            *rows,
+            ("material temperature / °C", "21.00 … 23.00"),
+        ]
+
+
+def test_what_is_not_identified_is_said_and_not_drawn() -> None:
+    """A null squareness, scale or function is named; none is printed as a number."""
+    result = made_up_result()
+    result.squareness["C0Y"] = type(result.squareness["C0Y"])(value=None, u=None)
+    result.errors["EYX"] = type(result.errors["EYX"])(position_mm=VOLUME.nodes_mm(0), value=None, u=None, unit="um")
+    report = build_report(result, source="r")
+    words = Outline(report.html).words
+    assert "EYX" not in {one.name for one in report.figures}
+    for named in ("C0Y (Y to X)", "EYX", "Scale X", "angular errors not measured: EAX"):
+        assert named in words
+
+
+def test_the_lattice_is_seen_from_the_front() -> None:
+    """Z points up on the sheet, X to the right, and the points reach both ends of the volume."""
+    right, up = view_matrix()
+    assert right[0] > 0.5
+    assert up[2] > 0.5
+    points = lattice_mm(VOLUME, 3)
+    np.testing.assert_allclose(points[[0, -1]], [[0, 0, -300], [500, 400, 0]])
+
+
+@pytest.mark.parametrize(("low", "high"), [(0.0, 1.0), (-7.3, 12.9), (0.0, 1e-4), (-2e5, 3.0), (4.0, 4.001)])
+def test_ticks_cover_the_range_with_round_steps(low: float, high: float) -> None:
+    """1, 2 or 5 times a power of ten, between 4 and 12 of them."""
+    marks = ticks(low, high)
+    step = marks[1] - marks[0]
+    assert marks[0] <= low + 1e-9 * abs(low)
+    assert marks[-1] >= high - 1e-9 * abs(high)
+    assert 4 <= len(marks) <= 12
+    assert float(f"{step:.0e}"[0]) in {1, 2, 5}
+
+
+def test_the_catalogue_speaks_both_languages() -> None:
+    """Every entry has both languages, and both fill in the same names."""
+    for section in SECTIONS:
+        english, german = (catalogue(section, language) for language in LANGUAGES)
+        assert english.keys() == german.keys()
+        for key, words in english.items():
+            assert sorted(re.findall(r"\{\w+\}", words)) == sorted(re.findall(r"\{\w+\}", german[key])), key
+
+
+def test_the_command_writes_a_folder(tmp_path: Path) -> None:
+    """``report RESULT FILE --out DIR`` writes the HTML and every figure, and lists the file with its hash."""
+    (tmp_path / "result.json").write_text(made_up_result().to_json(), encoding="utf-8")
+    (tmp_path / "EEC.SPF").write_bytes(b"abc")
+    done = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), str(tmp_path / "EEC.SPF"), "--out", str(tmp_path / "out")])
+    assert done.exit_code == 0, done.output
+    html = (tmp_path / "out" / "report.html").read_text(encoding="utf-8")
+    assert "ba7816bf8f01cfea414140de5dae2223b00361a396177a9cb410ff61f20015ad" in html
+    assert (tmp_path / "out" / "figures" / "EXX.csv").is_file()
+
+
+@pytest.mark.parametrize("data", [b"\xff\xfe", b"{}", b"[1]", b"[" * 100_000])
+def test_a_foreign_result_is_refused(tmp_path: Path, data: bytes) -> None:
+    """A file from a stranger can at worst be refused."""
+    (tmp_path / "r.json").write_bytes(data)
+    with pytest.raises(DataError):
+        read_result(tmp_path / "r.json")
+
+
+@pytest.mark.page
+def test_the_report_prints_as_pdf(tmp_path: Path) -> None:
+    """Chromium prints it on A4 pages, offline."""
+    assert shutil.which("chromium"), "chromium is needed: apt-get install chromium"
+    document, *_ = write_report(build_report(made_up_result(), source="r"), tmp_path / "report.html")
+    pdf = print_pdf(document).read_bytes()
+    assert pdf.startswith(b"%PDF-")
+    assert re.search(rb"/MediaBox \[0 0 59[45][.\d]* 84[12]", pdf)
