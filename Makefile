@@ -16,7 +16,7 @@ demo: $(VENV)/.ready
 test: $(TEST_VENV)/.ready .setup/debian .setup/node
 	tools/test $(TEST_VENV)
 
-# the property tests with examples that nobody has seen, and ten times the changed files of a stranger
+# the property tests with examples that nobody has seen, and ten times the changed files of somebody else
 explore: $(TEST_VENV)/.ready
 	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control" tests
 

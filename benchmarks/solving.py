@@ -1,9 +1,9 @@
 """``python -m benchmarks.solving``: a process that solves surveys until it is told to end, standing back as the daemon's child does."""
 
-from stepdiag.daq.service.priority import give_way
+from stepdiag.daq.service.priority import lower_priority
 
 if __name__ == "__main__":
-    give_way()
+    lower_priority()
     from benchmarks.bench_solver import survey
     from stepdiag.solver.methods.estimate import estimate
 

@@ -113,8 +113,8 @@ def head_of_log(path: Path) -> HeadRecord:
     return gathering.record(str(path))
 
 
-def listen_to_head(survey: Survey, source: str, seconds: float, heed: Callable[[Samples], None] | None = None) -> HeadRecord:
-    """Return what the head of a survey file says in so many seconds; ``heed`` hears every batch meanwhile.
+def listen_to_head(survey: Survey, source: str, seconds: float, on_batch: Callable[[Samples], None] | None = None) -> HeadRecord:
+    """Return what the head of a survey file says in so many seconds; ``on_batch`` is given every batch meanwhile.
 
     Ctrl-C ends it sooner and keeps what came. Raises UsageError without [head], DeviceError where the port cannot be opened or is lost.
     """
@@ -122,11 +122,11 @@ def listen_to_head(survey: Survey, source: str, seconds: float, heed: Callable[[
         raise UsageError(source, expected="a [head] section", found="none")
     gathering = _Gathering(head_decoder(survey))
     with suppress(KeyboardInterrupt):
-        asyncio.run(_listen(survey, gathering, seconds, heed))
+        asyncio.run(_listen(survey, gathering, seconds, on_batch))
     return gathering.record(source)
 
 
-async def _listen(survey: Survey, gathering: _Gathering, seconds: float, heed: Callable[[Samples], None] | None) -> None:
+async def _listen(survey: Survey, gathering: _Gathering, seconds: float, on_batch: Callable[[Samples], None] | None) -> None:
     section = survey.head
     if section is None:
         return
@@ -134,8 +134,8 @@ async def _listen(survey: Survey, gathering: _Gathering, seconds: float, heed: C
 
     def take(data: bytes, arrival_ns: int) -> None:
         batch = gathering.feed(data, arrival_ns)
-        if heed is not None and len(batch):
-            heed(batch)
+        if on_batch is not None and len(batch):
+            on_batch(batch)
 
     def arrived(data: bytes, arrival_ns: int) -> None:
         loop.call_soon_threadsafe(take, data, arrival_ns)

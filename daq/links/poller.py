@@ -7,7 +7,7 @@ import structlog
 
 from stepdiag.daq.links.modbus import ModbusLink, ModbusSettings, open_link
 from stepdiag.daq.links.modbus_errors import RefusedRequestError, SilentDeviceError, StaleAnswerError
-from stepdiag.daq.links.reconnect import Report, heed_cancellation
+from stepdiag.daq.links.reconnect import Report, raise_if_cancelled
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 
 _log = structlog.get_logger(__name__)
@@ -70,7 +70,7 @@ class ModbusPoller:
 
     async def _until(self, due: float, link: ModbusLink) -> None:
         """Sleep until a poll is due; write meanwhile what is wanted."""
-        heed_cancellation()
+        raise_if_cancelled()
         loop = asyncio.get_running_loop()
         while loop.time() < due:
             if self._pending is not None:

@@ -53,7 +53,7 @@ class Reconnector:
                 self._lost(str(error))
             else:
                 self._lost("the session ended")
-            heed_cancellation()
+            raise_if_cancelled()
             if clock() - began > STEADY_AFTER_S:
                 wait_s = FIRST_WAIT_S
             await asyncio.sleep(wait_s)
@@ -82,7 +82,7 @@ class Reconnector:
         say(event, link=self._name, detail=detail)
 
 
-def heed_cancellation() -> None:
+def raise_if_cancelled() -> None:
     """End here where this task was told to end while an answer came: before Python 3.12 `asyncio.wait_for`, in which the client
     waits, then returns the answer and forgets the order, and the daemon would never stop.
     """

@@ -8,7 +8,7 @@ import threading
 from stepdiag.daq.log.part_file import PartFile
 
 
-class Syncer:
+class DiskSync:
     """Syncs one file at a time on request. All methods belong to one thread, the recorder's."""
 
     def __init__(self) -> None:

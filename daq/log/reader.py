@@ -1,6 +1,6 @@
 """Reading the records of a log front to back, with bounded memory, up to the first that is not whole.
 
-A log may be cut off at any byte, or be a stranger's file. Nothing here trusts a length: records, chunks and what they unpack to
+A log may be cut off at any byte, or be a foreign file. Nothing here trusts a length: records, chunks and what they unpack to
 have limits, and whatever the reader below can raise on damaged bytes is in one list, `DAMAGE`.
 """
 

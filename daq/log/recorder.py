@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from stepdiag.daq.log.codec import size_of, time_of, whole_us
-from stepdiag.daq.log.disk_sync import Syncer
+from stepdiag.daq.log.disk_sync import DiskSync
 from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.topics import Note
 from stepdiag.daq.log.writer import ExitStatus, LogHeader, LogWriter
@@ -99,7 +99,7 @@ class Recorder:
         self._flush_at = self._sync_at = 0.0
         self._wake = threading.Event()
         self._stopping = threading.Event()
-        self._syncer = Syncer()
+        self._disk_sync = DiskSync()
         self._thread = threading.Thread(target=self._run, name="recorder", daemon=True)
         self._thread.start()
 
@@ -187,7 +187,7 @@ class Recorder:
         except Exception as error:  # noqa: BLE001 - whatever it is, the daemon must hear of it
             self._change("dead", f"{type(error).__name__}: {error}")
         finally:
-            self._syncer.close()
+            self._disk_sync.close()
             if self._log is not None:
                 self._log.file.close()
 
@@ -236,7 +236,7 @@ class Recorder:
         self._keep_promises()
         if not self._insist(log.file.publish):
             return False
-        self._syncer.settle()
+        self._disk_sync.settle()
         log.file.close()
         self._log = None
         self._change("idle", "")
@@ -253,7 +253,7 @@ class Recorder:
         if saved:
             self._keep_promises()
         if saved and (now or time.monotonic() >= self._sync_at):
-            saved = self._insist(lambda: self._syncer.request(log.file))
+            saved = self._insist(lambda: self._disk_sync.request(log.file))
             self._sync_at = time.monotonic() + SYNC_S - FLUSH_S
         return saved
 

@@ -26,7 +26,7 @@ WAKE_NS = 30_000_000
 """A chunk that comes so long after the last ones were collected wakes the loop."""
 
 
-class Wires:
+class SurveyLinks:
     """Laser, machine and, where there is one, the 4-DOF head. ``consume`` is called in the event loop, in the order of arrival."""
 
     def __init__(self, survey: Survey, consume: Consume) -> None:

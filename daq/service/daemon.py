@@ -19,12 +19,12 @@ from stepdiag.daq.log.topics import log_note
 from stepdiag.daq.recording.handshake import Handshake
 from stepdiag.daq.recording.rounds import FolderLock, latest_round, next_round
 from stepdiag.daq.recording.session import Round, Session
-from stepdiag.daq.recording.survey_links import Wires
+from stepdiag.daq.recording.survey_links import SurveyLinks
 from stepdiag.daq.records.events import Event, LinkEvent, ModbusBlock
 from stepdiag.daq.service.child_jobs import Commands, Finisher
 from stepdiag.daq.service.metrics import Tally
 from stepdiag.daq.service.notify import Notifier
-from stepdiag.daq.service.status_source import Desk, Working
+from stepdiag.daq.service.status_source import DaemonStatusSource, Working
 from stepdiag.daq.service.supervision import Supervisor
 from stepdiag.daq.survey.bundle import bundle_to_run, read_bundle
 from stepdiag.daq.survey.file import load_survey, read_text
@@ -41,14 +41,14 @@ class Daemon:
     """Records surveys until told to stop. ``completion`` is the command that is run with a survey's folder when its last pass is in.
 
     ``archiving`` is the command that is run with the folder of all surveys of this name and their budget in GB, where there is one.
-    ``programs`` names the NC program of each setup, as a person calls it at the control. ``desk`` answers whoever looks on.
+    ``programs`` names the NC program of each setup, as a person calls it at the control. ``status_source`` answers whoever looks on.
     """
 
     def __init__(
         self, survey_file: Path, completion: Sequence[str], archiving: Sequence[str] = (), programs: Mapping[str, str] | None = None
     ) -> None:
         self.survey = load_survey(survey_file)
-        self.desk = Desk()
+        self.status_source = DaemonStatusSource()
         self._text = read_text(survey_file)
         self._run_record = bundle_to_run(read_bundle(survey_file, self.survey))
         self._folder = self.survey.folder(survey_file)
@@ -90,16 +90,16 @@ class Daemon:
 
     async def _serve(self, recorder: Recorder) -> None:
         self._working = working = self._set_up(recorder, latest_round(self._folder, self._text, self._run_record))
-        self.desk.open(working)
+        self.status_source.open(working)
         self._complete_if_whole()
         workers: list[asyncio.Task[Any]] = [
-            asyncio.create_task(working.wires.run(), name="links"),
+            asyncio.create_task(working.survey_links.run(), name="links"),
             asyncio.create_task(self._publish(), name="publish"),
             asyncio.create_task(working.supervisor.watch(), name="watch"),
         ]
         stopping = asyncio.create_task(self._stop.wait(), name="stop")
         self._notifier.ready()
-        _log.info("ready", survey=self.survey.identity.name, folder=str(working.session.folder), waits_for=self.desk.waits_for())
+        _log.info("ready", survey=self.survey.identity.name, folder=str(working.session.folder), waits_for=self.status_source.waits_for())
         try:
             done, _ = await asyncio.wait([*workers, stopping], return_when=asyncio.FIRST_COMPLETED)
             for task in done - {stopping}:
@@ -110,20 +110,20 @@ class Daemon:
 
     def _set_up(self, recorder: Recorder, begun: Round) -> Working:
         session = self._session(recorder, begun)
-        wires = Wires(self.survey, self._consume)
+        survey_links = SurveyLinks(self.survey, self._consume)
         if self.survey.plc.handshake.enabled:
-            self._handshake = Handshake(wires.acknowledge, session.book.last_count)
+            self._handshake = Handshake(survey_links.acknowledge, session.book.last_count)
 
         def dead() -> list[str]:
             health = recorder.health
-            return [*wires.dead(), *([f"recorder: {health.reason}"] if health.state == "dead" else [])]
+            return [*survey_links.dead(), *([f"recorder: {health.reason}"] if health.state == "dead" else [])]
 
         return Working(
             session=session,
             shown=session,
             recorder=recorder,
-            wires=wires,
-            finisher=Finisher(self._commands, self._tally, self.desk.news),
+            survey_links=survey_links,
+            finisher=Finisher(self._commands, self._tally, self.status_source.news),
             supervisor=Supervisor(self._notifier, dead, self._remark, self._tally, self._folder, self.survey.recording.min_free_gb),
             tally=self._tally,
             programs=self._programs,
@@ -146,14 +146,14 @@ class Daemon:
         working = self._working
         session = working.session
         if isinstance(event, LinkEvent):
-            self.desk.news()
+            self.status_source.news()
         if working.paused and not session.recording:
             return
         session.consume(event)
         if self._handshake is not None:
             self._handshake.look(session.signals)
             if isinstance(event, ModbusBlock) and session.machine_waits:
-                working.wires.hurry()
+                working.survey_links.hurry()
         if working.session.recording and working.shown is not working.session:
             working.shown = working.session
             working.finisher.forget()
@@ -162,7 +162,7 @@ class Daemon:
         if isinstance(outcome, CapturedStop):
             self._loop.call_soon_threadsafe(self._captured, outcome)
             return
-        self.desk.news()
+        self.status_source.news()
         if isinstance(outcome, Finding):
             self._tally.findings[outcome.code] += 1
             say = {"info": _log.info, "warning": _log.warning, "error": _log.error}[outcome.severity]
@@ -172,7 +172,7 @@ class Daemon:
 
     def _captured(self, stop: CapturedStop) -> None:
         """Say that a stop is captured, now that a killed daemon would not lose it, and let the machine go on."""
-        self.desk.news()
+        self.status_source.news()
         self._tally.stops += 1
         _log.info("stop", setup=stop.setup, outward=stop.outward, stop=stop.stop, u_um=round(stop.u_um, 4), doubtful=stop.doubtful)
         if self._handshake is not None:
@@ -225,9 +225,9 @@ class Daemon:
     async def _publish(self) -> None:
         while True:
             await asyncio.sleep(PUBLISH_S)
-            self._working.wires.collect()
-            self._tell(self.desk.waits_for())
-            await self.desk.publish()
+            self._working.survey_links.collect()
+            self._tell(self.status_source.waits_for())
+            await self.status_source.publish()
 
     def _tell(self, waits_for: str) -> None:
         """Say what the daemon waits for: to systemd always, into the log where nothing is being recorded."""

@@ -7,7 +7,7 @@ GIVE_WAY = 5
 """By how much (nice(2)) a computing process stands back: behind the recording, but not behind everything else that a busy box does."""
 
 
-def give_way() -> None:
+def lower_priority() -> None:
     """Let the recording process go first: another survey may be under way while this process computes.
 
     A kernel lets a computing thread finish its slice of a millisecond or more whoever else wakes up, so being less important is not

@@ -10,7 +10,7 @@ import structlog
 
 from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.recording.session import Session
-from stepdiag.daq.recording.survey_links import Wires
+from stepdiag.daq.recording.survey_links import SurveyLinks
 from stepdiag.daq.records.status import CommandName, Download, Phase, Snapshot
 from stepdiag.daq.service.child_jobs import Finisher
 from stepdiag.daq.service.downloads import downloads_of
@@ -30,7 +30,7 @@ class Working:
     session: Session
     shown: Session
     recorder: Recorder
-    wires: Wires
+    survey_links: SurveyLinks
     finisher: Finisher
     supervisor: Supervisor
     tally: Tally
@@ -38,7 +38,7 @@ class Working:
     paused: bool = False
 
 
-class Desk:
+class DaemonStatusSource:
     """Answers and obeys. ``news`` is called, by the daemon too, whenever something has changed that cannot wait for the next tick."""
 
     def __init__(self) -> None:
@@ -97,7 +97,7 @@ class Desk:
             working.shown,
             sequence=self._sequence,
             phase=self.phase(),
-            links=working.wires.statuses(),
+            links=working.survey_links.statuses(),
             result_ready=working.finisher.result is not None,
             prediction=working.finisher.prediction,
             programs=working.programs,
@@ -112,7 +112,7 @@ class Desk:
         return Figures(
             tally=working.tally,
             samples=working.tally.samples_before + session.samples,
-            links={name: link for name, link in zip(names, working.wires.statuses(), strict=True) if link is not None},
+            links={name: link for name, link in zip(names, working.survey_links.statuses(), strict=True) if link is not None},
             recording=session.recording,
             recorder_blocked=health.state == "blocked",
             backlog_bytes=health.backlog_bytes,

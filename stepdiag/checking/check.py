@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag.daq.formats.signals import SIGNAL_NAMES, SignalDecoder, Signals
-from stepdiag.daq.recording.survey_links import Wires
+from stepdiag.daq.recording.survey_links import SurveyLinks
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock
 from stepdiag.daq.records.status import LinkStatus
 from stepdiag.daq.survey.file import head_decoder, laser_decoder
@@ -163,11 +163,11 @@ async def watch(observation: Observation, seconds: float, show: Callable[[], Non
 
     Nothing is ever written to the machine. Raises only for a fault of this program.
     """
-    wires = Wires(observation.survey, observation.take)
-    observation.named(*wires.statuses())
+    survey_links = SurveyLinks(observation.survey, observation.take)
+    observation.named(*survey_links.statuses())
     loop = asyncio.get_running_loop()
     began = loop.time()
-    keeping = asyncio.create_task(wires.run(), name="links")
+    keeping = asyncio.create_task(survey_links.run(), name="links")
     try:
         while observation.seconds < seconds:
             await asyncio.wait({keeping}, timeout=LOOK_S)

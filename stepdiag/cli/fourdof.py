@@ -42,7 +42,7 @@ def align(source: Source, seconds: Seconds = 3600.0) -> None:
     from stepdiag.daq.survey.file import load_survey
 
     with view.live():
-        listen_to_head(load_survey(source), source.name, seconds, view.heed)
+        listen_to_head(load_survey(source), source.name, seconds, view.take)
 
 
 @commands.command()

@@ -27,9 +27,9 @@ def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", hel
 
 def complete(folder: Path) -> None:
     """Solve a recorded survey, write result, controller files and report beside its logs (what `run` starts)."""
-    from stepdiag.daq.service.priority import give_way
+    from stepdiag.daq.service.priority import lower_priority
 
-    give_way()
+    lower_priority()
     from stepdiag.daq.service.completion import complete as finish
     from stepdiag.report.completed import write_completed_report
 
@@ -41,9 +41,9 @@ def complete(folder: Path) -> None:
 
 def archive(folder: Path, max_gb: float) -> None:
     """Pack the oldest finished surveys of a folder until it is within its budget (what `run` starts)."""
-    from stepdiag.daq.service.priority import give_way
+    from stepdiag.daq.service.priority import lower_priority
 
-    give_way()
+    lower_priority()
     import structlog
 
     from stepdiag.daemon.journal import configure

@@ -44,7 +44,7 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
             from stepdiag.page.server import page_served
 
             address = await beside.enter_async_context(
-                page_served(daemon.desk, host=page.host, port=page.port, token=page.token, language=page.language)
+                page_served(daemon.status_source, host=page.host, port=page.port, token=page.token, language=page.language)
             )
             log.info("page", address=address, commands="with token" if page.token else "none: read only")
         if metrics.enabled:
@@ -52,7 +52,7 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
             from stepdiag.page.server import app_served
 
             address = await beside.enter_async_context(
-                app_served(create_metrics(daemon.desk.figures), host=metrics.host, port=metrics.port, section="metrics")
+                app_served(create_metrics(daemon.status_source.figures), host=metrics.host, port=metrics.port, section="metrics")
             )
             log.info("metrics", address=f"{address}/metrics")
         gc.freeze()

@@ -39,13 +39,13 @@ class AlignView:
 
     @contextmanager
     def live(self) -> Iterator[None]:
-        """Show what `heed` hears, until the block ends."""
+        """Show what `take` is given, until the block ends."""
         with Live(Table(title="waiting for the head"), console=self._console, refresh_per_second=REFRESH_HZ) as live:
             self._live = live
             yield
         self._live = None
 
-    def heed(self, batch: Samples) -> None:
+    def take(self, batch: Samples) -> None:
         """Take a batch of the stream."""
         if self._live is not None and batch.channels is not None:
             flags = int(np.bitwise_or.reduce(batch.flags))

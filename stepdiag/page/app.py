@@ -31,7 +31,7 @@ LONGEST_COMMAND = 4096
 SEND_TIMEOUT_S = 20.0
 """A reader that takes nothing for so long is let go."""
 MOST_READERS = 200
-"""Streams served at once; one more is refused, so that strangers cannot use up the daemon's memory."""
+"""Streams served at once; one more is refused, so that nobody can use up the daemon's memory."""
 
 
 class Order(msgspec.Struct, frozen=True):

@@ -19,7 +19,7 @@ SURVEY_FACTS = ("machine", "survey", "operator", "workpiece")
 DIAGONAL_FIGURES = {"E_up": "E↑", "R_up": "R↑", "A_up": "A↑", "E": "E", "B": "B", "M": "M", "R": "R", "A": "A"}
 """The figures of ISO 230-2 by their names in `solver.standards.iso230`, as the standard writes them."""
 MOST_ROWS = 200
-"""Rows of a table that a stranger's result may fill at most."""
+"""Rows of a table that a foreign result may fill at most."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

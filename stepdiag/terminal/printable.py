@@ -1,4 +1,4 @@
-"""Texts from files of strangers on a terminal."""
+"""Texts from foreign files on a terminal."""
 
 
 def printable(text: str) -> str:

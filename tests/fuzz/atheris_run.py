@@ -1,6 +1,7 @@
 """``python tests/fuzz/atheris_run.py TARGET [libFuzzer options]``: coverage-guided fuzzing of one reader (docs/security.md).
 
-Needs the package atheris, which is not among the dependencies; the targets are those of tests/fuzz/test_strangers.py, ``list`` prints them.
+Needs the package atheris, which is not among the dependencies;
+the targets are those of tests/fuzz/test_foreign_files.py, ``list`` prints them.
 What it kept of a run before, in build/fuzz, is where the next one begins.
 """
 
@@ -13,7 +14,7 @@ import atheris
 sys.path.insert(0, str(Path(__file__).parents[1] / "lib"))
 with atheris.instrument_imports(include=["daq", "exporters", "solver"]):
     from testkit.changes import HOSTILE, TOKENS
-    from testkit.strangers import targets
+    from testkit.foreign import targets
 
 
 def main() -> None:

@@ -1,4 +1,4 @@
-"""What fuzzing and reading have found: each by the smallest input that showed it, with what a stranger is told now."""
+"""What fuzzing and reading have found: each by the smallest input that showed it, with what somebody else is told now."""
 
 import base64
 import json
@@ -34,10 +34,10 @@ from stepdiag.solver.planning.runs import Plan, Run
 from stepdiag.solver.readings.csv_table import read_table
 from stepdiag.solver.readings.readings import parse_readings
 from stepdiag.solver.result.result import parse_result
+from testkit.foreign import page_order
+from testkit.foreign_logs import SURVEY, contents, log_of, recorded
 from testkit.machines import EOB, MACHINES, profile_of, profile_text
 from testkit.results import VOLUME, made_result
-from testkit.strangers import page_order
-from testkit.strangers_logs import SURVEY, contents, log_of, recorded
 from testkit.surveys import Bench
 from testkit.timeline import survey_text
 
@@ -60,7 +60,7 @@ HUGE = "9" * 5000
 def test_toml_that_takes_for_ever_or_breaks_the_reader_is_refused(text, found):
     """A dotted name of 100,000 parts took minutes and gigabytes."""
     with pytest.raises(UsageError, match=found):
-        read_toml(text, "stranger")
+        read_toml(text, "foreign")
 
 
 def test_toml_of_many_dots_that_are_no_names_is_read():
@@ -73,13 +73,13 @@ def test_a_pattern_that_python_warns_of_or_cannot_hold_is_refused(pattern):
     text = survey_text().replace("pattern = '(?P<counter>\\d+) (?P<position>-?\\d+\\.\\d+) (?P<beam>\\d\\.\\d+)'", f"pattern = '{pattern}'")
     assert pattern in text
     with pytest.raises(UsageError, match=r"laser\.line\.pattern"):
-        parse_survey(text, "stranger")
+        parse_survey(text, "foreign")
 
 
 def test_a_control_s_name_cannot_lead_out_of_the_folder():
-    """The replay of a stranger's log wrote REFUSED.txt wherever the log wanted."""
+    """The replay of a foreign log wrote REFUSED.txt wherever the log wanted."""
     with pytest.raises(UsageError, match=r"export\[0\]\.controller"):
-        parse_survey(survey_text() + '[[export]]\ncontroller = "../../else"\nprofile = "p"\n', "stranger")
+        parse_survey(survey_text() + '[[export]]\ncontroller = "../../else"\nprofile = "p"\n', "foreign")
 
 
 def test_a_name_with_a_nul_is_no_file(tmp_path: Path):
@@ -98,7 +98,7 @@ def test_what_a_profile_names_is_a_file_and_no_pipe_that_never_speaks(tmp_path: 
 def profile(controller: str, old: str, new: str) -> object:
     text = profile_text(controller, steps_mm=(100.0, 100.0, 50.0), references_mm=(-200.0, 0.0, -100.0), direction="mean")
     assert old in text
-    return parse_profile(text.replace(old, new, 1), "stranger", CONTROLLERS[controller], VOLUME, MACHINES[controller].files)
+    return parse_profile(text.replace(old, new, 1), "foreign", CONTROLLERS[controller], VOLUME, MACHINES[controller].files)
 
 
 @pytest.mark.parametrize(
@@ -117,7 +117,7 @@ def profile(controller: str, old: str, new: str) -> object:
     ],
 )
 def test_a_profile_that_writes_elsewhere_or_without_end_is_refused(controller, old, new, field):
-    with pytest.raises(UsageError, match=f"stranger: {field}: "):
+    with pytest.raises(UsageError, match=f"foreign: {field}: "):
         profile(controller, old, new)
 
 
@@ -206,7 +206,7 @@ def test_remarks_that_never_end_cost_no_time():
 def test_a_header_of_very_many_columns_is_refused_at_once():
     """Every name was counted for every name."""
     with pytest.raises(DataError, match="twice"):
-        read_table("a," * 200_000 + "a\n1\n", "stranger", ("a",))
+        read_table("a," * 200_000 + "a\n1\n", "foreign", ("a",))
 
 
 @pytest.mark.parametrize("number", ["1e300", "-1e300", "9" * 400])
@@ -257,7 +257,7 @@ def test_a_wobble_of_hardly_a_sample_tells_no_sign(samples):
 def test_a_clock_that_jumps_does_not_ask_for_an_interval_a_second():
     text = "time_s,qd_x,qd_y,qd_sum\n0,0,0,1\n1,0,0,1\n900000000000,0,0,1\n"
     with pytest.raises(DataError, match="samples in every 1 s"):
-        read_head_csv(text, "stranger").averaged(1.0)
+        read_head_csv(text, "foreign").averaged(1.0)
 
 
 def changed(path: list[str], value: str) -> str:
@@ -285,7 +285,7 @@ def changed(path: list[str], value: str) -> str:
 )
 def test_a_result_that_cannot_be_written_again_is_refused(path, value, found):
     with pytest.raises(DataError, match=found):
-        parse_result(changed(path, value), "stranger")
+        parse_result(changed(path, value), "foreign")
 
 
 # logs
@@ -345,7 +345,7 @@ def test_events_at_times_that_no_clock_shows_or_answers_nobody_asked_for_are_dam
 def test_a_file_in_a_log_that_is_no_base64_is_refused(text):
     assert bundle_from_run({"file:a": base64.b64encode(b"x").decode()}, "mine") == {"a": b"x"}
     with pytest.raises(DataError, match="base64"):
-        bundle_from_run({"file:a": text}, "stranger")
+        bundle_from_run({"file:a": text}, "foreign")
 
 
 def test_a_log_with_a_survey_or_a_file_too_large_to_be_one_is_refused(tmp_path: Path):

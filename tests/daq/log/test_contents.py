@@ -135,7 +135,7 @@ def test_a_flipped_bit_is_found_and_nothing_after_it_is_used(tmp_path: Path) -> 
 
 
 @given(data=st.binary(max_size=400), keep=st.integers(0, 4000))
-def test_a_stranger_s_bytes_are_at_worst_refused(tmp_path_factory: pytest.TempPathFactory, data: bytes, keep: int) -> None:
+def test_a_foreign_bytes_are_at_worst_refused(tmp_path_factory: pytest.TempPathFactory, data: bytes, keep: int) -> None:
     path = tmp_path_factory.mktemp("log") / "a.mcap"
     stream = io.BytesIO()
     writer = LogWriter(stream, HEADER)

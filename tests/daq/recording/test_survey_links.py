@@ -6,7 +6,7 @@ import socket
 import pytest
 
 from stepdiag.daq.recording import survey_links
-from stepdiag.daq.recording.survey_links import Wires
+from stepdiag.daq.recording.survey_links import SurveyLinks
 from stepdiag.daq.records.events import Chunk, LinkEvent
 from stepdiag.daq.survey.file import parse_survey
 from testkit.slaves import Pty, wait_until
@@ -61,7 +61,7 @@ def test_a_loss_is_told_after_the_bytes_that_came_before_it(pty, monkeypatch):
         wait_until(lambda: any(map(lost, events)))
 
     async def run():
-        links = Wires(parse_survey(SURVEY.format(laser=pty.name, plc=nobody()), "survey.toml"), events.append)
+        links = SurveyLinks(parse_survey(SURVEY.format(laser=pty.name, plc=nobody()), "survey.toml"), events.append)
         task = asyncio.create_task(links.run())
         await asyncio.to_thread(pulled, links)
         task.cancel()

@@ -7,8 +7,8 @@ import sys
 STANDS_BACK = """
 import os
 from pathlib import Path
-from stepdiag.daq.service.priority import give_way
-give_way()
+from stepdiag.daq.service.priority import lower_priority
+lower_priority()
 import numpy as np
 np.ones((500, 500)) @ np.ones((500, 500))
 allowed = set()

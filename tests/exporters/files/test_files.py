@@ -1,4 +1,4 @@
-"""Single files: what is there is never half written nor written over unasked, and what a stranger leaves there is refused by name."""
+"""Single files: what is there is never half written nor written over unasked, and what somebody else leaves there is refused by name."""
 
 from pathlib import Path
 

@@ -1,4 +1,4 @@
-"""How a stranger's file differs from a good one: bytes and lines changed, numbers replaced by those that break readers."""
+"""How a foreign file differs from a good one: bytes and lines changed, numbers replaced by those that break readers."""
 
 import re
 

@@ -13,16 +13,16 @@ SPARE_S = 0.1
 ATTEMPTS = 3
 
 
-class Heart:
+class Standstill:
     """How long this process has stood still at most, in s, while it was watched."""
 
     worst_s = 0.0
 
 
 @contextmanager
-def beating():
+def watched():
     """Watch how long this process stands still, from a thread of its own."""
-    heart, ended = Heart(), threading.Event()
+    standstill, ended = Standstill(), threading.Event()
 
     def beat():
         last = time.monotonic()
@@ -30,12 +30,12 @@ def beating():
         while not over:
             over = ended.wait(BEAT_S)
             now = time.monotonic()
-            heart.worst_s, last = max(heart.worst_s, now - last - BEAT_S), now
+            standstill.worst_s, last = max(standstill.worst_s, now - last - BEAT_S), now
 
-    thread = threading.Thread(target=beat, name="heart")
+    thread = threading.Thread(target=beat, name="standstill")
     thread.start()
     try:
-        yield heart
+        yield standstill
     finally:
         ended.set()
         thread.join()
@@ -53,15 +53,15 @@ def on_a_steady_computer(test):
         for attempt in range(1, ATTEMPTS + 1):
             folder, failure = tmp_path / str(attempt), None
             folder.mkdir()
-            with beating() as heart:
+            with watched() as standstill:
                 try:
                     test(folder, **fixtures)
                 except (AssertionError, DeviceError) as error:
                     failure = error
             if failure is None:
                 return
-            if attempt == ATTEMPTS or heart.worst_s < SPARE_S:
+            if attempt == ATTEMPTS or standstill.worst_s < SPARE_S:
                 raise failure
-            print(f"attempt {attempt}: the computer stood still for {heart.worst_s:.2f} s; once more")
+            print(f"attempt {attempt}: the computer stood still for {standstill.worst_s:.2f} s; once more")
 
     return tried

@@ -270,7 +270,7 @@ def test_the_command_writes_a_folder(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("data", [b"\xff\xfe", b"{}", b"[1]", b"[" * 100_000])
 def test_a_foreign_result_is_refused(tmp_path: Path, data: bytes) -> None:
-    """A file from a stranger can at worst be refused."""
+    """A file from somebody else can at worst be refused."""
     (tmp_path / "r.json").write_bytes(data)
     with pytest.raises(DataError):
         read_result(tmp_path / "r.json")

@@ -1,4 +1,4 @@
-"""What a stranger's file makes the program say, on a terminal."""
+"""What a foreign file makes the program say, on a terminal."""
 
 from dataclasses import replace
 from pathlib import Path
@@ -22,7 +22,7 @@ def test_what_a_terminal_would_obey_is_shown_as_a_question(text, shown):
     assert printable(text) == shown
 
 
-def test_a_refusal_that_quotes_a_stranger_s_file_cannot_steer_the_terminal(monkeypatch, capsys):
+def test_a_refusal_that_quotes_a_foreign_file_cannot_steer_the_terminal(monkeypatch, capsys):
     def refuse() -> None:
         raise DataError("a.txt", expected="a number", found=TITLE)
 
@@ -32,7 +32,7 @@ def test_a_refusal_that_quotes_a_stranger_s_file_cannot_steer_the_terminal(monke
     assert capsys.readouterr().err == "stepdiag: a.txt: expected a number, found ?]0;owned?\n"
 
 
-def test_findings_and_logs_of_strangers_cannot_either(tmp_path: Path):
+def test_findings_and_foreign_logs_cannot_either(tmp_path: Path):
     assert list(finding_lines([Finding(code="a", severity="info", text=TITLE)])) == ["note    a: ?]0;owned?"]
     write_log(tmp_path / "0001.mcap", recording(0.1), header=replace(HEADER, run={"machine": TITLE}))
     assert "\x1b" not in stepdiag("info", tmp_path / "0001.mcap").out

@@ -1,4 +1,4 @@
-"""What a stranger may hand to the program, one target for each kind of file or stream: the worst that may happen is a refusal.
+"""what somebody else may hand to the program, one target for each kind of file or stream: the worst that may happen is a refusal.
 
 A target does with the bytes all that the program would do: what a reader lets pass must not bring down what comes after it.
 """
@@ -49,11 +49,11 @@ from stepdiag.solver.model.angles import parse_angles, render_angles
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.result.result import Result, parse_result
+from testkit.foreign_base import Target, refusing, text_of
+from testkit.foreign_logs import log_targets
+from testkit.foreign_tables import Everything, table_targets
 from testkit.heads import head_file, survey_section
 from testkit.results import made_result
-from testkit.strangers_base import Target, refusing, text_of
-from testkit.strangers_logs import log_targets
-from testkit.strangers_tables import Everything, table_targets
 from testkit.surveys import Bench
 from testkit.timeline import survey_text
 
@@ -131,7 +131,7 @@ def _registers(data: bytes) -> object:
 
 
 def _readings(data: bytes) -> object:
-    readings = parse_readings(text_of(data), "stranger")
+    readings = parse_readings(text_of(data), "foreign")
     render_readings(readings)
     with suppress(StepdiagError):
         standards_report(lay_out(readings))
@@ -144,7 +144,7 @@ def _readings(data: bytes) -> object:
 
 
 def _angles(data: bytes) -> object:
-    angles = parse_angles(text_of(data), "stranger")
+    angles = parse_angles(text_of(data), "foreign")
     render_angles(angles)
     return solve(parse_readings(READINGS.decode()), angles=angles).to_json()
 
@@ -159,7 +159,7 @@ def _exported_quickly(result: Result) -> object:
 
 
 def _result(data: bytes) -> object:
-    result = parse_result(text_of(data), "stranger")
+    result = parse_result(text_of(data), "foreign")
     result.to_json().encode("utf-8")
     good = parse_result(_result_seed().decode())
     for ask in (
@@ -167,7 +167,7 @@ def _result(data: bytes) -> object:
         lambda: trend([good, result, good]),
         lambda: _exported_quickly(result),
         lambda: verify_files(result, [lattice.render(lattice.lattice_of(result, float(result.volume.step_mm[0])))], nodes=3),
-        lambda: build_report(result, source="stranger"),
+        lambda: build_report(result, source="foreign"),
     ):
         with suppress(StepdiagError):
             ask()
@@ -175,7 +175,7 @@ def _result(data: bytes) -> object:
 
 
 def _survey(data: bytes) -> object:
-    survey = parse_survey(text_of(data), "stranger")
+    survey = parse_survey(text_of(data), "foreign")
     book = PassBook(survey)
     Capture(survey, book.start(skip_open_dwell=False)).finish()
     return sequence_of(survey)
@@ -198,7 +198,7 @@ def _head_survey() -> str:
 
 
 def _head_file(data: bytes) -> object:
-    file = parse_head_file(data, "stranger")
+    file = parse_head_file(data, "foreign")
     render_head_file(file)
     record = read_head_csv(HEAD_SAMPLES.decode(), "")
     with suppress(StepdiagError):
@@ -207,14 +207,14 @@ def _head_file(data: bytes) -> object:
 
 
 def _head_samples(data: bytes) -> object:
-    record = read_head_csv(text_of(data), "stranger")
+    record = read_head_csv(text_of(data), "foreign")
     with suppress(StepdiagError):
         signs_of([(300.0, record), (900.0, record)], head_file())
     return stability_of(record, head_file(), 500.0, 1.0)
 
 
 def _stage_run(data: bytes) -> object:
-    run = parse_stage_run(text_of(data), "stranger")
+    run = parse_stage_run(text_of(data), "foreign")
     for detector in ("qd", "psd2"):
         with suppress(StepdiagError):
             calibrate_axis(run, detector, head_file(), degree=5, u_reference=0.1)
@@ -222,7 +222,7 @@ def _stage_run(data: bytes) -> object:
 
 
 def _curves(data: bytes) -> object:
-    return compare_curves(parse_curves(CURVES.decode(), ""), parse_curves(text_of(data), "stranger"))
+    return compare_curves(parse_curves(CURVES.decode(), ""), parse_curves(text_of(data), "foreign"))
 
 
 class _Heeding:

@@ -1,4 +1,4 @@
-"""Whatever a stranger hands over, the worst that happens is a refusal: good files changed, cut, doubled, or nothing but noise."""
+"""Whatever somebody else hands over, the worst that happens is a refusal: good files changed, cut, doubled, or nothing but noise."""
 
 import os
 
@@ -7,7 +7,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from testkit.changes import CHANGES, changed
-from testkit.strangers import targets
+from testkit.foreign import targets
 
 TARGETS = targets()
 EXAMPLES = int(os.environ.get("STEPDIAG_FUZZ_EXAMPLES", "60"))

@@ -24,9 +24,9 @@ from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.errors import StepdiagError
 from stepdiag.solver.readings.readings import parse_readings
+from testkit.foreign_base import Target, refusing, text_of
 from testkit.machines import MACHINES, profile_of, profile_text
 from testkit.results import VOLUME, made_result
-from testkit.strangers_base import Target, refusing, text_of
 
 RESULT = made_result(
     {"EXX": [0.0, 11.0, 7.0, 3.0, 5.0], "EYX": [0.0, 2.0, -1.0, 2.0, 0.0], "EZZ": [0.0, 1.0, 2.0, 3.0, 4.0]}, squareness={"C0Y": 12.0}
@@ -75,7 +75,7 @@ def _profiles(name: str, text: str) -> list[tuple[str, Profile]]:
 
 
 def _parsed(text: str, controller: Controller) -> Profile:
-    return parse_profile(text, "stranger.toml", controller, VOLUME, MACHINES[controller.name].files)
+    return parse_profile(text, "foreign.toml", controller, VOLUME, MACHINES[controller.name].files)
 
 
 def _files(controller: Controller, profile: Profile) -> list[ControlFile]:
@@ -127,10 +127,10 @@ def _profile_reader(controller: Controller) -> Callable[[bytes], object]:
 
 
 def _programs(text: str, control: str) -> object:
-    section = program_section(text, "stranger", control)
+    section = program_section(text, "foreign", control)
     if control not in CONTROLS:
         return None
-    sequence = Sequence(name="stranger", volume=VOLUME, setups=("ppp",), handshake=True)
+    sequence = Sequence(name="foreign", volume=VOLUME, setups=("ppp",), handshake=True)
     return nc_programs(sequence, control, signals=section.signals(default_signals(control)), decimals=section.decimals)
 
 

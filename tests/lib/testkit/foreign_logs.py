@@ -1,4 +1,4 @@
-"""A log whose checksums are right and whose contents are a stranger's: the first line of defence has been passed.
+"""A log whose checksums are right and whose contents are a foreign: the first line of defence has been passed.
 
 A changed log is caught by its checksums (target ``log``), so nothing behind them would ever be tried. Here the contents stand as text, one
 record a line, and a writer of ours makes a whole log of whatever is left of them.
@@ -31,8 +31,8 @@ from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.bundle import bundle_to_run
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.errors import StepdiagError
+from testkit.foreign_base import Target, refusing
 from testkit.machines import profile_text
-from testkit.strangers_base import Target, refusing
 from testkit.timeline import Timeline, diagonal, survey_text
 
 RATE_HZ = 100.0
@@ -52,7 +52,7 @@ def log_targets() -> dict[str, Target]:
 
 
 def _every_command(data: bytes) -> None:
-    """Do all that a person may do with a stranger's log."""
+    """Do all that a person may do with a foreign log."""
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "0001" / "0001.mcap"
         path.parent.mkdir()

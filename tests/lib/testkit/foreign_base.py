@@ -30,4 +30,4 @@ def text_of(data: bytes) -> str:
     """Return the text of a file; what is not UTF-8 is refused before any parser sees it (`exporters.files.files.as_text`)."""
     from stepdiag.exporters.files.files import as_text
 
-    return as_text(data, "stranger")
+    return as_text(data, "foreign")
