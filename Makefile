@@ -7,31 +7,38 @@ TEST_VENV := .venv-test
 UV := .tools/bin/uv
 STEPDIAG := $(VENV)/bin/stepdiag
 
-.PHONY: demo test explore soak bench format clean
+.DEFAULT_GOAL := help
+.PHONY: help demo test explore soak bench format rooms clean
 
-demo: $(VENV)/.ready
+help: ## this list
+	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
+
+demo: $(VENV)/.ready ## the whole job on a virtual machine, into demo/
 	test ! -e demo || mv demo demo-$$(date +%Y%m%d-%H%M%S)
 	$(STEPDIAG) demo --out demo
 
-test: $(TEST_VENV)/.ready .setup/debian .setup/node
+test: $(TEST_VENV)/.ready .setup/debian .setup/node ## style, types, layers and every test against the installed wheel
 	tools/test $(TEST_VENV)
 
 # the property tests with examples that nobody has seen, and ten times the changed files of somebody else
-explore: $(TEST_VENV)/.ready
+explore: $(TEST_VENV)/.ready ## property tests and fuzzing with examples nobody has seen
 	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control" tests
 
 # kill -9, two hundred times in one survey
-soak: $(TEST_VENV)/.ready
+soak: $(TEST_VENV)/.ready ## two hundred kills in one survey
 	STEPDIAG_SOAK_KILLS=200 $(TEST_VENV)/bin/pytest tests/system/test_soak.py
 
-bench: $(VENV)/.ready
+bench: $(VENV)/.ready ## every figure of speed beside its floor or its peer
 	$(VENV)/bin/python -m benchmarks
 
-format: $(VENV)/.ready
+format: $(VENV)/.ready rooms ## style mended, the tree of rooms written
 	$(VENV)/bin/ruff format .
 	$(VENV)/bin/ruff check --fix .
 
-clean:
+rooms: ## the tree of rooms into docs/architecture.md
+	tools/rooms docs/architecture.md
+
+clean: ## all that this Makefile made
 	rm -rf $(VENV) $(TEST_VENV) .tools .setup dist build
 
 $(UV): tools/bootstrap tools/uv.txt
