@@ -25,7 +25,7 @@ from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.verify import Prediction, predict
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller, Plan
-from stepdiag.exporters.tables.curves import curves_of
+from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
@@ -117,8 +117,8 @@ def _step(step_mm: float | None, profile: Profile | None) -> float:
 
 def _planned(result: Result, control: Controller, profile: Profile, today: date) -> tuple[Case, Plan]:
     """Return everything that the checks look at, and the plan."""
-    curves = curves_of(result, profile.machine.functions, profile.machine.squareness_into)
     previous = control.parse(profile.existing, profile) if profile.existing else ()
+    curves = fitted(result, profile.machine.functions, profile.machine.squareness_into, profile.zone).curves
     if profile.machine.measured_with == "on":
         curves = merged(curves, previous, profile)
     plan = control.plan(curves, profile)

@@ -44,7 +44,7 @@ def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
     yield f"  largest error falls by a factor of {prediction.improvement():.1f} (without rigid motion)"
     if any(not scale.identified for scale in case.result.scale.values()):
         yield "  scales that the survey does not identify are in neither figure: measure linear runs to see and to correct them"
-    yield "  what remains: angular errors, which no table of one axis corrects, the rounding, and the curves between the points"
+    yield "  what remains: what angles do away from the middle (no table of one axis holds it), the rounding, and the curves between points"
 
 
 def _tables(case: Case, plan: Plan) -> Iterator[str]:

@@ -21,6 +21,7 @@ from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.tables.averaging import straightness_remark
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.fit import straight_line_um_mm
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.tables import Law, Table, plain_rows
@@ -81,7 +82,7 @@ class LinuxCnc:
                 place: dict[str, int | str] = {"file": _screw_name(curve.input_axis)}
                 tables += absolute_tables(curve, profile, kind=SCREW, law=SCREW_LAW, quantum_um=quantum_um, place=place)
             elif any(part in SQUARENESS_SLOPE for part in curve.parts):
-                tables.append(_matrix_table(curve))
+                tables.append(_matrix_table(curve, [other for other in curves if other.name == f"E{curve.input_axis}{curve.output_axis}"]))
         return Plan(tables=tuple(tables), findings=tuple(straightness_remark(curves, "LinuxCNC")))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
@@ -144,13 +145,14 @@ def _axis_in(name: str) -> str | None:
     return (match["axis"] or match["last"]).upper() if match else None
 
 
-def _matrix_table(curve: Curve) -> Table:
-    """Return the squareness within a straightness curve as a coefficient; it is zero at the machine zero, not at the reference.
+def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
+    """Return the squareness of two axes as a coefficient; it is zero at the machine zero, not at the reference.
 
-    The end-point line of a straightness function was removed (contract 1): what slope the curve has is its squareness.
+    A coefficient can turn one axis against the other and nothing else. Over the volume that is best done by the straight lines that fit
+    both curves of the pair, not by the line through the ends of the one that holds the squareness.
     """
+    slope = (straight_line_um_mm(curve) + sum(straight_line_um_mm(other) for other in partner)) * 1e-3
     ends = curve.position_mm[[0, -1]]
-    slope = float(np.diff(curve.mean_um[[0, -1]])[0] / np.diff(ends)[0]) * 1e-3
     return _coefficient_table(curve.output_axis, curve.input_axis, round(-slope, _COEFFICIENT_DECIMALS), ends)
 
 

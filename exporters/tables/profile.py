@@ -56,6 +56,7 @@ class AxisSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_on
     end_mm: float | None = None
     travel_mm: tuple[float, float] | None = None
     backlash_um: float | None = None
+    working_mm: tuple[float, float] | None = None
 
 
 class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -101,6 +102,11 @@ class Profile:
         if letter not in self.axes:
             raise UsageError(f"{self.source}: axes.{letter}", expected=f"a section [axes.{letter}]", found="nothing")
         return self.axes[letter]
+
+    @property
+    def zone(self) -> dict[str, tuple[float, float]]:
+        """Return, by axis, the part of the travel where the tables have to fit best, for the axes that name one."""
+        return {letter: axis.working_mm for letter, axis in self.axes.items() if axis.working_mm is not None}
 
     def letter_of(self, name: str, where: str) -> str:
         """Return X, Y or Z for an axis name of the control. Raises ``UsageError`` naming ``where`` for a foreign name."""

@@ -44,6 +44,36 @@ class Law:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Multiplier:
+    """By what a control multiplies a table: a function of another axis without a unit, 1 at its largest; linear between its points.
+
+    Outside its points it is held or drawn on as ``ends`` says.
+    """
+
+    axis: str
+    position_mm: Vector
+    value: Vector
+    ends: Literal["held", "extended"] = "held"
+
+    def at(self, position_mm: Vector) -> Vector:
+        """Return the factor at positions of its axis."""
+        inside = np.interp(position_mm, self.position_mm, self.value)
+        return _extended(position_mm, self.position_mm, self.value, inside) if self.ends == "extended" else inside
+
+    @property
+    def is_straight(self) -> bool:
+        """Return whether its points lie on one straight line."""
+        slope, zero_mm = self.line
+        return slope != 0.0 and bool(np.allclose(self.value, slope * (self.position_mm - zero_mm), rtol=0, atol=1e-3))
+
+    @property
+    def line(self) -> tuple[float, float]:
+        """Return slope per mm, and the position in mm where it is zero, of the line through its ends (0 and 0 for none)."""
+        slope = float((self.value[-1] - self.value[0]) / (self.position_mm[-1] - self.position_mm[0]))
+        return (slope, float(self.position_mm[0] - self.value[0] / slope)) if slope else (0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Table:
     """One compensation table as the control holds it.
 
@@ -51,7 +81,7 @@ class Table:
     because there is no point before it. ``quantum_um`` is one unit of the written numbers. ``direction``: 0 the table acts in both
     directions of travel of the input axis, +1 or -1 in one only. ``reference_mm`` is where an incremental table counts from, and
     ``offset_um`` what it holds there. ``place`` says where in the control it lives (table index, measuring system, first point number),
-    in the controller's own words.
+    in the controller's own words. With a ``multiplier`` it acts as a product: the values are those where the multiplier is 1.
     """
 
     kind: str
@@ -65,11 +95,13 @@ class Table:
     direction: int = 0
     offset_um: float = 0.0
     place: Mapping[str, int | str] = field(default_factory=lambda: MappingProxyType({}))
+    multiplier: Multiplier | None = None
 
     @property
     def name(self) -> str:
-        """Return the ISO 230-1 name of the function that the table corrects, for example EYX."""
-        return f"E{self.output_axis}{self.input_axis}"
+        """Return the ISO 230-1 name of the function that the table corrects, for example EYX; of a product as ``EYX*Z``."""
+        by = "" if self.multiplier is None else f"*{self.multiplier.axis}"
+        return f"E{self.output_axis}{self.input_axis}{by}"
 
     @property
     def label(self) -> str:
@@ -90,7 +122,8 @@ class Table:
 def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vector:
     """Return how far the law moves the output axis, in um in its + direction, at positions of the input axis.
 
-    ``direction`` is the travel of the input axis, +1 or -1; a table of the other direction gives 0.
+    ``direction`` is the travel of the input axis, +1 or -1; a table of the other direction gives 0. Of a product it is what the table
+    moves where its multiplier is 1.
     """
     at = np.asarray(position_mm, dtype=np.float64)
     if table.direction not in (0, direction):
@@ -118,6 +151,8 @@ def total_correction_um(tables: Iterable[Table], points_mm: Vector, direction: i
     total = np.zeros(np.shape(points_mm))
     for table in tables:
         moved = correction_um(table, points_mm[:, AXES.index(table.input_axis.lower())], direction)
+        if table.multiplier is not None:
+            moved = moved * table.multiplier.at(points_mm[:, AXES.index(table.multiplier.axis.lower())])
         total[:, AXES.index(table.output_axis.lower())] += moved
     return total
 
