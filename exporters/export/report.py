@@ -8,6 +8,7 @@ from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.controller import Plan
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.interval import interval_of
 
 
 def report_text(case: Case, plan: Plan, findings: Sequence[Finding], prediction: Prediction) -> str:
@@ -36,15 +37,20 @@ def _findings(findings: Sequence[Finding]) -> Iterator[str]:
 
 
 def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
-    yield f"PREDICTED VOLUMETRIC ERROR on {len(prediction.points_mm)} points of the volume, in um"
-    yield f"  {'':<24}{'largest':>10}{'rms':>10}"
-    for rigid, name in ((True, "as it is"), (False, "without rigid motion")):
-        for when, figures in zip(("before", "after"), prediction.figures(rigid_motion=rigid), strict=True):
-            yield f"  {name + ', ' + when:<32}{figures.largest_um:>8.2f}{figures.rms_um:>10.2f}"
-    yield f"  largest error falls by a factor of {prediction.improvement():.1f} (without rigid motion)"
+    yield f"PREDICTED VOLUMETRIC ERROR on {len(prediction.points_mm)} points of the volume, in um (k = 2)"
+    yield f"  {'':<30}{'largest':>16}{'rms':>16}"
+    for name, figures in prediction.predicted().items():
+        for when, found in figures.items():
+            largest, rms = (_interval(found[figure]) for figure in ("largest_um", "rms_um"))
+            yield f"  {name.replace('_', ' ') + ', ' + when:<30}{largest:>16}{rms:>16}"
     if any(not scale.identified for scale in case.result.scale.values()):
         yield "  scales that the survey does not identify are in neither figure: measure linear runs to see and to correct them"
     yield "  what remains: what angles do away from the middle (no table of one axis holds it), the rounding, and the curves between points"
+
+
+def _interval(figure: object) -> str:
+    found = interval_of(figure)
+    return "-" if found is None else found.words()
 
 
 def _tables(case: Case, plan: Plan) -> Iterator[str]:

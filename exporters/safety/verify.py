@@ -22,6 +22,7 @@ from stepdiag.exporters.tables.tables import Table, mean_correction_um
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Result
 
 NODES = 11
@@ -55,10 +56,22 @@ class Prediction:
         """Return the figures before and after, with or without the rigid motion of the whole volume."""
         return Figures.of(self._errors(self.before_um, rigid_motion)), Figures.of(self._errors(self.after_um, rigid_motion))
 
-    def improvement(self) -> float:
-        """Return the largest error before over the largest after, both without rigid motion; infinite if nothing is left."""
+    def predicted(self) -> dict[str, dict[str, dict[str, dict[str, float | None]]]]:
+        """Return the figures of contract 4: ``without_rigid_motion`` and ``as_it_is``, each ``before`` and ``after``, as intervals."""
+        return {name: self._predicted(rigid_motion=rigid) for name, rigid in (("without_rigid_motion", False), ("as_it_is", True))}
+
+    def _predicted(self, *, rigid_motion: bool) -> dict[str, dict[str, dict[str, float | None]]]:
+        before, after = self.figures(rigid_motion=rigid_motion)
+        return {
+            when: {"rms_um": Interval(value_um=found.rms_um).as_json(), "largest_um": Interval(value_um=found.largest_um).as_json()}
+            for when, found in (("before", before), ("after", after))
+        }
+
+    @property
+    def worse(self) -> bool:
+        """Tell whether the machine errs more with the files than without, rigid motion removed."""
         before, after = self.figures(rigid_motion=False)
-        return before.largest_um / after.largest_um if after.largest_um > 0 else float("inf")
+        return after.largest_um > before.largest_um
 
     def picture(self) -> dict[str, list[list[float]]]:
         """Return plain lists for a plot: points in mm, error vectors before and after in um without rigid motion."""

@@ -99,7 +99,7 @@ def _export_json(written: "ExportReport") -> dict[str, object]:
         "out": str(written.out_dir),
         "files": [_file_json(file) for file in read_files([written.out_dir / name for name in written.files])],
         "findings": [finding.as_json() for finding in written.findings],
-        "predicted": None if written.prediction is None else _prediction_json(written.prediction),
+        "predicted": None if written.prediction is None else written.prediction.predicted(),
     }
 
 
@@ -107,18 +107,6 @@ def _file_json(file: "ControlFile") -> dict[str, str]:
     import hashlib
 
     return {"name": file.name, "sha256": hashlib.sha256(file.data).hexdigest()}
-
-
-def _prediction_json(prediction: "Prediction") -> dict[str, object]:
-    """Return the figures in um: as the error is, and without the rigid motion of the volume."""
-    from dataclasses import asdict
-
-    figures = {"as_it_is": prediction.figures(rigid_motion=True), "without_rigid_motion": prediction.figures(rigid_motion=False)}
-    improvement = prediction.improvement()
-    return {
-        **{name: {"before": asdict(before), "after": asdict(after)} for name, (before, after) in figures.items()},
-        "improvement": None if improvement == float("inf") else round(improvement, 6),
-    }
 
 
 def _print_export(written: "ExportReport") -> None:
@@ -133,7 +121,16 @@ def _print_export(written: "ExportReport") -> None:
         typer.echo(line)
     if written.prediction is not None:
         Console().print(effect_table(written.prediction))
+    _print_load(written)
     typer.echo("EXPORT_REPORT.txt says how to load the files, and how to get back to where the control was.")
+
+
+def _print_load(written: "ExportReport") -> None:
+    """Say what of the export may be loaded now, in the words of the conclusion."""
+    from stepdiag.conclusion import export_of, loadable, render
+
+    for sentence in loadable([export_of(written)]):
+        typer.echo(render(sentence, "en"))
 
 
 def verify(
@@ -203,7 +200,7 @@ def _verification_json(found: "Verification", given: "Sequence[ControlFile]", as
         "files": [_file_json(file) for file in given],
         "left_aside": list(aside),
         "tables": [{"function": table.name, "kind": table.kind, "law": table.law.describe()} for table in found.tables],
-        "predicted": _prediction_json(found.prediction),
+        "predicted": found.prediction.predicted(),
     }
 
 
@@ -238,7 +235,7 @@ def _caution(measured: "Result", prediction: "Prediction") -> None:
     unknown += [name for name, function in measured.errors.items() if function.value is None]
     if unknown:
         typer.echo(f"not in these figures, because the result does not identify it: {', '.join(unknown)}")
-    if prediction.improvement() < 1:
+    if prediction.worse:
         typer.echo(
             "WARNING worse-after: with these files the machine errs MORE than without: check the result they belong to, and their sign"
         )

@@ -45,6 +45,16 @@ def solve(
         typer.echo(result.to_json(), nl=False)
     else:
         result_table(result, out)
+        for line in concluded(result):
+            typer.echo(line)
+
+
+def concluded(result: "Result") -> list[str]:
+    """Return the conclusion of a result alone, as lines of a terminal."""
+    from stepdiag.conclusion import conclude, conclusion_document, titles_of, words_of
+    from stepdiag.terminal.tables import conclusion_lines
+
+    return list(conclusion_lines(words_of(conclusion_document(conclude(result)), "en"), titles_of("en")))
 
 
 def _solve_csv(path: Path, method: str, chain: str, angles: Path | None) -> "Result":

@@ -39,6 +39,8 @@ def _as_json(found: "Standing") -> dict[str, Any]:
 
     import msgspec
 
+    from stepdiag.conclusion import conclusion_in
+
     return {
         "survey": found.survey,
         "machine": found.machine,
@@ -52,6 +54,7 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "setups": [msgspec.to_builtins(setup) for setup in found.setups],
         "disk": found.disk,
         "logs": [asdict(log) for log in found.logs],
+        "conclusion": None if found.result is None else conclusion_in(found.result.parent),
     }
 
 
@@ -75,6 +78,17 @@ def _print(found: "Standing") -> None:
     if found.changed:
         typer.echo("The survey file is not the one these logs were recorded with: `stepdiag run` will begin a new round.")
     typer.echo(_next(found))
+    for line in _concluded(found):
+        typer.echo(line)
+
+
+def _concluded(found: "Standing") -> list[str]:
+    """Return the conclusion that stands beside the result, as lines; none before there is one."""
+    from stepdiag.conclusion import conclusion_in, titles_of, words_of
+    from stepdiag.terminal.tables import conclusion_lines
+
+    document = None if found.result is None else conclusion_in(found.result.parent)
+    return [] if document is None else list(conclusion_lines(words_of(document, "en"), titles_of("en")))
 
 
 def _table(found: "Standing") -> "Table":

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.conclusion import CONCLUSION
 from stepdiag.daq.recording.rounds import EXPORTS, READINGS, RESULT
 from stepdiag.daq.replay import find_logs
 from stepdiag.daq.service.completion import complete
@@ -47,7 +48,7 @@ def replay_and_compare(paths: Sequence[Path], out: Path | None) -> Compared:
     target = live / "replay" if out is None else out
     done = complete(logs, target)
     write_completed_report(done)
-    written = [target / RESULT, target / READINGS, target / "report.html", *sorted((target / EXPORTS).rglob("*"))]
+    written = [target / RESULT, target / READINGS, target / CONCLUSION, target / "report.html", *sorted((target / EXPORTS).rglob("*"))]
     names = [path.relative_to(target) for path in written if path.is_file()]
     verdicts: dict[str, list[str]] = {"identical": [], "different": [], "missing": []}
     for name in names:

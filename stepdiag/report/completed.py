@@ -1,18 +1,31 @@
-"""The report that stands beside the logs of a survey once it is complete."""
+"""What stands beside the logs of a survey once it is complete: its conclusion, and the report that begins with it."""
 
 from pathlib import Path
 
+from stepdiag.conclusion import CONCLUSION, Conclusion, Export, conclude, conclusion_json, export_of
 from stepdiag.daq.recording.rounds import READINGS, RESULT
 from stepdiag.daq.service.completion import Completed
+from stepdiag.exporters.files.files import write_once
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_of
+from stepdiag.report.fields import field_of
 from stepdiag.report.output import write_report
 from stepdiag.solver.readings.readings import parse_readings
 
 
 def write_completed_report(done: Completed) -> Path:
-    """Write ``report.html`` of a completed survey with its readings and all that was exported, and return its path."""
+    """Write conclusion and report of a completed survey, with its readings and all that was exported; return the report's path."""
     readings = parse_readings((done.folder / READINGS).read_text(encoding="utf-8"), READINGS)
     exported = [exported_of(each) for each in done.exports]
-    report = build_report(done.result, source=RESULT, exported=exported, readings=readings)
+    conclusion = concluded(done)
+    correction = next((one.correction for one in exported if one.correction is not None), None)
+    write_once(done.folder / CONCLUSION, conclusion_json(conclusion, field_of(done.result, correction)))
+    report = build_report(done.result, source=RESULT, exported=exported, readings=readings, conclusion=conclusion)
     return write_report(report, done.folder / "report.html")[0]
+
+
+def concluded(done: Completed) -> Conclusion:
+    """Return the conclusion of a completed survey: what was exported first, then what was refused."""
+    exports = [export_of(each) for each in done.exports]
+    exports += [Export(controller=name, refused=why) for name, why in done.refusals.items()]
+    return conclude(done.result, exports)

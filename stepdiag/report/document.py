@@ -8,18 +8,15 @@ from importlib.resources import files
 
 import jinja2
 
+from stepdiag.conclusion import Conclusion, conclude, conclusion_document, titles_of, words_of
 from stepdiag.report import measured, sections
 from stepdiag.report.exported import Exported
 from stepdiag.report.figure import Figure
 from stepdiag.report.figures import (
-    DENSE,
-    Correction,
     budget_figures,
     closure_figures,
     field_figures,
-    field_statistics,
     function_figures,
-    volumetric_errors,
 )
 from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.readings.readings import Readings
@@ -35,34 +32,14 @@ class Report:
     figures: tuple[Figure, ...]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class VolumetricError:
-    """The volumetric error over a dense grid, rigid motion removed, in um; None after where nothing was exported."""
-
-    rms_before_um: float
-    largest_before_um: float
-    rms_after_um: float | None
-    largest_after_um: float | None
-
-    @property
-    def improvement(self) -> float | None:
-        """Return by how much the rms falls; None where it is not known or falls to nothing."""
-        return self.rms_before_um / self.rms_after_um if self.rms_after_um else None
-
-
-def volumetric_error(result: Result, correction: Correction | None) -> VolumetricError:
-    """Return the volumetric error before and, where a correction is given, predicted after."""
-    (rms, largest), *after = (field_statistics(field) for field in volumetric_errors(result, correction, DENSE))
-    return VolumetricError(
-        rms_before_um=rms,
-        largest_before_um=largest,
-        rms_after_um=after[0][0] if after else None,
-        largest_after_um=after[0][1] if after else None,
-    )
-
-
 def build_report(
-    result: Result, *, source: str, exported: Sequence[Exported] = (), readings: Readings | None = None, language: Language = "en"
+    result: Result,
+    *,
+    source: str,
+    exported: Sequence[Exported] = (),
+    readings: Readings | None = None,
+    conclusion: Conclusion | None = None,
+    language: Language = "en",
 ) -> Report:
     """Return the report of a result; ``source`` names the result file in it.
 
@@ -70,6 +47,7 @@ def build_report(
     whose tables are known. Same input, same bytes: nothing in it depends on the clock, the machine it runs on or the order of a set.
     """
     words = {**catalogue("common", language), **catalogue("report", language)}
+    known = conclusion or conclude(result, [one.concluded for one in exported if one.concluded is not None])
     correction = next((one.correction for one in exported if one.correction is not None), None)
     layout = measured.layout_of(readings, result) if readings is not None else None
     figures = {
@@ -93,7 +71,7 @@ def build_report(
     html = _template().render(
         **_page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
-        volumetric=volumetric_error(result, correction),
+        concluded=words_of(conclusion_document(known), language), titles=titles_of(language), predicted=correction is not None,
     )  # fmt: skip
     return Report(html=html, figures=tuple(figure for group in figures.values() for figure in group))
 

@@ -6,9 +6,10 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from stepdiag.conclusion import Export, export_of, reach_of
 from stepdiag.exporters.export.export import ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.naming import RESTORE
+from stepdiag.exporters.files.naming import RESTORE, UNTESTED
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.safety.verify import controller_of, read_files, verify_files
@@ -34,12 +35,14 @@ class Exported:
     controller: str
     files: tuple[ExportedFile, ...]
     correction: Correction | None = None
+    concluded: Export | None = None
+    """What the conclusion says of it; None where no file is a table."""
 
 
 def exported_of(written: ExportReport) -> Exported:
     """Return what an export wrote."""
     listed = _listed(read_files([written.out_dir / name for name in written.files]))
-    return Exported(controller=written.controller, files=listed, correction=_of_tables(written.tables))
+    return Exported(controller=written.controller, files=listed, correction=_of_tables(written.tables), concluded=export_of(written))
 
 
 def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> Exported:
@@ -52,10 +55,19 @@ def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> 
     if not tables:
         return Exported(controller="", files=_listed(files))
     if len(tables) == 1 and lattice.recognises(tables[0]):
-        return Exported(controller=lattice.NAME, files=_listed(files), correction=lattice.parse(tables[0]).correction_um)
+        reach = reach_of(verify_files(result, tables).prediction.predicted())
+        return Exported(
+            controller=lattice.NAME,
+            files=_listed(files),
+            correction=lattice.parse(tables[0]).correction_um,
+            concluded=Export(controller=lattice.NAME, reach=reach),
+        )
     known = load_profile(profile, controller_of(tables), result.volume) if profile is not None else None
     found = verify_files(result, tables, known)
-    return Exported(controller=found.controller, files=_listed(files), correction=_of_tables(found.tables))
+    kinds = tuple(dict.fromkeys(table.kind for table in found.tables))
+    untested = kinds if any(Path(file.name).stem.endswith(UNTESTED) for file in tables) else ()
+    concluded = Export(controller=found.controller, untested=untested, reach=reach_of(found.prediction.predicted()))
+    return Exported(controller=found.controller, files=_listed(files), correction=_of_tables(found.tables), concluded=concluded)
 
 
 def _is_table(file: ControlFile) -> bool:

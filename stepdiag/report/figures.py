@@ -15,8 +15,6 @@ Correction = Callable[[Vector], Vector]
 """From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N, 3) in um."""
 UNITS = {"um": "µm", "urad": "µrad", "um/m": "µm/m"}
 """Units of the result as a person writes them."""
-DENSE = 11
-"""Points per axis of the grid over which the volumetric error is summed up."""
 
 
 def function_figures(result: Result, words: dict[str, str]) -> list[Figure]:

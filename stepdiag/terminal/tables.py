@@ -1,6 +1,6 @@
 """Results, effects of compensation files and findings as tables that a person reads in a terminal."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -10,6 +10,7 @@ from rich.text import Text
 
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.interval import interval_of
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.terminal.printable import printable
 
@@ -93,19 +94,24 @@ def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
 
 
 def effect_table(prediction: Prediction) -> Table:
-    """Return the volumetric error before and after, with and without the rigid motion of the volume, in um."""
-    table = Table(title="predicted volumetric error / um")
-    for column in ("", "before", "after", "factor"):
+    """Return the volumetric error before and after, with and without the rigid motion of the volume, as intervals in um."""
+    table = Table(title="predicted volumetric error / um, k = 2")
+    for column in ("", "before", "after"):
         table.add_column(column, justify="right" if column else "left")
-    for rigid, name in ((True, "as it is"), (False, "without rigid motion")):
-        before, after = prediction.figures(rigid_motion=rigid)
-        table.add_row(f"largest, {name}", *_effect_row(before.largest_um, after.largest_um))
-        table.add_row(f"rms, {name}", *_effect_row(before.rms_um, after.rms_um))
+    for name, figures in prediction.predicted().items():
+        for figure in ("largest_um", "rms_um"):
+            cells = [interval_of(figures[when][figure]) for when in ("before", "after")]
+            words = f"{figure.removesuffix('_um')}, {name.replace('_', ' ')}"
+            table.add_row(words, *("-" if cell is None else cell.words() for cell in cells))
     return table
 
 
-def _effect_row(before_um: float, after_um: float) -> tuple[str, str, str]:
-    return _shown(before_um), _shown(after_um), f"{before_um / after_um:.1f}" if after_um > 0 else "-"
+def conclusion_lines(words: Mapping[str, Sequence[str]], titles: Mapping[str, str]) -> Iterator[str]:
+    """Yield the conclusion, section by section under its title; ``words`` and ``titles`` go by the names of the sections."""
+    for section, sentences in words.items():
+        if sentences:
+            yield titles[section]
+            yield from (printable(f"  {sentence}") for sentence in sentences)
 
 
 def _shown(value: float | None, decimals: int = 2) -> str:

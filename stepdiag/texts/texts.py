@@ -1,5 +1,6 @@
 """Every word that the page and the report show, in English and German, from one catalogue."""
 
+import re
 import tomllib
 from functools import cache
 from importlib.resources import files
@@ -7,7 +8,8 @@ from typing import Literal, get_args
 
 Language = Literal["en", "de"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
-SECTIONS = ("common", "report", "page", "finding")
+SECTIONS = ("common", "conclusion", "report", "page", "finding")
+_POINT = re.compile(r"(?<=\d)\.(?=\d)")
 
 
 @cache
@@ -26,3 +28,8 @@ def finding_advice(code: str, language: Language) -> str:
     """Return what a finding means and what to do about it; empty for a code that the catalogue does not know."""
     words = _entries()["finding"].get(code)
     return words[language] if words else ""
+
+
+def localised(text: str, language: Language) -> str:
+    """Return a text with its numbers as the language writes them: a decimal comma in German."""
+    return _POINT.sub(",", text) if language == "de" else text

@@ -34,13 +34,16 @@ class TestPrediction:
         before, after = prediction.figures(rigid_motion=True)
         assert before.largest_um > 15
         assert after.largest_um < 0.25
-        assert prediction.improvement() > 50
+        assert not prediction.worse
+        assert prediction.predicted()["as_it_is"]["after"]["largest_um"]["value"] == after.largest_um
 
     def test_a_file_with_the_wrong_sense_makes_it_worse(self):
         """The sign test of the program itself: negated values must not pass as an improvement."""
         data = siemens_files()[0].data.replace(b"]=0.0", b"]=-0.0")
-        before, after = verify_files(RESULT, [ControlFile(name="AX_EEC.INI", data=data)]).prediction.figures(rigid_motion=True)
+        prediction = verify_files(RESULT, [ControlFile(name="AX_EEC.INI", data=data)]).prediction
+        before, after = prediction.figures(rigid_motion=True)
         assert after.largest_um > 1.5 * before.largest_um
+        assert prediction.worse
 
     def test_without_rigid_motion_a_squareness_folded_the_other_way_is_no_error(self):
         control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)

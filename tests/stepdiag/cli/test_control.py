@@ -58,7 +58,7 @@ class TestExport:
         assert {file["name"] for file in said["files"]} == {path.name for path in (tmp_path / "out").iterdir()}
         for file in said["files"]:
             assert file["sha256"] == hashlib.sha256((tmp_path / "out" / file["name"]).read_bytes()).hexdigest()
-        assert said["predicted"]["without_rigid_motion"]["after"]["largest_um"] < 1.0
+        assert said["predicted"]["without_rigid_motion"]["after"]["largest_um"]["value"] < 1.0
 
     def test_a_warning_refuses_with_5_until_it_is_accepted_by_name(self, tmp_path):
         path = tmp_path / "result.json"
@@ -99,12 +99,15 @@ class TestVerify:
         said = json.loads(stepdiag("verify", result, self.exported(result, tmp_path, controller), "--json").out)
         assert said["controller"] == controller
         assert "EXPORT_REPORT.txt" in said["left_aside"]
-        assert said["predicted"]["improvement"] is None or said["predicted"]["improvement"] > 2
+        before, after = (said["predicted"]["without_rigid_motion"][when]["rms_um"] for when in ("before", "after"))
+        assert after["value"] < before["value"] / 2
+        assert set(after) == {"value", "low", "high"}
 
     def test_the_restore_files_alone_change_nothing(self, result, tmp_path):
         out = self.exported(result, tmp_path, "siemens")
         said = json.loads(stepdiag("verify", result, *sorted(out.glob("*_RESTORE.INI")), "--json").out)
-        assert said["predicted"]["improvement"] == pytest.approx(1.0)
+        before, after = (said["predicted"]["without_rigid_motion"][when]["rms_um"]["value"] for when in ("before", "after"))
+        assert after == pytest.approx(before)
 
     def test_says_what_it_found_and_what_the_figures_leave_out(self, result, tmp_path):
         told = stepdiag("verify", result, self.exported(result, tmp_path, "siemens"))

@@ -1,0 +1,32 @@
+"""What a survey says, in a handful of sentences: what is wrong, what is not known, what compensation reaches, what to load, what next.
+
+In: a result, and what was exported of it. Out: a `Conclusion`, which page, report, `status` and terminal show and
+which stands beside the result as ``conclusion.json``. Nothing here computes an uncertainty: figures are those of result and prediction.
+Imported by `report`, `page`, `daemon` and `cli`.
+"""
+
+from stepdiag.conclusion.concluding import Conclusion, Export, conclude, export_of, loadable
+from stepdiag.conclusion.contributions import Contribution, contributions_of
+from stepdiag.conclusion.file import CONCLUSION, conclusion_document, conclusion_in, conclusion_json, titles_of, words_of
+from stepdiag.conclusion.intervals import Reach, reach_of
+from stepdiag.conclusion.sentences import Sentence, render
+
+__all__ = [
+    "CONCLUSION",
+    "Conclusion",
+    "Contribution",
+    "Export",
+    "Reach",
+    "Sentence",
+    "conclude",
+    "conclusion_document",
+    "conclusion_in",
+    "conclusion_json",
+    "contributions_of",
+    "export_of",
+    "loadable",
+    "reach_of",
+    "render",
+    "titles_of",
+    "words_of",
+]

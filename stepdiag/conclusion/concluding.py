@@ -1,0 +1,156 @@
+"""From a result and its exports to the conclusion."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
+from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
+from stepdiag.conclusion.sentences import Sentence
+from stepdiag.exporters.export.export import ExportReport
+from stepdiag.exporters.files.naming import UNTESTED
+from stepdiag.solver.result.interval import Interval, decimals_of
+from stepdiag.solver.result.result import ROTATIONS, Result
+
+MOST_WRONG = 5
+LEAST_SHARE = 0.1
+"""An error below a tenth of the largest one is not what is wrong with the machine."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Export:
+    """What became of an export: ``refused`` says why there are no files, ``untested`` names the tables whose sign nobody tried."""
+
+    controller: str
+    refused: str = ""
+    untested: tuple[str, ...] = ()
+    reach: Reach | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conclusion:
+    """``wrong`` stands beside the contribution that it tells of, the largest first; the rest are sentences in the order to be read."""
+
+    wrong: tuple[tuple[Contribution, Sentence], ...]
+    unknown: tuple[Sentence, ...]
+    reach: Reach
+    reached: tuple[Sentence, ...]
+    load: tuple[Sentence, ...]
+    next_step: Sentence
+    findings: dict[str, int]
+    """How many findings of each severity the result carries."""
+
+
+def export_of(written: ExportReport) -> Export:
+    """Return what an export wrote, as the conclusion needs it."""
+    kinds = tuple(dict.fromkeys(table.kind for table in written.tables))
+    untested = kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
+    reach = None if written.prediction is None else reach_of(written.prediction.predicted())
+    return Export(controller=written.controller, untested=untested, reach=reach)
+
+
+def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
+    """Return the conclusion. What compensation reaches is the first export's prediction, else the result's own."""
+    wrong = _wrong(contributions_of(result))
+    reach = next((each.reach for each in exports if each.reach is not None), None) or reach_in(result)
+    counts = {severity: sum(one.severity == severity for one in result.findings) for severity in ("error", "warning", "info")}
+    return Conclusion(
+        wrong=tuple((one, _told(one)) for one in wrong),
+        unknown=tuple(_unknown(result)),
+        reach=reach,
+        reached=tuple(_reached(reach)),
+        load=tuple(loadable(exports)),
+        next_step=_next_step(result, exports, counts),
+        findings=counts,
+    )
+
+
+def _wrong(contributions: Sequence[Contribution]) -> list[Contribution]:
+    certain = [one for one in contributions if one.significant and one.effect_um >= 0.05]
+    return [one for one in certain if one.effect_um >= LEAST_SHARE * certain[0].effect_um][:MOST_WRONG]
+
+
+def _told(one: Contribution) -> Sentence:
+    """Return a contribution in words."""
+    numbers = {"um": _um(one.effect_um), "length": f"{one.length_mm:.0f}", "value": _um(abs(one.value)), "axis": one.axis, "name": one.name}
+    more = "positive" if one.value > 0 else "negative"
+    match one.kind:
+        case "squareness":
+            return Sentence(key="wrong_squareness", arguments={**numbers, "to": LEANS[one.name][1], "towards": _towards(one)})
+        case "scale":
+            return Sentence(key=f"wrong_scale_{more}", arguments=numbers)
+        case "straightness":
+            return Sentence(key="wrong_straightness", arguments={**numbers, "to": one.name[1]})
+        case _:
+            return Sentence(key=f"wrong_{one.kind}", arguments=numbers)
+
+
+def _towards(one: Contribution) -> str:
+    """Return where the tool goes when the leaning axis moves in +: dX = -C0Y y, dX = +B0Z z, dY = -A0Z z (contract 1)."""
+    grows = one.value > 0 if one.name == "B0Z" else one.value < 0
+    return f"{'+' if grows else '−'}{LEANS[one.name][1]}"
+
+
+def _unknown(result: Result) -> Iterator[Sentence]:
+    scales = [axis for axis, scale in result.scale.items() if not scale.identified]
+    if scales:
+        yield Sentence(key="unknown_scales", arguments={"axes": ", ".join(scales)})
+    for name, quantity in result.squareness.items():
+        if quantity.value is None:
+            axis, to = LEANS[name]
+            yield Sentence(key="unknown_squareness", arguments={"name": name, "axis": axis, "to": to})
+    functions = [name for name, function in result.errors.items() if function.value is None]
+    if functions:
+        yield Sentence(key="unknown_functions", arguments={"names": ", ".join(functions)})
+    angles = [name for name in ROTATIONS if name not in result.errors]
+    if angles:
+        yield Sentence(
+            key="unknown_angles_all" if len(angles) == len(ROTATIONS) else "unknown_angles", arguments={"names": ", ".join(angles)}
+        )
+
+
+def _reached(reach: Reach) -> Iterator[Sentence]:
+    """Yield the volumetric error as it is and, as an interval, as compensation will leave it."""
+    yield _figure("before", reach.rms_before, reach.largest_before)
+    if reach.rms_after is not None and reach.largest_after is not None:
+        yield _figure("after", reach.rms_after, reach.largest_after)
+
+
+def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:
+    low, high = rms.shown()
+    if not low:
+        return Sentence(key=f"reach_{when}_unsure", arguments={"rms": rms.best(), "largest": largest.best()})
+    arguments = {"low": low, "high": high, "largest": largest.shown()[1] or largest.best()}
+    return Sentence(key=f"reach_{when}", arguments=arguments)
+
+
+def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
+    """Yield what may be loaded now, one sentence a control: nothing before its sign test."""
+    if not exports:
+        yield Sentence(key="load_none")
+    for one in exports:
+        if one.refused:
+            yield Sentence(key="load_refused", arguments={"control": one.controller})
+        elif one.untested:
+            yield Sentence(key="load_untested", arguments={"control": one.controller, "kinds": ", ".join(one.untested)})
+        else:
+            yield Sentence(key="load_now", arguments={"control": one.controller})
+
+
+def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]) -> Sentence:
+    """Return the one thing to do now: what makes the rest worthless comes first."""
+    if counts["error"]:
+        return Sentence(key="next_error")
+    refused = next((each for each in exports if each.refused), None)
+    if refused is not None and all(each.refused for each in exports):
+        return Sentence(key="next_refused", arguments={"control": refused.controller})
+    usable = [each for each in exports if not each.refused]
+    if any(each.untested for each in usable):
+        return Sentence(key="next_sign_test", arguments={"control": next(each.controller for each in usable if each.untested)})
+    if any(not scale.identified for scale in result.scale.values()) and not usable:
+        return Sentence(key="next_linear")
+    return Sentence(key="next_load" if usable else "next_export")
+
+
+def _um(value: float) -> str:
+    return f"{value:.{decimals_of(value)}f}"

@@ -1,0 +1,80 @@
+"""The conclusion as the file beside the result: words in every language and the figures behind them, same bytes for the same conclusion."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any
+
+from stepdiag.conclusion.concluding import Conclusion
+from stepdiag.conclusion.sentences import SECTION, Sentence, render
+from stepdiag.solver.result.rounding import steady
+from stepdiag.texts import LANGUAGES, Language, catalogue
+
+CONCLUSION = "conclusion.json"
+FORMAT, FORMAT_VERSION = "stepdiag-conclusion", 1
+SECTIONS = ("reached", "wrong", "unknown", "load", "next_step")
+"""The order in which a conclusion is read."""
+
+
+def conclusion_document(conclusion: Conclusion, field: Mapping[str, Any] | None = None) -> dict[str, Any]:
+    """Return a conclusion as plain data: sentences in every language, the reach in um (k = 2), the ``field`` to be drawn."""
+    return {
+        "format": FORMAT,
+        "version": FORMAT_VERSION,
+        "wrong": [{**_contribution(one), **_words(sentence)} for one, sentence in conclusion.wrong],
+        "unknown": [_words(one) for one in conclusion.unknown],
+        "reached": [_words(one) for one in conclusion.reached],
+        "load": [_words(one) for one in conclusion.load],
+        "next_step": [_words(conclusion.next_step)],
+        "reach": _rounded(asdict(conclusion.reach)),
+        "findings": conclusion.findings,
+        "field": None if field is None else _rounded(dict(field)),
+    }
+
+
+def conclusion_json(conclusion: Conclusion, field: Mapping[str, Any] | None = None) -> str:
+    """Return the JSON of a conclusion."""
+    return json.dumps(conclusion_document(conclusion, field), ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def titles_of(language: Language) -> dict[str, str]:
+    """Return section -> heading."""
+    words = catalogue(SECTION, language)
+    return {section: words[section] for section in SECTIONS}
+
+
+def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[str]]:
+    """Return section -> sentences of a conclusion's JSON."""
+    return {section: [sentence[language] for sentence in document[section]] for section in SECTIONS}
+
+
+def conclusion_in(folder: Path) -> dict[str, Any] | None:
+    """Return the JSON of the conclusion in a survey's folder; None where there is none that this program understands."""
+    try:
+        document = json.loads((folder / CONCLUSION).read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    known = isinstance(document, dict) and (document.get("format"), document.get("version")) == (FORMAT, FORMAT_VERSION)
+    return document if known else None
+
+
+def _contribution(one: Any) -> dict[str, Any]:
+    return {
+        "name": one.name,
+        "kind": one.kind,
+        "effect_um": steady(one.effect_um, 4),
+        "u_um": None if one.u_um is None else steady(one.u_um, 4),
+    }
+
+
+def _words(sentence: Sentence) -> dict[str, str]:
+    return {language: render(sentence, language) for language in LANGUAGES}
+
+
+def _rounded(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _rounded(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    return steady(value, 4) if isinstance(value, float) else value

@@ -1,0 +1,163 @@
+"""One conclusion, and the same figures wherever it is read."""
+
+import json
+import re
+from dataclasses import replace
+from datetime import date
+from pathlib import Path
+from typing import Any
+
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from stepdiag.conclusion import Export, conclude, conclusion_document, conclusion_in, conclusion_json, contributions_of, render, words_of
+from stepdiag.conclusion.intervals import reach_of
+from stepdiag.exporters.export.export import export
+from stepdiag.report.document import build_report
+from stepdiag.report.exported import exported_of
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.result import Quantity, Result
+from stepdiag.texts import LANGUAGES
+from testkit.cli import stepdiag
+from testkit.madeup import made_up_result
+
+
+def predicted(rms: tuple[float, float, float], largest: tuple[float, float, float]) -> dict[str, Any]:
+    """Return a ``predicted`` of contract 4 whose after-values are these (value, low, high)."""
+
+    def figure(value: float, low: float, high: float) -> dict[str, float]:
+        return {"value": value, "low": low, "high": high}
+
+    both = {
+        "before": {"rms_um": figure(10.0, 9.0, 11.0), "largest_um": figure(24.0, 21.0, 27.0)},
+        "after": {"rms_um": figure(*rms), "largest_um": figure(*largest)},
+    }
+    return {"without_rigid_motion": both, "as_it_is": both}
+
+
+class TestWhatIsWrong:
+    def test_is_ranked_by_what_it_moves_the_tool(self) -> None:
+        """25 urad over 400 mm are 10 um; they come before 12 um/m over 500 mm (6 um) and after a shape of 16 um."""
+        result = replace(made_up_result(amplitude_um=8.0, scales=True), squareness=leaning(25.0))
+        ranked = contributions_of(result)
+        assert [one.effect_um for one in ranked] == sorted((one.effect_um for one in ranked), reverse=True)
+        c0y = next(one for one in ranked if one.name == "C0Y")
+        assert c0y.effect_um == pytest.approx(25.0 * 400.0 * 1e-3)
+        assert next(one for one in ranked if one.name == "scale X").effect_um == pytest.approx(12.0 * 500.0 * 1e-3)
+
+    @pytest.mark.parametrize(("value", "towards"), [(25.0, "−X"), (-25.0, "+X")])
+    def test_says_which_way_an_axis_leans(self, value: float, towards: str) -> None:
+        """dX = -C0Y y (contract 1): a positive C0Y takes the tool to -X as Y grows."""
+        result = replace(made_up_result(amplitude_um=0.0, u_um=0.01, reversal=False), squareness=leaning(value))
+        (_, sentence), *_ = conclude(result).wrong
+        assert f"C0Y, towards {towards}" in render(sentence, "en")
+        assert "Y steht 25 µrad schief zu X" in render(sentence, "de")
+
+    def test_what_lies_within_its_uncertainty_is_not_wrong(self) -> None:
+        """3 urad with u = 2 urad say nothing of the machine."""
+        doubtful = {name: Quantity(value=3.0, u=2.0) for name in ("C0Y", "B0Z", "A0Z")}
+        result = replace(made_up_result(amplitude_um=0.0, u_um=0.5, reversal=False), squareness=doubtful)
+        assert conclude(result).wrong == ()
+
+
+def leaning(c0y_urad: float) -> dict[str, Quantity]:
+    """Return squarenesses of which only Y to X is not zero."""
+    return {"C0Y": Quantity(value=c0y_urad, u=0.2), "B0Z": Quantity(value=0.0, u=0.2), "A0Z": Quantity(value=0.0, u=0.2)}
+
+
+class TestReach:
+    def test_is_an_interval_and_rounding_never_narrows_it(self) -> None:
+        """1.31 .. 2.64 is written 1.3 to 2.7."""
+        exports = [Export(controller="siemens", reach=reach_of(predicted((1.9, 1.31, 2.64), (4.0, 3.0, 6.01))))]
+        words = words_of(conclusion_document(conclude(made_up_result(), exports)), "en")
+        assert words["reached"][1] == "After compensation, predicted: 1.3 to 2.7 µm (rms, k = 2), largest up to 6.1 µm."
+
+    def test_a_result_of_version_1_promises_nothing(self) -> None:
+        """Without a stated interval the figure is a bound from below, and says so."""
+        document = predicted((0.1, 0.1, 0.1), (0.2, 0.2, 0.2))
+        for when in ("before", "after"):
+            for figure in document["without_rigid_motion"][when].values():
+                figure["low"] = figure["high"] = None
+        words = words_of(conclusion_document(conclude(made_up_result(), [Export(controller="fanuc", reach=reach_of(document))])), "en")
+        assert "at best 0.1 µm" in words["reached"][1]
+        assert "Measure again to know" in words["reached"][1]
+
+    @given(st.floats(0.0, 500.0), st.floats(0.0, 500.0))
+    def test_the_written_interval_holds_the_computed_one(self, low: float, width: float) -> None:
+        """Whatever the figures, what is read contains what was computed."""
+        shown = Interval(value_um=low, low_um=low, high_um=low + width).shown()
+        assert float(shown[0]) <= low + 1e-6
+        assert float(shown[1]) >= low + width - 1e-6
+
+    @given(st.recursive(st.none() | st.floats() | st.text(), lambda inner: st.dictionaries(st.sampled_from(
+        ["without_rigid_motion", "before", "after", "rms_um", "largest_um", "value", "low", "high"]), inner)))  # fmt: skip
+    def test_a_strange_prediction_is_none_rather_than_an_error(self, document: object) -> None:
+        """A result of a stranger may hold anything under ``predicted``."""
+        reach_of(document)
+
+
+class TestWhatToLoad:
+    def test_nothing_before_its_sign_test(self) -> None:
+        """The next step is the sign test, and the control is named."""
+        found = conclude(made_up_result(scales=True), [Export(controller="siemens", untested=("EEC", "CEC"))])
+        assert [render(one, "en") for one in found.load] == ["siemens: nothing before its sign test (EEC, CEC)."]
+        assert render(found.next_step, "en").startswith("Make the sign test on siemens")
+
+    def test_nothing_while_findings_are_errors(self) -> None:
+        """What must be driven again comes before any export."""
+        broken = replace(made_up_result(), findings=(Finding(code="setup-scale", severity="error", text="ppp: 5 ppm"),))
+        assert render(conclude(broken, [Export(controller="siemens")]).next_step, "en").startswith("Drive again")
+
+    def test_a_refused_export_says_so(self) -> None:
+        """Nothing of it is loaded."""
+        found = conclude(made_up_result(), [Export(controller="fanuc", refused="slope")])
+        assert "refused" in render(found.load[0], "en")
+        assert "fanuc" in render(found.next_step, "en")
+
+
+class TestOnePlace:
+    def test_report_export_report_terminal_and_file_say_the_same_figures(self, tmp_path: Path) -> None:
+        """One survey, five places, one pair of digits."""
+        result = made_up_result(scales=True)
+        written = export(result, "siemens", None, step_mm=25.0, out_dir=tmp_path / "files", today=date(2026, 1, 1))
+        exported = exported_of(written)
+        assert exported.concluded is not None
+        concluded = conclude(result, [exported.concluded])
+        (tmp_path / "conclusion.json").write_text(conclusion_json(concluded), encoding="utf-8")
+        words = words_of(conclusion_in(tmp_path) or {}, "en")
+        after = re.search(r"at best ([\d.]+) µm", words["reached"][1])
+        assert after is not None
+        assert after[1] in build_report(result, source="r", exported=[exported]).html
+        line = next(line for line in written.text.splitlines() if "without rigid motion, after" in line)
+        assert line.endswith(f"{after[1]} or more")
+        (tmp_path / "result.json").write_text(result.to_json(), encoding="utf-8")
+        told = stepdiag("verify", tmp_path / "result.json", tmp_path / "files").out
+        assert f"{after[1]} or more" in told
+
+    def test_no_factor_anywhere(self, tmp_path: Path) -> None:
+        """A factor with decimals is a promise that nothing covers."""
+        result = made_up_result(scales=True)
+        written = export(result, "siemens", None, step_mm=25.0, out_dir=tmp_path / "files", today=date(2026, 1, 1))
+        (tmp_path / "result.json").write_text(result.to_json(), encoding="utf-8")
+        told = stepdiag("verify", tmp_path / "result.json", tmp_path / "files").out
+        everything = written.text + build_report(result, source="r", exported=[exported_of(written)]).html + told
+        assert not re.search(r"factor (of )?\d|\d x\b|improvement", everything)
+
+    @pytest.mark.parametrize("result", [made_up_result(), made_up_result(scales=True, angles=True)], ids=["four diagonals", "all"])
+    def test_every_sentence_reads_in_every_language(self, result: Result) -> None:
+        """No placeholder is left, German writes its comma, English its point."""
+        document = json.loads(conclusion_json(conclude(result, [Export(controller="siemens", untested=("EEC",))])))
+        for language in LANGUAGES:
+            text = " ".join(sentence for section in words_of(document, language).values() for sentence in section)
+            assert "{" not in text
+            assert not re.search(r"\d\.\d" if language == "de" else r"\d,\d", text)
+
+
+def test_another_file_of_that_name_is_no_conclusion(tmp_path: Path) -> None:
+    """Cut off, of another format, or not there: none, and no error."""
+    assert conclusion_in(tmp_path) is None
+    for text in ("{", "[]", '{"format": "stepdiag-conclusion", "version": 99}'):
+        (tmp_path / "conclusion.json").write_text(text, encoding="utf-8")
+        assert conclusion_in(tmp_path) is None
