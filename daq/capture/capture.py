@@ -62,6 +62,14 @@ class Capture:
         dwell = self.tracker.open
         return self._survey.plc.handshake.enabled and dwell is not None and dwell.from_ns != self._taken_from_ns
 
+    @property
+    def standing(self) -> Signals | None:
+        """Return the signals of the stop that the machine stands at where that is taken already: it is not for the log that follows."""
+        dwell = self.tracker.open
+        if dwell is None or not (dwell.from_ns == self._taken_from_ns or self.tracker.flickered()):
+            return None
+        return dwell.signals
+
     def feed(self, event: Event) -> list[Outcome]:
         """Take one event; return the stops, findings and the end of the pass that it brought about, in order."""
         outcomes: list[Outcome] = []

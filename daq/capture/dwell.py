@@ -27,6 +27,8 @@ from stepdiag.daq.formats.signals import Signals
 POSITION_TOLERANCE_MM = 0.05
 """Two commanded positions closer than this are the same stop: the register counts tenths of micrometres."""
 COUNT_MODULUS = 65536
+FLICKER_NS = 300_000_000
+"""A stop signal that was away for less has flickered; no machine makes a step in that time and stands again."""
 
 
 class State(Enum):
@@ -102,14 +104,22 @@ class DwellTracker:
         if self.open is not None:
             self.open = replace(self.open, blind=True)
 
+    def flickered(self) -> bool:
+        """Tell whether the open dwell is the one before it once more: the stop signal fell and rose, the machine did not move."""
+        if self.open is None or self._last is None or not same_stop(self._last.signals, self.open.signals):
+            return False
+        told = self.open.signals.stop_count is not None or self.open.signals.commanded_mm is not None
+        return told or self.open.from_ns - self._last.to_ns < FLICKER_NS
+
     def _observe(self, signals: Signals) -> Observation:
         if not signals.stopped:
             return "moving"
         reference = self.open or self._last
-        return "same" if reference is None or _same_stop(reference.signals, signals) else "new"
+        return "same" if reference is None or same_stop(reference.signals, signals) else "new"
 
 
-def _same_stop(one: Signals, other: Signals) -> bool:
+def same_stop(one: Signals, other: Signals) -> bool:
+    """Tell whether two polls saw one stop, as far as counter and commanded position tell; without both, any standstill is the same."""
     if one.stop_count != other.stop_count:
         return False
     if one.commanded_mm is None or other.commanded_mm is None:

@@ -20,16 +20,23 @@ REFUSED_WAIT_S = 1.0
 class ModbusPoller:
     """Reads the ranges every ``period_s`` and hands over each block, in the event loop.
 
-    The schedule is that of the first poll; polls that are due while one is under way are left out, never queued.
+    The schedule is that of the first poll; polls that are due while one is under way are left out, never queued. ``on_written`` hears of
+    every register written: why it was refused, or nothing where the device took it.
     """
 
     def __init__(
-        self, settings: ModbusSettings, ranges: Sequence[ReadRange], period_s: float, on_block: Callable[[ModbusBlock], None]
+        self,
+        settings: ModbusSettings,
+        ranges: Sequence[ReadRange],
+        period_s: float,
+        on_block: Callable[[ModbusBlock], None],
+        on_written: Callable[[str], None] = lambda _: None,
     ) -> None:
         self._settings = settings
         self._ranges = tuple(ranges)
         self._period_s = period_s
         self._on_block = on_block
+        self._on_written = on_written
         self._pending: tuple[int, int] | None = None
         self._rest: asyncio.Future[None] | None = None
 
@@ -88,12 +95,15 @@ class ModbusPoller:
         pending = self._pending
         if pending is None:
             return
+        refused = ""
         try:
             await link.write_register(*pending)
         except RefusedRequestError as error:
-            _log.warning("write-refused", detail=str(error))
+            refused = str(error)
+            _log.warning("write-refused", detail=refused)
         if self._pending is pending:
             self._pending = None
+        self._on_written(refused)
 
 
 def _end(rest: asyncio.Future[None] | None) -> None:

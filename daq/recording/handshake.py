@@ -1,28 +1,89 @@
-"""Telling the machine that its stop is captured and that it may move on."""
+"""Telling the machine that its stop is captured and that it may move on; and noticing where it waits all the same."""
 
 from collections.abc import Callable
 
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
+from stepdiag.solver.findings import Finding
+
+LEAST_PATIENCE_S = 1.0
+"""A stop takes its window and a few polls even where the plan asks for a shorter dwell."""
+MOST_TIMES = 3
+"""A machine that has never moved on is told so often before it is named."""
 
 
 class Handshake:
-    """Tells each stop once. ``tell`` takes a stop count; ``owed`` is that of the last stop in the logs, in case a daemon died before it
-    told the machine.
+    """``stop_count`` and ``captured`` must meet: a machine that waits longer than a dwell is told again, or named.
+
+    ``tell`` takes a stop count; ``owed`` is that of the last stop in the logs, in case a daemon died before it told the machine.
+    ``alarm`` says in words that the machine waits in vain; empty while it does not.
     """
 
-    def __init__(self, tell: Callable[[int], None], owed: int | None) -> None:
+    def __init__(self, tell: Callable[[int], None], owed: int | None, dwell_s: float) -> None:
         self._tell = tell
-        self._owed = owed
+        self._told = owed
+        self._told_ns: int | None = None
+        self._patience_ns = int(max(dwell_s, LEAST_PATIENCE_S) * 1e9)
+        self._waits_at: int | None = None
+        self._since_ns = 0
+        self._told_times = 0
+        self._worked = False
+        self._refused = ""
+        self.alarm = ""
 
     def captured(self, stop: CapturedStop) -> None:
         """Take a stop; one that was recovered afterwards has been left long ago."""
         if stop.stop_count is not None and not stop.recovered:
-            self._owed = None
+            self._told, self._told_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
 
-    def look(self, signals: Signals | None) -> None:
-        """Tell a machine that stands at the stop that is owed."""
-        if self._owed is not None and signals is not None and signals.stopped and signals.stop_count == self._owed:
-            self._tell(self._owed)
-            self._owed = None
+    def written(self, refused: str) -> Finding | None:
+        """Hear whether the machine took what was written, and why it did not; return what is to be said of that, once."""
+        before, self._refused = self._refused, refused
+        if not refused or before:
+            return None
+        text = f"the machine does not take what is written: {refused}; check plc.handshake.address, and whether it may be written to"
+        return Finding(code="handshake-refused", severity="error", text=text)
+
+    def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], str]) -> Finding | None:
+        """Look at a poll; tell again what the machine has not heard, and return what is to be said of one that waits in vain."""
+        count = signals.stop_count if signals is not None and _waits(signals) else None
+        if count != self._waits_at:
+            self._worked = self._worked or (self._waits_at is not None and self._waits_at == self._told)
+            self._waits_at, self._since_ns, self._told_times, self.alarm = count, now_ns, 0, ""
+        if count is None:
+            return None
+        if count == self._told:
+            self._tell_again(count, now_ns)
+        if self.alarm or not self._in_vain(count, now_ns):
+            return None
+        self.alarm = self._in_words(count, now_ns, waits_for())
+        return Finding(code="handshake-waits", severity="error", text=self.alarm)
+
+    def _tell_again(self, count: int, now_ns: int) -> None:
+        """Tell a machine that still stands there: its PLC may have started again, or the last daemon died before it told."""
+        if self._told_ns is None or now_ns - self._told_ns > self._patience_ns:
+            self._told_ns = now_ns
+            self._told_times += 1
+            self._tell(count)
+
+    def _in_vain(self, count: int, now_ns: int) -> bool:
+        """Tell whether it waits in vain: nobody answers, or it does not hear. One that has heard before may stand for its own reasons."""
+        if count == self._told:
+            return bool(self._refused) or (not self._worked and self._told_times >= MOST_TIMES)
+        return now_ns - self._since_ns > self._patience_ns
+
+    def _in_words(self, count: int, now_ns: int, waits_for: str) -> str:
+        told = "nothing" if self._told is None else str(self._told)
+        text = (
+            f"the machine has waited for {(now_ns - self._since_ns) * 1e-9:.0f} s at stop_count {count} and {told} is written as captured"
+        )
+        if self._refused:
+            return f"{text}: it does not take it ({self._refused})"
+        if count == self._told:
+            return f"{text}: the program waits for another register, or does not look at it; check plc.handshake.address"
+        return f"{text}: this stop is not captured ({waits_for}); abort the program, or mend what the findings name"
+
+
+def _waits(signals: Signals) -> bool:
+    return bool(signals.stopped) and signals.stop_count is not None and signals.running is not False and signals.setup != 0

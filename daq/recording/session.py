@@ -10,6 +10,7 @@ from typing import Protocol
 import msgspec
 
 from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.dwell import same_stop
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.route import base_setup
 from stepdiag.daq.capture.stop import CapturedStop
@@ -90,7 +91,8 @@ class Session:
         self._logs = begun.logs
         self._before: deque[Event] = deque()
         self._before_bytes = 0
-        self._open_dwell = self._skip_dwell = False
+        self._standing: Signals | None = None
+        self._skip_dwell = False
         self._armed = armed
         self._last_setup: int | None = None
         self._idle_decoder = SignalDecoder(survey.plc.signals)
@@ -147,6 +149,10 @@ class Session:
                 self._heed(outcome)
             self._end_log("interrupted", reason)
 
+    def say(self, finding: Finding) -> None:
+        """Take a finding that is not of the recording itself; it stands in the open log too, if any."""
+        self._heed(finding)
+
     def remark(self, text: str) -> None:
         """Leave a line for a person in the open log, if any."""
         if self.capture is not None:
@@ -162,7 +168,8 @@ class Session:
             self._idle_laser.feed(event.data, event.arrival_ns)
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
-            self._open_dwell = self._open_dwell and signals.stopped is True
+            if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):
+                self._standing = None
             if self._begins(signals):
                 self._begin_log(time_of(event))
 
@@ -174,7 +181,7 @@ class Session:
         """Tell whether a log is to begin: the program runs and something is wanted of it, or the machine stands at a stop."""
         self._armed = self._armed or self._left(signals)
         self._last_setup = signals.setup
-        if not self._armed or self._open_dwell or signals.running is False or signals.setup == 0:
+        if not self._armed or self._standing is not None or signals.running is False or signals.setup == 0:
             return False
         named = signals.running is True or signals.setup is not None
         return signals.stopped is True or (named and self._wanted(signals.setup))
@@ -227,7 +234,8 @@ class Session:
         self.signals = capture.signals or self.signals
         self._note(capture, event)
         if capture.ended is not None:
-            self._open_dwell = self._skip_dwell = capture.tracker.open is not None
+            self._standing = capture.standing
+            self._skip_dwell = self._standing is not None
             status: ExitStatus = "complete" if capture.ended.kind == "complete" else "aborted"
             self._end_log(status, capture.ended.reason)
         elif self._forgotten(capture, event):
@@ -256,7 +264,8 @@ class Session:
             return
         if isinstance(outcome, Finding):
             self.findings.append(outcome)
-            self._sink.note(finding_note(self._noted_signals_ns, outcome))
+            if self.recording:
+                self._sink.note(finding_note(self._noted_signals_ns, outcome))
         self._on_outcome(outcome)
 
     def _note(self, capture: Capture, event: Event) -> None:

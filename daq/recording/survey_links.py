@@ -27,9 +27,12 @@ WAKE_NS = 30_000_000
 
 
 class SurveyLinks:
-    """Laser, machine and, where there is one, the 4-DOF head. ``consume`` is called in the event loop, in the order of arrival."""
+    """Laser, machine and, where there is one, the 4-DOF head. ``consume`` is called in the event loop, in the order of arrival.
 
-    def __init__(self, survey: Survey, consume: Consume) -> None:
+    ``on_written`` hears of what was written to the machine: why it was refused, or nothing where it took it.
+    """
+
+    def __init__(self, survey: Survey, consume: Consume, on_written: Callable[[str], None] = lambda _: None) -> None:
         self._survey = survey
         self._consume = consume
         self._loop = asyncio.get_running_loop()
@@ -42,7 +45,7 @@ class SurveyLinks:
         if survey.head is not None:
             self._lines["head"] = self._line("head", survey.head, head_decoder(survey))
         plc = survey.plc
-        self._poller = ModbusPoller(modbus_settings(plc), plan_reads(plc.signals), 1.0 / plc.poll_hz, self._polled)
+        self._poller = ModbusPoller(modbus_settings(plc), plan_reads(plc.signals), 1.0 / plc.poll_hz, self._polled, on_written)
         self._lines["machine"] = Reconnector("machine", self._poller.session, self._reporter("machine"))
         self._tasks: list[asyncio.Task[None]] = []
 

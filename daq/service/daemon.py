@@ -110,9 +110,9 @@ class Daemon:
 
     def _set_up(self, recorder: Recorder, begun: Round) -> Working:
         session = self._session(recorder, begun)
-        survey_links = SurveyLinks(self.survey, self._consume)
+        survey_links = SurveyLinks(self.survey, self._consume, self._written)
         if self.survey.plc.handshake.enabled:
-            self._handshake = Handshake(survey_links.acknowledge, session.book.last_count)
+            self._handshake = Handshake(survey_links.acknowledge, session.book.last_count, self.survey.plan.dwell_s)
 
         def dead() -> list[str]:
             health = recorder.health
@@ -127,7 +127,11 @@ class Daemon:
             supervisor=Supervisor(self._notifier, dead, self._remark, self._tally, self._folder, self.survey.recording.min_free_gb),
             tally=self._tally,
             programs=self._programs,
+            alarms=self._alarms,
         )
+
+    def _alarms(self) -> list[str]:
+        return [self._handshake.alarm] if self._handshake is not None and self._handshake.alarm else []
 
     def _remark(self, text: str) -> None:
         self._working.session.remark(text)
@@ -150,13 +154,23 @@ class Daemon:
         if working.paused and not session.recording:
             return
         session.consume(event)
-        if self._handshake is not None:
-            self._handshake.look(session.signals)
-            if isinstance(event, ModbusBlock) and session.machine_waits:
-                working.survey_links.hurry()
+        if self._handshake is not None and isinstance(event, ModbusBlock):
+            self._look_at_handshake(self._handshake, event)
         if working.session.recording and working.shown is not working.session:
             working.shown = working.session
             working.finisher.forget()
+
+    def _look_at_handshake(self, handshake: Handshake, block: ModbusBlock) -> None:
+        session = self._working.session
+        if session.machine_waits:
+            self._working.survey_links.hurry()
+        if waits := handshake.look(session.signals, block.recv_ns, self.status_source.waits_for):
+            session.say(waits)
+
+    def _written(self, refused: str) -> None:
+        """Hear whether the machine took what was written."""
+        if self._handshake is not None and (said := self._handshake.written(refused)):
+            self._working.session.say(said)
 
     def _heed(self, outcome: Outcome) -> None:
         if isinstance(outcome, CapturedStop):

@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -35,6 +35,8 @@ class Working:
     supervisor: Supervisor
     tally: Tally
     programs: Mapping[str, str] = field(default_factory=dict)
+    alarms: Callable[[], Sequence[str]] = tuple
+    """What a person must see at once, in words."""
     paused: bool = False
 
 
@@ -101,7 +103,7 @@ class DaemonStatusSource:
             result_ready=working.finisher.result is not None,
             prediction=working.finisher.prediction,
             programs=working.programs,
-            message=_refused(working.recorder) or working.supervisor.disk or working.finisher.message or working.recorder.health.reason,
+            message="; ".join([*working.alarms(), _of_service(working)]).strip("; "),
         )
 
     def figures(self) -> Figures:
@@ -156,6 +158,11 @@ class DaemonStatusSource:
             case "name":
                 session.round.run.update({key: arguments[key] for key in ("operator", "workpiece") if key in arguments})
         self.news()
+
+
+def _of_service(working: Working) -> str:
+    """Return what is wrong with the service itself."""
+    return _refused(working.recorder) or working.supervisor.disk or working.finisher.message or working.recorder.health.reason
 
 
 def _refused(recorder: Recorder) -> str:

@@ -1,0 +1,85 @@
+"""``stop_count`` and ``captured`` must meet: told again, or named, never waited for in silence."""
+
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.recording.handshake import Handshake
+from testkit.captured import stops_of
+
+SECOND = 1_000_000_000
+
+
+def at(count, **more):
+    return Signals(**{"stopped": True, "running": True, "setup": 1, "stop_count": count, **more})
+
+
+class Machine:
+    """What a machine hears, and what is said of it."""
+
+    def __init__(self, owed=None):
+        self.heard, self.said = [], []
+        self.handshake = Handshake(self.heard.append, owed, 2.0)
+
+    def stands(self, signals, *seconds):
+        for now in seconds:
+            found = self.handshake.look(signals, round(now * SECOND), lambda: "ppp 3/9, taking the stop")
+            self.said += [] if found is None else [found]
+
+
+def test_a_captured_stop_is_told_once():
+    machine = Machine()
+    machine.stands(at(1), 0.0)
+    machine.handshake.captured(stops_of()[1])
+    machine.stands(at(1), 0.1)
+    machine.stands(at(1, stopped=False), 0.2)
+    assert machine.heard == [1]
+    assert machine.said == []
+
+
+def test_a_stop_that_is_not_taken_is_named_after_a_dwell_and_no_longer_than_it_lasts():
+    machine = Machine()
+    machine.stands(at(7), 0.0, 1.9, 2.1, 9.0)
+    (said,) = machine.said
+    assert said.code == "handshake-waits"
+    assert "stop_count 7 and nothing is written as captured" in said.text
+    assert "ppp 3/9, taking the stop" in said.text
+    assert machine.handshake.alarm == said.text
+    machine.stands(at(8), 9.1)
+    assert not machine.handshake.alarm
+
+
+def test_a_plc_that_forgot_is_told_again():
+    """It has heard before and stands longer than a dwell: it is told again, and not named."""
+    machine = Machine()
+    for stop in stops_of()[:2]:
+        machine.stands(at(stop.stop_count), stop.stop * 1.0)
+        machine.handshake.captured(stop)
+    machine.stands(at(1), 2.0, 3.1, 4.0, 5.2, 9.0)
+    assert machine.heard == [0, 1, 1, 1, 1]
+    assert machine.said == []
+
+
+def test_one_that_never_hears_is_named():
+    machine = Machine()
+    machine.stands(at(0), 0.0)
+    machine.handshake.captured(stops_of()[0])
+    machine.stands(at(0), *range(1, 20))
+    (said,) = machine.said
+    assert "waits for another register" in said.text
+
+
+def test_what_is_owed_since_the_last_daemon_is_told_at_once():
+    machine = Machine(owed=5)
+    machine.stands(at(5), 0.0, 0.1)
+    assert machine.heard == [5]
+
+
+def test_a_program_that_is_over_waits_for_nobody():
+    machine = Machine()
+    machine.stands(at(4, running=False), 0.0, 9.0)
+    machine.stands(at(4, setup=0), 10.0, 19.0)
+    assert machine.said == []
+
+
+def test_a_refusal_is_said_once_until_it_is_taken_again():
+    handshake = Handshake(lambda count: None, None, 2.0)
+    said = [handshake.written(refused) for refused in ("illegal address", "illegal address", "", "illegal address")]
+    assert [found is not None and found.code == "handshake-refused" for found in said] == [True, False, False, True]
