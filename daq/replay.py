@@ -103,6 +103,7 @@ def replay(paths: Sequence[Path]) -> Replayed:
                 outcomes.extend(capture.feed(event))
         outcomes.extend(capture.finish())
         book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
+        outcomes.extend(book.news())
         replayed.append(ReplayedLog(log.path, tuple(outcomes), log.end))
     findings = tuple(each for one in replayed for each in one.outcomes if isinstance(each, Finding))
     return Replayed(

@@ -8,12 +8,22 @@ Severity = Literal["info", "warning", "error"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One remark. ``code`` is stable and documented in docs/findings.md; ``text`` names the setup, pass and stop."""
+    """One remark. ``code`` is stable and documented in docs/findings.md; ``text`` names the setup, pass and stop.
+
+    Where it belongs stands beside the words too, as far as it is known: ``setup``, ``pass_number``, ``stop`` (of that pass), and the size
+    of what was found.
+    """
 
     code: str
     severity: Severity
     text: str
+    setup: str = ""
+    pass_number: int | None = None
+    stop: int | None = None
+    size_um: float | None = None
 
-    def as_json(self) -> dict[str, str]:
-        """Return the JSON form of the contract: code, severity, text."""
-        return {"code": self.code, "severity": self.severity, "text": self.text}
+    def as_json(self) -> dict[str, str | int | float]:
+        """Return the JSON form of the contract: code, severity, text, and where it belongs as far as that is known."""
+        place = {"setup": self.setup or None, "pass": self.pass_number, "stop": self.stop, "size_um": self.size_um}
+        known = {name: value for name, value in place.items() if value is not None}
+        return {"code": self.code, "severity": self.severity, "text": self.text, **known}

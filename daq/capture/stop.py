@@ -26,8 +26,9 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
 
     ``reading_mm`` is what the laser says, sign applied, in its own length unit before any air correction, None where it sees nothing.
     ``u_um`` is the standard uncertainty of the window's mean (of the QD's lateral movement in a run of the 4-DOF head). ``broken`` says
-    why the laser's count does not reach back to the stop before, ``unwatched`` why it may not; ``doubtful`` why a person should look;
-    ``refused`` (a finding's code) why the reading must not be used. ``channels`` are the means of the 4-DOF head.
+    why the laser's count does not reach back to the stop before, ``unwatched`` why it may not; ``doubtful`` why a person should look
+    (``doubt_codes``: the findings that say so, where it is not `stop-doubtful`); ``refused`` (a finding's code) why the reading must not be
+    used. ``channels`` are the means of the 4-DOF head.
     """
 
     setup: str
@@ -50,6 +51,7 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     broken: str = ""
     unwatched: str = ""
     doubtful: str = ""
+    doubt_codes: tuple[str, ...] = ()
     refused: str = ""
     recovered: bool = False
     channels: tuple[float, ...] = ()
@@ -58,6 +60,13 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     air_temperature_c: float | None = None
     air_pressure_hpa: float | None = None
     relative_humidity_percent: float | None = None
+
+
+def marked(stop: CapturedStop, code: str, words: str) -> CapturedStop:
+    """Return a stop that is doubtful for one more reason."""
+    before = stop.doubt_codes or (("stop-doubtful",) if stop.doubtful else ())
+    doubtful = "; ".join(text for text in (stop.doubtful, words) if text)
+    return msgspec.structs.replace(stop, doubtful=doubtful, doubt_codes=tuple(dict.fromkeys((*before, code))))
 
 
 class Placing(Protocol):

@@ -92,7 +92,8 @@ class Walk:
 
     def finding(self, code: str, severity: Severity, stop: int, text: str) -> Finding:
         """Return a finding that names the pass and the stop."""
-        return Finding(code=code, severity=severity, text=f"{self.name}, stop {stop} of {len(self.route) - 1}: {text}")
+        place = f"{self.name}, stop {stop} of {len(self.route) - 1}"
+        return Finding(code=code, severity=severity, text=f"{place}: {text}", setup=self.route.setup, stop=stop)
 
     def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
         if count is None or self._last_count is None or self.expected == 0:

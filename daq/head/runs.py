@@ -7,7 +7,7 @@ from typing import Literal, cast
 import numpy as np
 
 from stepdiag.daq.capture.stop import CapturedStop
-from stepdiag.daq.passes.pass_book import Pass
+from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.head_file import HeadFile, parse_head_file, require_owner
 from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import HeadRun, Survey

@@ -67,11 +67,12 @@ _STOP = {
     "setup": TEXT, "outward": FLAG, "stop": INTEGER, "position_mm": NUMBERS, "axis": TEXT, "stop_count": INTEGER,
     "reading_mm": NUMBER, "u_um": NUMBER, "scatter_um": NUMBER, "slope_um_s": NUMBER, "samples": INTEGER, "rejected": INTEGER,
     "window_from_mono_ns": TEXT, "window_to_mono_ns": TEXT, "time_s": NUMBER,
-    "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "refused": TEXT,
+    "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "doubt_codes": TEXTS, "refused": TEXT,
     "recovered": FLAG, "channels": NUMBERS, "u_channels": NUMBERS, "material_temperature_c": NUMBER, "air_temperature_c": NUMBER,
     "air_pressure_hpa": NUMBER, "relative_humidity_percent": NUMBER,
 }  # fmt: skip
 _SIGNALS = {name: FLAG if name in SWITCHED else INTEGER if name in COUNTED else NUMBER for name in SIGNAL_NAMES}
+_PLACE = {"setup": TEXT, "pass": INTEGER, "stop": INTEGER, "size_um": NUMBER}
 _FOXGLOVE_LOG = {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER}
 
 RAW_TOPICS: dict[Stream, str] = {"laser": "/laser/raw", "head": "/head/raw"}
@@ -94,7 +95,9 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(SIGNALS_TOPIC, "stepdiag.Signals", {**_STAMP, **_SIGNALS}),
     Channel(STOP_TOPIC, "stepdiag.Stop", {**_STAMP, **_STOP}),
     Channel(PHASE_TOPIC, "stepdiag.Phase", {**_STAMP, "state": INTEGER, "state_text": TEXT, "detail": TEXT}),
-    Channel(FINDING_TOPIC, "stepdiag.Finding", {**_STAMP, "severity": INTEGER, "severity_text": TEXT, "code": TEXT, "text": TEXT}),
+    Channel(
+        FINDING_TOPIC, "stepdiag.Finding", {**_STAMP, "severity": INTEGER, "severity_text": TEXT, "code": TEXT, "text": TEXT, **_PLACE}
+    ),
     Channel(LOG_TOPIC, "foxglove.Log", _FOXGLOVE_LOG),
 )
 """Every channel of a log, in the order of their channel ids from 1."""
@@ -129,7 +132,7 @@ def phase_note(time_ns: int, phase: Phase, detail: str = "") -> Note:
 def finding_note(time_ns: int, finding: Finding) -> Note:
     """Return a finding; its severity as number is that of `/log`."""
     severity = {"severity": LOG_LEVELS[finding.severity], "severity_text": finding.severity}
-    return Note(FINDING_TOPIC, time_ns, {**severity, "code": finding.code, "text": finding.text})
+    return Note(FINDING_TOPIC, time_ns, {**finding.as_json(), **severity})
 
 
 def log_note(time_ns: int, level: str, message: str, name: str) -> Note:

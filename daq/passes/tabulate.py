@@ -4,7 +4,7 @@ import numpy as np
 
 from stepdiag.daq.capture.route import base_setup
 from stepdiag.daq.capture.stop import CapturedStop
-from stepdiag.daq.passes.pass_book import Pass
+from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Environment, Survey
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, FOURDOF_RUNS, Vector, diagonal_direction, travel_signs
 from stepdiag.solver.readings.readings import Readings, make_readings

@@ -261,6 +261,8 @@ class Session:
         if isinstance(outcome, CapturedStop):
             self.book.add(outcome)
             self._sink.promise(stop_note(outcome), lambda: self._on_outcome(outcome))
+            for remark in self.book.news():
+                self._heed(remark)
             return
         if isinstance(outcome, Finding):
             self.findings.append(outcome)

@@ -9,7 +9,8 @@ from stepdiag.daq.capture.route import make_route
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad
-from stepdiag.daq.passes.pass_book import Pass, PassBook
+from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.records.status import FindingStatus, LinkStatus, Phase, PredictionStatus, SetupStatus, Snapshot, StopStatus
 from stepdiag.daq.survey.models import Survey

@@ -248,4 +248,21 @@ def _finding(node: Node) -> Finding:
     severity = node.text("severity")
     if severity not in ("info", "warning", "error"):
         node.child("severity").refuse("info, warning or error")
-    return Finding(code=node.text("code"), severity=severity, text=node.text("text"))  # type: ignore[arg-type]
+    return Finding(
+        code=node.text("code"),
+        severity=severity,  # type: ignore[arg-type]
+        text=node.text("text"),
+        setup=node.text("setup") if "setup" in node.mapping() else "",
+        pass_number=_whole_if_there(node, "pass"),
+        stop=_whole_if_there(node, "stop"),
+        size_um=node.child("size_um").number() if "size_um" in node.mapping() else None,
+    )
+
+
+def _whole_if_there(node: Node, name: str) -> int | None:
+    if name not in node.mapping():
+        return None
+    value = node.child(name).number()
+    if not value.is_integer():
+        node.child(name).refuse("a whole number")
+    return int(value)

@@ -202,7 +202,7 @@ def test_a_beam_lost_while_nobody_looked_is_doubted_from_there_on():
     assert codes == ["laser-gap", "laser-unwatched"]
     only = whole_of(stops)
     assert [stop.stop for stop in stops if stop.unwatched] == [4]
-    assert only.complete
+    assert only.whole
     assert [k for k in range(10) if only.doubt(k)] == [4, 5, 6, 7, 8, 9]
     assert "no sample was seen for 1.5 s before stop 4" in only.why_doubtful()
     assert "drive again from stop 3 on" in only.why_doubtful()

@@ -70,7 +70,7 @@ def test_a_stop_measured_on_both_sides_joins_them(zero, overlap):
     first, second = stops_of(only=range(5)), stops_of(only=range(overlap, 10), zero=zero)
     passes.add_all([*first, broken(second[0]), *second[1:]])
     (only,) = passes.passes
-    assert only.complete
+    assert only.whole
     readings = {index: stop.reading_mm + offset for index, (stop, offset) in only.chosen().items()}
     assert [readings[k] - readings[0] for k in range(10)] == pytest.approx([stop.reading_mm for stop in stops_of()], abs=1e-9)
 
@@ -96,7 +96,7 @@ def test_a_count_that_nobody_watched_is_used_and_doubted():
     first, second = stops_of(only=range(5)), stops_of(only=range(5, 10))
     passes.add_all([*first, unwatched(second[0]), *second[1:]])
     (only,) = passes.passes
-    assert only.complete
+    assert only.whole
     assert [bool(only.doubt(k)) for k in range(10)] == [False] * 5 + [True] * 5
     assert only.why_doubtful().startswith("stops 5, 6, 7, 8, 9 may be off (no sample was seen for 9.0 s before stop 5)")
 
@@ -108,7 +108,7 @@ def test_a_stop_measured_again_ends_the_doubt(zero, overlap):
     first, second = stops_of(only=range(7)), stops_of(only=range(overlap, 10), zero=zero)
     passes.add_all([*first[:5], unwatched(msgspec.structs.replace(first[5], reading_mm=first[5].reading_mm + zero)), *second])
     (only,) = passes.passes
-    assert only.complete
+    assert only.whole
     assert not only.why_doubtful()
     readings = {index: stop.reading_mm + offset for index, (stop, offset) in only.chosen().items()}
     assert [readings[k] - readings[0] for k in range(10)] == pytest.approx([stop.reading_mm for stop in stops_of()], abs=1e-9)

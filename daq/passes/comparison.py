@@ -1,0 +1,118 @@
+"""The passes of one setup against each other: where the laser's count went wrong by a step, in which pass, and by how much."""
+
+from collections import Counter
+from collections.abc import Sequence
+from itertools import combinations
+
+import numpy as np
+
+from stepdiag.daq.capture.route import base_setup
+from stepdiag.daq.passes.doubt import Doubt
+from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.passes.slips import Step, Vector, like_its_axis, odd_step, step_in
+from stepdiag.solver.geometry.volume import FOURDOF_RUNS
+
+CLEARLY = 0.5
+"""A pass is named alone where the step explains its own reading there twice as well as that of the other pass."""
+CONFIRMED = 0.5
+"""An odd step that comes out alike, to so much of its size, when the pass is driven again, is the machine's."""
+
+
+def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ...]]:
+    """Return by index of the pass what stands against it.
+
+    Passes that are not whole, and runs of the 4-DOF head, say nothing. ``alone``: the plan has one pass a setup, whose own steps are all
+    there is to judge it by.
+    """
+    against: dict[int, tuple[Doubt, ...]] = dict.fromkeys(range(len(passes)), ())
+    if not passes or base_setup(passes[0].route.setup) in FOURDOF_RUNS:
+        return against
+    readings = {index: _Readings(each) for index, each in enumerate(passes) if each.whole}
+    if alone and len(readings) == 1:
+        ((only, own),) = readings.items()
+        step = own.odd()
+        return against if step is None or _seen_before(passes[only], step) else {**against, only: (_doubt(passes[only], step, None),)}
+    blamed: list[tuple[int, Doubt]] = []
+    for pair in combinations(readings, 2):
+        steps = _blame(*(readings[index] for index in pair))
+        blamed += [(pair[at], _doubt(passes[pair[at]], step, passes[pair[1 - at]])) for at, step in steps.items()]
+    votes = Counter(index for index, _ in blamed)
+    for index, doubt in blamed:
+        if votes[index] == max(votes.values()) and not against[index]:
+            against[index] = (doubt,)
+    return against
+
+
+def _seen_before(each: Pass, step: Step) -> bool:
+    """Tell whether a pass that was driven again shows the same step as before: then the machine makes it."""
+    here, there = each.measured.get(step.stop, ()), each.measured.get(step.stop - 1, ())
+    made = [
+        ((one.stop.reading_mm or 0.0) - (before.stop.reading_mm or 0.0)) * 1e3
+        for one in here
+        for before in there
+        if one.stretch == before.stretch and 0 <= one.visit - before.visit <= 1
+    ]
+    return len(made) > 1 and max(made) - min(made) < CONFIRMED * abs(step.size_um)
+
+
+class _Readings:
+    """The readings of a whole pass in um in the order of the outward route, minus nominal, and their uncertainties."""
+
+    def __init__(self, each: Pass) -> None:
+        chosen = [each.chosen()[index] for index in range(len(each.route))]
+        raw = np.array([(stop.reading_mm or 0.0) + offset for stop, offset in chosen])
+        along = 1 if each.route.outward else -1
+        self.outward = each.route.outward
+        self.off_um: Vector = ((raw - each.route.nominal_mm) * 1e3)[::along]
+        self.u_um: Vector = np.array([stop.u_um for stop, _ in chosen])[::along]
+        axes = [each.route.axis_to(index) for index in range(1, len(each.route))]
+        self.axes = axes[::along]
+
+    def odd(self) -> Step | None:
+        """Return the step that is unlike the others of its axis, with the index of its stop in this pass."""
+        step = odd_step(np.diff(self.off_um), np.hypot(self.u_um[1:], self.u_um[:-1]), self.axes)
+        return None if step is None else self.in_pass(step.stop, step.size_um if self.outward else -step.size_um, step.noise_um)
+
+    def in_pass(self, place: int, size_um: float, noise_um: float) -> Step:
+        """Return a step between the outward stops ``place - 1`` and ``place`` as this pass comes upon it."""
+        return Step(place if self.outward else len(self.off_um) - place, size_um, noise_um)
+
+    def own_um(self, place: int) -> float:
+        """Return how far this pass's own step there is from the others of its axis, in the sense in which it drives."""
+        off = like_its_axis(np.diff(self.off_um), self.axes, place)
+        return off if self.outward else -off
+
+
+def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
+    """Return the step in which two passes differ, for the first (0), for the second (1), or for both where either may be at fault."""
+    step = step_in(other.off_um - one.off_um, np.hypot(one.u_um, other.u_um))
+    if step is None:
+        return {}
+    sizes = (_size_um(one, -step.size_um), _size_um(other, step.size_um))
+    misses = [abs(each.own_um(step.stop) - size) for each, size in zip((one, other), sizes, strict=True)]
+    steps = {index: each.in_pass(step.stop, sizes[index], step.noise_um) for index, each in enumerate((one, other))}
+    if misses[0] < CLEARLY * misses[1]:
+        return {0: steps[0]}
+    return {1: steps[1]} if misses[1] < CLEARLY * misses[0] else steps
+
+
+def _size_um(each: _Readings, along_outward_um: float) -> float:
+    """Return the size of a step as the pass counts it that drives over it: a return pass drives over it the other way."""
+    return along_outward_um if each.outward else -along_outward_um
+
+
+def _doubt(each: Pass, step: Step, other: Pass | None) -> Doubt:
+    seen = f"against {other.name}, pass {other.number}" if other is not None else "unlike the other steps of its axis"
+    place = f"{each.name}, stop {step.stop} of {len(each.route) - 1}"
+    text = (
+        f"{place}: count slip of {step.size_um:+.1f} um on the way to this stop ({seen}; the other steps scatter by {step.noise_um:.1f} um)"
+    )
+    return Doubt(
+        setup=each.route.setup,
+        pass_number=each.number,
+        stop=step.stop,
+        code="count-slip",
+        text=text,
+        taken_ns=each.chosen()[step.stop][0].window_from_ns,
+        size_um=round(step.size_um, 3),
+    )

@@ -1,0 +1,51 @@
+"""What may be wrong with a reading that is in use, and a person's word that it is right all the same."""
+
+import msgspec
+
+
+class Doubt(msgspec.Struct, frozen=True, kw_only=True):
+    """A reading that may be off. It keeps its pass open until its stop is measured again or a person accepts it.
+
+    ``stop`` is None where the whole pass is meant. ``taken_ns`` is the beginning of the window it is about: a stop that is driven again is
+    another measurement, and what was accepted of the one before says nothing of it.
+    """
+
+    setup: str
+    pass_number: int
+    stop: int | None
+    code: str
+    text: str
+    taken_ns: int
+    size_um: float | None = None
+
+
+class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
+    """A person's word for a doubt: who, when (seconds since 1970) and why."""
+
+    setup: str
+    pass_number: int
+    stop: int | None
+    code: str
+    taken_ns: int
+    reason: str
+    name: str
+    time_s: float
+
+    def covers(self, doubt: Doubt) -> bool:
+        """Tell whether this is about a doubt: the same trouble of the same measurement."""
+        mine = (self.setup, self.pass_number, self.stop, self.code, self.taken_ns)
+        return mine == (doubt.setup, doubt.pass_number, doubt.stop, doubt.code, doubt.taken_ns)
+
+
+def acceptance_of(doubt: Doubt, *, reason: str, name: str, time_s: float) -> Acceptance:
+    """Return the acceptance of a doubt."""
+    return Acceptance(
+        setup=doubt.setup,
+        pass_number=doubt.pass_number,
+        stop=doubt.stop,
+        code=doubt.code,
+        taken_ns=doubt.taken_ns,
+        reason=reason,
+        name=name,
+        time_s=time_s,
+    )

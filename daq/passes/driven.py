@@ -1,0 +1,195 @@
+"""One pass as far as it has been driven: which stops have a usable reading, which may be off, and what to do about it."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+from stepdiag.daq.capture.route import Route
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.passes.doubt import Acceptance, Doubt
+from stepdiag.daq.passes.stretches import Measured, Slip, Stretches, Zero, Zeros
+
+Chosen = dict[int, tuple[CapturedStop, float]]
+
+
+@dataclass(slots=True)
+class Pass:
+    """One pass. A stop measured again replaces the earlier one where their zeros are known to be the same.
+
+    ``placed`` tells whether the machine says where it stands: without, a person can only be asked to drive from a stop on while the count
+    of the laser is unbroken. ``acceptances`` is the book's own list; ``against`` what other passes of the setup say against this one.
+    """
+
+    route: Route
+    number: int
+    placed: bool = True
+    acceptances: list[Acceptance] = field(default_factory=list)
+    against: tuple[Doubt, ...] = ()
+    suspected: list[Doubt] = field(default_factory=list)
+    """What others, such as the solver, say against readings of this pass."""
+    _stretches: Stretches = field(default_factory=Stretches)
+    _stretch: int | None = None
+    _last: int = -1
+    _visit: int = 0
+    _zeros: Zeros | None = None
+    _chosen: Chosen | None = None
+
+    @property
+    def measured(self) -> dict[int, list[Measured]]:
+        """Return every measurement by stop, in the order of their capture."""
+        return self._stretches.measured
+
+    @property
+    def name(self) -> str:
+        """Return the pass in words."""
+        return f"{self.route.setup} {'out' if self.route.outward else 'back'}"
+
+    def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
+        """Return by how much a stop reads more than it did within the same unbroken count; None where it agrees or is new."""
+        return None if stop.refused else self._stretches.differs_um(stop, stretch)
+
+    def add(self, stop: CapturedStop, stretch: int, slip_um: float | None = None) -> None:
+        """Take a stop, unless it was refused. ``slip_um``: its stretch begins with it because it reads by so much otherwise than before."""
+        self._zeros = self._chosen = None
+        if stop.unwatched and not stop.broken and self._stretch is not None:
+            self._stretches.unwatched[stretch] = self._stretch, f"{stop.unwatched} before stop {stop.stop}"
+        if slip_um is not None:
+            self._stretches.slips[stretch] = Slip(stop.stop, slip_um)
+        self._stretch = stretch
+        self._visit += stop.stop != self._last
+        self._last = stop.stop
+        if not stop.refused:
+            self.measured.setdefault(stop.stop, []).append(Measured(stop, stretch, self._visit))
+
+    def zeros(self) -> Zeros:
+        """Return the zero of every stretch that has one."""
+        if self._zeros is None:
+            self._zeros = self._stretches.zeros(len(self.route))
+        return self._zeros
+
+    def chosen(self) -> Chosen:
+        """Return the measurement that counts of every stop with its offset in mm, by stop number.
+
+        It is the latest usable one; of several at one standstill the one without doubt and with the most samples: the longest steady part.
+        """
+        if self._chosen is None:
+            best = {index: each for index, entries in sorted(self.measured.items()) if (each := self._best(entries)) is not None}
+            self._chosen = {index: (entry.stop, self.zeros()[entry.stretch].offset_mm) for index, entry in best.items()}
+        return self._chosen
+
+    def _best(self, entries: list[Measured]) -> Measured | None:
+        usable = [entry for entry in entries if entry.stretch in self.zeros()]
+        visit = [entry for entry in usable if entry.visit == usable[-1].visit]
+        ranked = [(not entry.stop.doubtful, entry.stop.samples, order) for order, entry in enumerate(visit)]
+        return visit[max(ranked)[2]] if visit else None
+
+    @property
+    def base(self) -> int | None:
+        """Return the stretch that the offsets of `chosen` refer to: passes with the same one share a zero. None before the first stop."""
+        return next(iter(self.zeros()), None)
+
+    @property
+    def missing(self) -> list[int]:
+        """Return the stops without a usable reading."""
+        have = self.chosen()
+        return [index for index in range(len(self.route)) if index not in have]
+
+    @property
+    def whole(self) -> bool:
+        """Tell whether every stop has a usable reading."""
+        return not self.missing
+
+    @property
+    def complete(self) -> bool:
+        """Tell whether the pass is whole, and whatever may be off in it has been accepted by a person."""
+        return self.whole and not self.open_doubts()
+
+    def doubts(self) -> tuple[Doubt, ...]:
+        """Return whatever may be off in the readings in use, accepted or not, in the order of the stops."""
+        of_stops = [self._doubt(stop, code, stop.doubtful) for stop, _ in self.chosen().values() if stop.doubtful for code in _codes(stop)]
+        of_zeros: dict[str, Doubt] = {}
+        for stop, _ in self.chosen().values():
+            zero = self._zero_of(stop)
+            if zero is not None and zero.doubt and zero.doubt not in of_zeros:
+                of_zeros[zero.doubt] = self._doubt(
+                    stop, zero.code, f"from this stop on the readings may be off: {zero.doubt}", zero.size_um
+                )
+        taken_ns = {index: stop.window_from_ns for index, (stop, _) in self.chosen().items()}
+        newest_ns = max(taken_ns.values(), default=0)
+        held = [each for each in self.suspected if each.taken_ns == (newest_ns if each.stop is None else taken_ns.get(each.stop))]
+        return (*sorted((*of_stops, *of_zeros.values()), key=lambda each: each.stop or 0), *self.against, *held)
+
+    def open_doubts(self) -> tuple[Doubt, ...]:
+        """Return the doubts that nobody has accepted."""
+        return tuple(each for each in self.doubts() if not any(word.covers(each) for word in self.acceptances))
+
+    def _doubt(self, stop: CapturedStop, code: str, why: str, size_um: float | None = None) -> Doubt:
+        text = f"{self.name}, stop {stop.stop} of {len(self.route) - 1}: {why}"
+        return Doubt(
+            setup=self.route.setup,
+            pass_number=self.number,
+            stop=stop.stop,
+            code=code,
+            text=text,
+            taken_ns=stop.window_from_ns,
+            size_um=size_um,
+        )
+
+    def _zero_of(self, stop: CapturedStop) -> Zero | None:
+        entry = next((each for each in self.measured.get(stop.stop, ()) if each.stop is stop), None)
+        return self.zeros().get(entry.stretch) if entry is not None else None
+
+    def doubt(self, index: int) -> str:
+        """Return why the reading in use at a stop may be off; empty where it is not doubted."""
+        if index not in self.chosen():
+            return ""
+        stop = self.chosen()[index][0]
+        zero = self._zero_of(stop)
+        against = next((each.text for each in self.against if each.stop in (None, index) or index >= (each.stop or 0)), "")
+        return stop.doubtful or (zero.doubt if zero is not None else "") or against
+
+    def why_doubtful(self) -> str:
+        """Return in words which stops may be off, why, and how to make sure; empty where none is doubted, or all was accepted."""
+        still = self.open_doubts()
+        if not still:
+            return ""
+        if still[0].code == "count-slip":
+            return f"{still[0].text}: drive the pass again, or accept it"
+        named = {each.stop for each in still}
+        doubted = [
+            index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index][0].doubtful)
+        ]
+        again = max(doubted[0] - (2 if still[0].code == "reading-differs" else 1), 0)
+        from_there = f"drive again from stop {again} on" if self._may_go_on() else "drive the whole pass again"
+        return f"stops {_listed(doubted)} may be off ({self.doubt(doubted[0])}): to make sure, {from_there}, or accept it"
+
+    def why_incomplete(self) -> str:
+        """Return in words what is missing, or doubted, and what to do about it; empty for a complete pass."""
+        missing = self.missing
+        if not missing:
+            return self.why_doubtful()
+        listed = _listed(missing)
+        from_there = f"drive again from stop {max(missing[0] - 1, 0)} on, or the whole pass"
+        again = from_there if self._may_go_on() else "drive the whole pass again"
+        if (misfit_um := self._stretches.misfit_um(self.zeros())) is not None:
+            return (
+                f"stops {listed} do not go with the others: the stops measured twice disagree by {misfit_um:.1f} um, the mirror was moved: "
+                "drive the whole pass again"
+            )
+        lost = [index for index in missing if index in self.measured]
+        if lost:
+            reasons = [entry.stop.broken for index in lost for entry in self.measured[index] if entry.stop.broken]
+            why = reasons[0] if reasons else "the count was lost"
+            return f"stops {listed} do not reach back to the start ({why}): {again}"
+        return f"stops {listed} are missing: {again}"
+
+    def _may_go_on(self) -> bool:
+        """Tell whether the machine may go on in the middle: its position, or the laser's unbroken count, says where it stands."""
+        return self.placed or len(self.zeros()) <= 1
+
+
+def _codes(stop: CapturedStop) -> tuple[str, ...]:
+    return stop.doubt_codes or ("stop-recovered" if stop.recovered else "stop-doubtful",)
+
+
+def _listed(stops: Sequence[int]) -> str:
+    return ", ".join(str(index) for index in stops[:6]) + (" .." if len(stops) > 6 else "")

@@ -1,0 +1,148 @@
+"""The stretches of unbroken count of one pass, and what they have to be shifted by to share a zero.
+
+A laser that loses its count goes on from another zero. A stop that was measured before and after tells by how much, where the mirror and
+everything else stayed as they were: then all stops measured in both stretches say the same.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stepdiag.daq.capture.stop import CapturedStop
+
+SAME_UM = 1.5
+"""One standstill measured twice within one count: what a machine repeats and drifts meanwhile. More is a loss of the laser."""
+TOGETHER_UM = 3.0
+"""What stops measured in two stretches may disagree on the shift between them: repeatability twice. More is a mirror that was moved."""
+SURE = 3.0
+"""Standard uncertainties of the readings that are added to either."""
+
+
+@dataclass(frozen=True, slots=True)
+class Measured:
+    """A stop, the stretch of unbroken count it belongs to, and the visit: measured again without another stop in between is one visit."""
+
+    stop: CapturedStop
+    stretch: int
+    visit: int = 0
+
+
+@dataclass(frozen=True, slots=True)
+class Zero:
+    """What to add to the readings of a stretch, in mm, so that it shares the zero of the pass; ``doubt`` says why it may not be right.
+
+    ``code`` is the doubt's code as a finding, ``size_um`` by how much the stretch may be off where that is known.
+    """
+
+    offset_mm: float
+    doubt: str = ""
+    code: str = ""
+    size_um: float | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Slip:
+    """A stop that reads otherwise than before although nothing was seen to happen to the laser."""
+
+    stop: int
+    size_um: float
+
+
+Zeros = dict[int, Zero]
+
+
+@dataclass(slots=True)
+class Stretches:
+    """What is known of the count of one pass: measurements by stop, in the order of their capture."""
+
+    measured: dict[int, list[Measured]] = field(default_factory=dict)
+    unwatched: dict[int, tuple[int, str]] = field(default_factory=dict)
+    """Of a stretch before which nobody watched the laser: the stretch before it, and why."""
+    slips: dict[int, Slip] = field(default_factory=dict)
+    """Of a stretch that began with a stop that reads otherwise than before: which, and by how much."""
+
+    def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
+        """Return by how much a stop reads more than it did in the same stretch; None where it was not measured in it, or agrees."""
+        same = [entry.stop for entry in self.measured.get(stop.stop, ()) if entry.stretch == stretch]
+        if not same or stop.reading_mm is None or same[-1].reading_mm is None:
+            return None
+        off_um = (stop.reading_mm - same[-1].reading_mm) * 1e3
+        return off_um if abs(off_um) > SAME_UM + SURE * float(np.hypot(stop.u_um, same[-1].u_um)) else None
+
+    def zeros(self, stops: int) -> Zeros:
+        """Return the zero of every stretch that has one, of a pass with so many stops.
+
+        The zero of the first stop's stretch is 0; where another one alone gives the whole pass, it was driven again and that counts, the
+        last of several. Stretches are joined by stops that were measured in both. One before which nobody watched the laser is taken to
+        have kept its count, and doubted, unless such a stop says how it is. A stretch that cannot be joined is absent.
+        """
+        bases = dict.fromkeys(entry.stretch for _, entries in sorted(self.measured.items()) for entry in entries)
+        found = [self._from(base) for base in bases]
+        whole = [zeros for zeros in found if len(self._used(zeros)) == stops]
+        fewest = min((sum(bool(zero.doubt) for zero in self._used(zeros)) for zeros in whole), default=0)
+        best = [zeros for zeros in whole if sum(bool(zero.doubt) for zero in self._used(zeros)) == fewest]
+        return best[-1] if best else found[0] if found else {}
+
+    def _used(self, zeros: Zeros) -> list[Zero]:
+        """Return the zero of the latest usable measurement of every stop that has one."""
+        latest = [next((entry for entry in reversed(entries) if entry.stretch in zeros), None) for entries in self.measured.values()]
+        return [zeros[entry.stretch] for entry in latest if entry is not None]
+
+    def _from(self, base: int) -> Zeros:
+        zeros = {base: Zero(0.0)}
+        while self._join(zeros) or self._presume(zeros):
+            pass
+        return zeros
+
+    def _join(self, zeros: Zeros) -> bool:
+        """Join one more stretch to those whose zero is known; return whether there was one."""
+        others = dict.fromkeys(entry.stretch for entries in self.measured.values() for entry in entries if entry.stretch not in zeros)
+        for stretch in others:
+            shifts = list(self._shifts(stretch, zeros))
+            sure = [each for each in shifts if not each[1].doubt] or shifts
+            if sure and _agree(sure):
+                zeros[stretch] = self._joined(stretch, sure)
+                return True
+        return False
+
+    def _shifts(self, stretch: int, zeros: Zeros) -> Iterator[tuple[float, Zero, float]]:
+        """Yield of every stop measured in a stretch and in a known one: the shift in mm, the known zero, and the shift's uncertainty."""
+        for entries in self.measured.values():
+            last = {entry.stretch: entry.stop for entry in entries if entry.stop.reading_mm is not None}
+            for known in [each for each in last if each in zeros] if stretch in last else ():
+                here, there = last[stretch], last[known]
+                shift_mm = zeros[known].offset_mm + (there.reading_mm or 0.0) - (here.reading_mm or 0.0)
+                yield shift_mm, zeros[known], float(np.hypot(here.u_um, there.u_um))
+
+    def _joined(self, stretch: int, shifts: list[tuple[float, Zero, float]]) -> Zero:
+        offset_mm, known, slip = float(np.median([shift for shift, _, _ in shifts])), shifts[0][1], self.slips.get(stretch)
+        if slip is not None and len(shifts) == 1 and not known.doubt:
+            why = f"stop {slip.stop} read {slip.size_um:+.1f} um otherwise when it was measured again, and no other stop confirms it"
+            return Zero(offset_mm, why, "reading-differs", slip.size_um)
+        return Zero(offset_mm, known.doubt, known.code, known.size_um)
+
+    def _presume(self, zeros: Zeros) -> bool:
+        """Take one more stretch to have kept the count of the one before it; return whether there was one."""
+        for stretch, (before, why) in self.unwatched.items():
+            if stretch not in zeros and before in zeros:
+                known = zeros[before]
+                zeros[stretch] = Zero(known.offset_mm, known.doubt or why, known.code or "laser-unwatched", known.size_um)
+                return True
+        return False
+
+    def misfit_um(self, zeros: Zeros) -> float | None:
+        """Return by how much stops measured twice disagree on the shift, where that keeps stretches apart; None where nothing does."""
+        apart = {entry.stretch for entries in self.measured.values() for entry in entries} - set(zeros)
+        spreads = [_spread_um(shifts) for stretch in apart if len(shifts := list(self._shifts(stretch, zeros))) > 1]
+        return max(spreads, default=None)
+
+
+def _spread_um(shifts: list[tuple[float, Zero, float]]) -> float:
+    values = [shift for shift, _, _ in shifts]
+    return (max(values) - min(values)) * 1e3
+
+
+def _agree(shifts: list[tuple[float, Zero, float]]) -> bool:
+    """Tell whether all stops measured in two stretches say the same of the shift between them."""
+    return _spread_um(shifts) <= TOGETHER_UM + SURE * max(u_um for _, _, u_um in shifts)
