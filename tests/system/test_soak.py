@@ -15,7 +15,7 @@ import pytest
 from stepdiag.daq.recording.rounds import mend, noted_stops
 from stepdiag.daq.replay import logs_in, replay
 from stepdiag.demo.processes import talking
-from testkit.hall import daemon, go_first, hall, until
+from testkit.hall import daemon, go_first, hall
 
 KILLS = int(os.environ.get("STEPDIAG_SOAK_KILLS", "12"))
 pytestmark = [pytest.mark.system, pytest.mark.timeout(300 + 5 * KILLS)]
@@ -57,13 +57,11 @@ def test_a_survey_is_completed_across_kills(tmp_path):
                     place.bench.say("start")
             announced += captured_in(live_and_die(place.survey, rng.uniform(0.7, 2.5)))
         place.setups = place.setups[started:]
-        if not (place.round / "result.json").exists():
-            with daemon(place.survey) as process:
-                if place.setups:
-                    place.start_setups()
-                said = until(process, "survey-complete", timeout_s=120.0)
-                assert said[-1]["exit_code"] == 0
+        with daemon(place.survey):
+            place.start_setups()
         mend(place.round)
         noted = [(stop.setup, stop.stop, stop.outward) for log in logs_in(place.round) for stop in noted_stops(log)]
         assert set(announced) <= set(noted)
-        assert replay(logs_in(place.round)).book.complete()
+        book = replay(logs_in(place.round)).book
+        assert all(each.whole for each in book.passes)
+        assert {doubt.code for doubt in book.doubts()} <= {"laser-unwatched"}, "what nobody watched is doubted, and nothing else"
