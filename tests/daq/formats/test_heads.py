@@ -6,7 +6,6 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.daq.formats.fourdof import FRAME_SIZE, FourdofDecoder, FourdofSettings, crc16
@@ -15,7 +14,8 @@ from stepdiag.daq.formats.tqd import TqdDecoder, TqdSettings
 from stepdiag.daq.formats.umd.decoder import UmdSettings
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.errors import UsageError
-from testkit.streams import assert_same, codes, feed_all, pieces
+from testkit.decoder_contract import DecoderContract
+from testkit.streams import codes, feed_all
 
 VALUES = (1200, -340, 50000, 11, -12, 40000, 21, -22, 30000)
 DOCUMENT = Path(__file__).parents[3] / "docs" / "fourdof-frames.md"
@@ -174,17 +174,24 @@ def test_settings_that_cannot_be_meant_are_refused_by_name(make, field):
 
 PARTS = st.integers(0, 5).map(frame) | st.integers(0, 5).map(line) | st.just(ANSWER) | st.binary(max_size=60)
 STREAMS = st.lists(PARTS | st.sampled_from([b"\xf4", b"\xf4\xd0", b"\x72\x08", b"\x55" * 4200]), max_size=6).map(b"".join)
-MAKERS = st.sampled_from(
-    [
-        lambda: FourdofDecoder(FourdofSettings(full_sum=(1e5, 1e5, 1e5))),
-        lambda: FourdofDecoder(FourdofSettings(encoding="ascii")),
-        lambda: TqdDecoder(TqdSettings()),
-    ]
-)
 
 
-@given(MAKERS, STREAMS, st.lists(st.integers(0, 6000), max_size=10))
-def test_any_split_gives_the_same_samples(make, data, cuts):
-    whole = feed_all(make(), [data])
-    assert_same(whole, feed_all(make(), pieces(data, cuts)))
-    assert_same(whole, feed_all(make(), [data[at : at + 1] for at in range(len(data))] or [b""]))
+class TestFourdofFrames(DecoderContract):
+    streams = STREAMS
+
+    def make(self):
+        return FourdofDecoder(FourdofSettings(full_sum=(1e5, 1e5, 1e5)))
+
+
+class TestFourdofLines(DecoderContract):
+    streams = STREAMS
+
+    def make(self):
+        return FourdofDecoder(FourdofSettings(encoding="ascii"))
+
+
+class TestTqd(DecoderContract):
+    streams = STREAMS
+
+    def make(self):
+        return TqdDecoder(TqdSettings())

@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.daq.formats.line import LINE_CAP, LineDecoder, LineSettings
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.errors import UsageError
-from testkit.streams import assert_same, codes, feed_all, pieces
+from testkit.decoder_contract import DecoderContract
+from testkit.streams import codes, feed_all
 
 PATTERN = r"P=(?P<position>\S*) N=(?P<counter>\S+) S=(?P<beam>\S+)"
 
@@ -129,9 +129,8 @@ ROWS = st.builds(
 STREAMS = st.lists(ROWS | st.binary(max_size=20) | st.just(b"\n") | st.just(b"9" * (LINE_CAP + 2)), max_size=8).map(b"".join)
 
 
-@given(STREAMS, st.lists(st.integers(0, 5000), max_size=10))
-def test_any_split_gives_the_same_samples(data, cuts):
-    told = LineSettings(pattern=PATTERN)
-    whole = feed_all(LineDecoder(told), [data])
-    assert_same(whole, feed_all(LineDecoder(told), pieces(data, cuts)))
-    assert_same(whole, feed_all(LineDecoder(told), [data[at : at + 1] for at in range(len(data))] or [b""]))
+class TestLine(DecoderContract):
+    streams = STREAMS
+
+    def make(self):
+        return LineDecoder(LineSettings(pattern=PATTERN))

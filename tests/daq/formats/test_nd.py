@@ -2,13 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.daq.formats.nd import ANSWER_CAP, NdDecoder, NdSettings
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.errors import UsageError
-from testkit.streams import assert_same, codes, feed_all, pieces
+from testkit.decoder_contract import DecoderContract
+from testkit.streams import codes
 
 CURRENT = b"\x02+123456789\r\n"
 DISPLAYED = b"\x02-12345.6789\r\n"
@@ -87,9 +87,8 @@ STREAMS = st.lists(
 ).map(b"".join)
 
 
-@given(STREAMS, st.lists(st.integers(0, 2000), max_size=10), st.integers(1, 3))
-def test_any_split_gives_the_same_samples(data, cuts, axis):
-    told = NdSettings(axis=axis)
-    whole = feed_all(NdDecoder(told), [data])
-    assert_same(whole, feed_all(NdDecoder(told), pieces(data, cuts)))
-    assert_same(whole, feed_all(NdDecoder(told), [data[at : at + 1] for at in range(len(data))] or [b""]))
+class TestNd(DecoderContract):
+    streams = STREAMS
+
+    def make(self):
+        return NdDecoder(NdSettings(axis=2))

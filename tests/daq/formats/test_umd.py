@@ -4,14 +4,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.daq.formats.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.formats.umd.rows import LINE_CAP
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.errors import UsageError
-from testkit.streams import assert_same, codes, feed_all, pieces
+from testkit.decoder_contract import DecoderContract
+from testkit.streams import codes, feed_all
 
 REAL_BOARD = Path(__file__).parents[2] / "data" / "umd0.raw"
 RULE = 632.991e-6 / 2  # mm a count: half a wavelength, single pass
@@ -295,15 +295,8 @@ PLAIN = st.integers(0, 30000).map(lambda first: b"".join(line(first + n, 3 * n, 
 STREAMS = st.lists(ROWS | ODD | PLAIN | st.binary(max_size=30), max_size=25).map(b"".join)
 
 
-@given(STREAMS, st.lists(st.integers(0, 4000), max_size=12))
-def test_any_split_gives_the_same_samples(data, cuts):
-    whole = feed_all(UmdDecoder(UmdSettings()), [data])
-    assert_same(whole, feed_all(UmdDecoder(UmdSettings()), pieces(data, cuts)))
-    assert_same(whole, feed_all(UmdDecoder(UmdSettings()), [data[at : at + 1] for at in range(len(data))] or [b""]))
+class TestUmd(DecoderContract):
+    streams = STREAMS
 
-
-@given(st.binary(max_size=3000), st.integers(1, 3))
-def test_any_bytes_are_borne(data, axis):
-    samples = decode(data, axis=axis)
-    assert (np.diff(samples.counter) > 0).all()
-    assert all(0 <= notice.index <= len(samples) for notice in samples.notices)
+    def make(self):
+        return UmdDecoder(UmdSettings())
