@@ -3,7 +3,7 @@
     >>> from stepdiag.api import load_readings, solve
     >>> result = solve(load_readings(READINGS))
     >>> print(f"{result.squareness['C0Y'].value:.1f} urad")
-    20.0 urad
+    -19.9 urad
 
 Everything here is kept from version to version; what the floors' rooms hold beside it may move.
 """
@@ -16,7 +16,7 @@ import numpy as np
 
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
-from stepdiag.daq.records.events import Chunk
+from stepdiag.daq.records.events import Chunk, LinkEvent
 from stepdiag.daq.replay import replay
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.formats import laser_decoder
@@ -58,7 +58,7 @@ class RecordedLog:
 
 
 def load_readings(path: Path | str) -> Readings:
-    """Return the readings of a CSV file (docs/readings in the contract: setup, pass, stop, x_mm, y_mm, z_mm, reading_mm ..).
+    """Return the readings of a CSV file (columns setup, pass, stop, x_mm, y_mm, z_mm, reading_mm and more).
 
     Raises ``UsageError`` for a file that cannot be read, ``DataError`` with row and field for one that is no table of readings.
     """
@@ -91,8 +91,8 @@ def export(
 ) -> ExportReport:
     """Write the compensation files of a result for a control and return what was written and what it will do.
 
-    ``profile`` is the machine's profile (``stepdiag profile`` writes one); without it ``step_mm`` alone gives a quick look. ``accept`` names
-    the warnings that may pass. Raises ``SafetyError`` for a failed check, ``DataError`` for what the result does not identify.
+    ``profile`` is the machine's profile (``stepdiag profile`` writes one); without it ``step_mm`` alone is a quick look. ``accept`` names
+    the warnings that may pass. Raises ``SafetyError`` for a failed check, ``DataError`` for what is not identified.
     """
     found = load_profile(Path(profile), controller_named(controller), result.volume) if profile is not None else None
     return export_files(result, controller, found, step_mm=step_mm, accept=accept, out_dir=Path(out_dir))
@@ -112,12 +112,25 @@ def read_log(path: Path | str) -> RecordedLog:
     """
     log = open_log(Path(path))
     decoder = laser_decoder(parse_survey(log.header.survey_text, f"{Path(path).name}: survey.toml"))
-    batches = [decoder.feed(event.data, event.arrival_ns) for event in log.events() if isinstance(event, Chunk) and event.stream == "laser"]
+    batches = [decoder.feed(b"", 0)]
+    for event in log.events():
+        match event:
+            case Chunk(stream="laser"):
+                batches.append(decoder.feed(event.data, event.arrival_ns))
+            case LinkEvent(link="laser"):
+                decoder.resync()
+            case _:
+                pass
     outcomes = (each for one in replay([Path(path)]).logs for each in one.outcomes)
     return RecordedLog(laser=_joined(batches), stops=tuple(each for each in outcomes if isinstance(each, CapturedStop)))
 
 
 def _joined(batches: Sequence[Samples]) -> Samples:
     """Return batches as one, their remarks left out: the replay tells them."""
-    columns = ("counter", "position_mm", "beam", "flags", "arrival_ns")
-    return Samples(**{name: np.concatenate([getattr(batch, name) for batch in batches]) for name in columns})
+    return Samples(
+        counter=np.concatenate([batch.counter for batch in batches]),
+        position_mm=np.concatenate([batch.position_mm for batch in batches]),
+        beam=np.concatenate([batch.beam for batch in batches]),
+        flags=np.concatenate([batch.flags for batch in batches]),
+        arrival_ns=np.concatenate([batch.arrival_ns for batch in batches]),
+    )

@@ -1,0 +1,58 @@
+"""The public Python door: its names, its example, and the way from readings to files and from a log to numbers."""
+
+import doctest
+from dataclasses import replace
+
+import numpy as np
+
+from stepdiag import api
+from stepdiag.daq.records.events import Chunk
+from testkit.recording import HEADER, START_NS, write_log
+from testkit.surveys import DATA
+from testkit.timeline import survey_text
+
+READINGS = DATA / "golden_stepdiag_rigidbody_FXYZ.csv"
+
+
+def test_the_public_names_are_these():
+    """A name that goes breaks somebody's program."""
+    assert set(api.__all__) == {
+        "Readings",
+        "RecordedLog",
+        "Result",
+        "export",
+        "load_angles",
+        "load_readings",
+        "load_result",
+        "make_readings",
+        "read_log",
+        "render_readings",
+        "save_result",
+        "solve",
+        "verify",
+    }
+
+
+def test_the_example_of_the_documentation_is_true():
+    tried = doctest.testmod(api, extraglobs={"READINGS": READINGS})
+    assert (tried.failed, tried.attempted) == (0, 3)
+
+
+def test_from_readings_to_files_and_their_effect(tmp_path):
+    result = api.solve(api.load_readings(READINGS))
+    api.save_result(result, tmp_path / "result.json")
+    assert api.load_result(tmp_path / "result.json").to_json() == result.to_json()
+    step_mm = float(result.volume.step_mm[0])
+    report = api.export(result, "neutral", tmp_path / "files", step_mm=step_mm)
+    assert report.files
+    found = api.verify(result, [tmp_path / "files" / name for name in report.files if name.endswith(".csv")])
+    assert found.controller == "neutral"
+
+
+def test_a_log_is_every_sample_of_its_raw_bytes(tmp_path):
+    lines = [Chunk("laser", START_NS + n * 10_000_000, b"%d %.5f 0.9\r\n" % (n, n / 1000)) for n in range(20)]
+    write_log(tmp_path / "a.mcap", lines, header=replace(HEADER, survey_text=survey_text(), run={"start": '{"hints": {}}'}))
+    log = api.read_log(tmp_path / "a.mcap")
+    np.testing.assert_allclose(log.laser.position_mm, np.arange(20) / 1000)
+    assert log.laser.arrival_ns.tolist() == [chunk.arrival_ns for chunk in lines]
+    assert log.stops == ()
