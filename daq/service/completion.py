@@ -15,7 +15,8 @@ from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.recording.rounds import EXPORTS, PREDICTION, READINGS, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
 from stepdiag.daq.survey.bundle import tables_for
-from stepdiag.exporters.export.export import ExportReport, export
+from stepdiag.exporters.export.export import export
+from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.files import as_text, write_once
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named

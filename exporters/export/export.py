@@ -5,49 +5,33 @@ its restore files, a readable report, a SHA-256 list and the steps to load it. F
 machine within twelve months carry ``_UNTESTED_SIGN`` in their names, so that nobody loads them unawares.
 """
 
-import hashlib
-from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection
+from dataclasses import replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 
 import msgspec
 
 from stepdiag.exporters.export.report import report_text
+from stepdiag.exporters.export.volume import export_kinematics, export_lattice
+from stepdiag.exporters.export.written import REPORT, ExportReport, write
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import UNTESTED, suffixed
-from stepdiag.exporters.files.writing import write_all
+from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.safety.restore import restore_files
-from stepdiag.exporters.safety.verify import Prediction, predict
+from stepdiag.exporters.safety.verify import predict
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller, Plan
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.errors import SafetyError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import Result
-
-REPORT = "EXPORT_REPORT.txt"
-SUMS = "SHA256SUMS"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ExportReport:
-    """What an export wrote. ``files`` are the names within ``out_dir``; ``prediction`` is None for a lattice."""
-
-    controller: str
-    out_dir: Path
-    files: tuple[str, ...]
-    findings: tuple[Finding, ...]
-    tables: tuple[Table, ...]
-    prediction: Prediction | None
-    text: str
 
 
 def export(
@@ -69,9 +53,12 @@ def export(
     where only the machine's own template is missing, after writing the readable report; ``UsageError`` for a wrong profile.
     """
     if controller == lattice.NAME:
-        return _export_lattice(result, _step(step_mm, profile), out_dir)
+        return export_lattice(result, _step(step_mm, profile), out_dir)
     control = controller_named(controller)
-    case, plan = _planned(result, control, _settled(profile, control, result, step_mm), today or datetime.now(tz=UTC).date())
+    settled = _settled(profile, control, result, step_mm)
+    if isinstance(settled.options, LinuxCncOptions) and settled.options.way == "kinematics":
+        return export_kinematics(result, settled, accept, out_dir)
+    case, plan = _planned(result, control, settled, today or datetime.now(tz=UTC).date())
     findings = run_checks(case)
     refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
     said = (*findings, *plan.findings, *remarks(case))
@@ -82,9 +69,9 @@ def export(
     except SafetyError as error:
         if error.code != "template-missing":
             raise
-        _write(out_dir, [ControlFile(name=REPORT, data=_refused(text, error), role="note")])
+        write(out_dir, [ControlFile(name=REPORT, data=_refused(text, error), role="note")])
         raise
-    names = _write(out_dir, [*files, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    names = write(out_dir, [*files, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(
         controller=controller, out_dir=out_dir, files=names, findings=said, tables=tuple(case.tables), prediction=prediction, text=text
     )
@@ -151,19 +138,3 @@ def _control_files(case: Case) -> list[ControlFile]:
 def _refused(text: str, error: SafetyError) -> bytes:
     head = f"NO FILE FOR THE CONTROL WAS WRITTEN: {error}\nThe tables below can be entered by hand.\n\n"
     return (head + text).encode()
-
-
-def _export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportReport:
-    """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
-    file = lattice.render(lattice.lattice_of(result, step_mm))
-    text = f"{file.name}: what has to be added to the command at each vertex, in um; step {step_mm:g} mm\n"
-    names = _write(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
-    return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
-
-
-def _write(out_dir: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
-    """Write the files and the list of their SHA-256, which ``sha256sum --check`` understands; return all names."""
-    sums = "".join(f"{hashlib.sha256(file.data).hexdigest()}  {file.name}\n" for file in files)
-    everything = [*files, ControlFile(name=SUMS, data=sums.encode("ascii"), role="note")]
-    write_all(out_dir, everything)
-    return tuple(file.name for file in everything)

@@ -9,7 +9,7 @@ in joint space after the kinematics. There is no table for straightness: what re
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
@@ -45,12 +45,14 @@ class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
     """``[linuxcnc]``: which joints drive each axis, and the places of a correction."""
 
     joints: dict[str, list[int]]
+    way: Literal["screw", "kinematics"] = "screw"
     decimals: Annotated[int, msgspec.Meta(ge=4, le=8)] = 6
 
 
 _TEMPLATE = """\
 [linuxcnc]
 joints = "?"                  # the joints of each axis, as [KINS] and [JOINT_n] say: { X = [0], Y = [1], Z = [2] }
+# way = "screw"               # "screw": COMP_FILEs and matrixkins; "kinematics": everything, by a component of ours (angles included)
 # decimals = 6                # places of a correction, in the machine's unit
 """
 
@@ -74,7 +76,13 @@ class LinuxCnc:
         return Limits(points=MOST_ROWS if table.kind == SCREW else None)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
-        """Return screw tables for positioning errors and one coefficient for each squareness."""
+        """Return screw tables for positioning errors and one coefficient for each squareness.
+
+        Raises ``UsageError`` for a profile whose machine has the kinematics component: it holds a lattice and no tables.
+        """
+        if profile.options_as(LinuxCncOptions).way == "kinematics":
+            remedy = 'the sense of the component stands in its source; tables are planned with way = "screw"'
+            raise UsageError(f"{profile.source}: linuxcnc.way", expected='"screw" for tables', found='"kinematics"', remedy=remedy)
         quantum_um = 1000.0 * unit_mm(profile) * 10.0 ** -profile.options_as(LinuxCncOptions).decimals
         tables: list[Table] = []
         for curve in curves:

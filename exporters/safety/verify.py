@@ -5,7 +5,7 @@ Statistics are given twice: as they are, counted from the low corner of the volu
 is a matter of where the workpiece lies.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -25,6 +25,8 @@ from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Result
 
+Correction = Callable[[Vector], Vector]
+"""Commanded points (N, 3) in mm to what is added there in um."""
 NODES = 11
 """Points along each axis of the grid on which the effect is predicted."""
 
@@ -107,14 +109,19 @@ def predict(result: Result, tables: Sequence[Table], replaced: Sequence[Table] =
     return _prediction(result, points, mean_correction_um(tables, points) - mean_correction_um(replaced, points))
 
 
+def predict_moved(result: Result, moved: Correction, replaced: Correction | None = None, nodes: int = NODES) -> Prediction:
+    """Return the effect of a correction that is no sum of tables, such as a lattice; ``replaced`` acted while measuring."""
+    points = grid_points_mm(result.volume, nodes)
+    return _prediction(result, points, moved(points) - (replaced(points) if replaced is not None else 0.0))
+
+
 def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:
     """Return what the files of one controller, told by their contents, will do to the machine of the result.
 
     Without a profile the axes are AX1 AX2 AX3. Raises ``DataError`` for files that no controller knows or that are mixed or damaged.
     """
     if len(files) == 1 and lattice.recognises(files[0]):
-        points = grid_points_mm(result.volume, nodes)
-        prediction = _prediction(result, points, lattice.parse(files[0]).correction_um(points))
+        prediction = predict_moved(result, lattice.parse(files[0]).correction_um, nodes=nodes)
         return Verification(controller=lattice.NAME, assumed=False, tables=(), prediction=prediction)
     controller = controller_of(files)
     reading = profile or quick_profile(controller, result.volume, float(result.volume.step_mm[0]))

@@ -52,10 +52,22 @@ def lattice_of(result: Result, step_mm: float) -> Lattice:
     count = math.prod(size / step_mm + 1.0 for size in result.volume.size_mm)
     if not count <= MOST_LINES:
         raise UsageError("--step-mm", expected=f"a step that gives at most {MOST_LINES} vertices", found=f"{step_mm:g} mm")
-    axes = [_axis(result.volume, index, step_mm) for index in range(3)]
-    points = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
-    vectors = -error_field_um(result, points.reshape(-1, 3)).reshape(points.shape)
-    return Lattice(axes_mm=(axes[0], axes[1], axes[2]), vectors_um=vectors)
+    x, y, z = (_axis(result.volume, index, step_mm) for index in range(3))
+    return lattice_on(result, (x, y, z))
+
+
+def lattice_on(result: Result, axes_mm: tuple[Vector, Vector, Vector], active: Lattice | None = None) -> Lattice:
+    """Return the lattice on these axes, to a nanometre; what lies outside the measured volume has the error of its nearest point.
+
+    ``active`` acted while the result was measured: the new one takes its place.
+    """
+    points = np.stack(np.meshgrid(*axes_mm, indexing="ij"), axis=-1).reshape(-1, 3)
+    low = np.asarray(result.volume.origin_mm)
+    vectors = -error_field_um(result, np.clip(points, low, low + np.asarray(result.volume.size_mm)))
+    if active is not None:
+        vectors = vectors + active.correction_um(points)
+    shape = tuple(len(axis) for axis in axes_mm)
+    return Lattice(axes_mm=axes_mm, vectors_um=np.round(vectors, _DECIMALS).reshape(*shape, 3) + 0.0)
 
 
 def render(lattice: Lattice) -> ControlFile:

@@ -11,7 +11,7 @@ from stepdiag.solver.errors import DataError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from stepdiag.exporters.export.export import ExportReport
+    from stepdiag.exporters.export.written import ExportReport
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.safety.verify import Prediction, Verification
     from stepdiag.exporters.tables.profile import Profile
@@ -169,15 +169,16 @@ def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[st
     A folder stands for everything in it; a file that no control knows and that is no note stays, and is refused by its name. Raises
     DataError where no file is for a control.
     """
-    from stepdiag.exporters.export.export import REPORT, SUMS
+    from stepdiag.exporters.export.written import REPORT, SUMS
     from stepdiag.exporters.files.naming import RESTORE
+    from stepdiag.exporters.linuxcnc import kinematics
     from stepdiag.exporters.profiles.registry import CONTROLLERS
     from stepdiag.exporters.safety.verify import read_files
     from stepdiag.exporters.tables import lattice
 
     def acts(file: "ControlFile") -> bool:
         known = lattice.recognises(file) or any(control.recognises(file) for control in CONTROLLERS.values())
-        return file.name not in (REPORT, SUMS) and (known or not file.name.lower().endswith(".txt"))
+        return file.name not in (REPORT, SUMS, kinematics.SOURCE, kinematics.HAL) and (known or not file.name.lower().endswith(".txt"))
 
     named = [inner for path in paths for inner in (sorted(path.iterdir()) if path.is_dir() else [path])]
     read = read_files(named)

@@ -7,7 +7,7 @@ from pathlib import Path
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
 from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
 from stepdiag.conclusion.sentences import Sentence
-from stepdiag.exporters.export.export import ExportReport
+from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
 from stepdiag.solver.result.interval import Interval, decimals_of
 from stepdiag.solver.result.result import ROTATIONS, Result

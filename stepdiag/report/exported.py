@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from stepdiag.conclusion import Export, export_of, reach_of
-from stepdiag.exporters.export.export import ExportReport
+from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import RESTORE, UNTESTED
 from stepdiag.exporters.profiles.file import load_profile
@@ -41,8 +41,10 @@ class Exported:
 
 def exported_of(written: ExportReport) -> Exported:
     """Return what an export wrote."""
-    listed = _listed(read_files([written.out_dir / name for name in written.files]))
-    return Exported(controller=written.controller, files=listed, correction=_of_tables(written.tables), concluded=export_of(written))
+    files = read_files([written.out_dir / name for name in written.files])
+    lattices = [file for file in files if lattice.recognises(file) and not Path(file.name).stem.endswith(RESTORE)]
+    correction = lattice.parse(lattices[0]).correction_um if lattices else _of_tables(written.tables)
+    return Exported(controller=written.controller, files=_listed(files), correction=correction, concluded=export_of(written))
 
 
 def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> Exported:

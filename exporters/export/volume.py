@@ -1,0 +1,130 @@
+"""Exports of the whole field as a lattice: the neutral CSV, and the kinematics component of LinuxCNC that reads it."""
+
+from collections.abc import Collection, Iterator
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from stepdiag.exporters.export.written import REPORT, ExportReport, write
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.naming import RESTORE, suffixed
+from stepdiag.exporters.linuxcnc import kinematics
+from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
+from stepdiag.exporters.safety.checks import refuse
+from stepdiag.exporters.safety.verify import Prediction, predict_moved
+from stepdiag.exporters.tables import lattice
+from stepdiag.exporters.tables.lattice import Lattice
+from stepdiag.exporters.tables.profile import LimitsSection, Profile
+from stepdiag.solver.errors import SafetyError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.interval import interval_of
+from stepdiag.solver.result.result import Result
+
+
+def export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportReport:
+    """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
+    file = lattice.render(lattice.lattice_of(result, step_mm))
+    text = f"{file.name}: what has to be added to the command at each vertex, in um; step {step_mm:g} mm\n"
+    names = write(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
+
+
+def export_kinematics(result: Result, profile: Profile, accept: Collection[str], out_dir: Path) -> ExportReport:
+    """Write lattice, component and lines for LinuxCNC, with a lattice of zeros to restore.
+
+    Raises ``SafetyError`` for a lattice beyond the limits of the profile, and where a lattice was active while measuring that is not given.
+    """
+    axes = (profile.grid_mm("X"), profile.grid_mm("Y"), profile.grid_mm("Z"))
+    active = _active(profile)
+    held = lattice.lattice_on(result, axes, active)
+    findings = (*_findings(result, held, profile.limits), *_said(result, profile))
+    refuse([item for item in findings if item.severity != "info"], accept, "export for linuxcnc")
+    points_moved = (held.correction_um, active.correction_um if active is not None else None)
+    prediction = predict_moved(result, *points_moved)
+    files = kinematics.control_files(held, profile, profile.options_as(LinuxCncOptions).joints)
+    nothing = active or Lattice(axes_mm=axes, vectors_um=np.zeros(held.vectors_um.shape))
+    restore = replace(lattice.render(nothing), name=suffixed("lattice.csv", RESTORE))
+    text = _report(result, profile, findings, prediction)
+    names = write(out_dir, [*files, restore, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    return ExportReport(controller="linuxcnc", out_dir=out_dir, files=names, findings=findings, tables=(), prediction=prediction, text=text)
+
+
+def _active(profile: Profile) -> Lattice | None:
+    """Return the lattice that acted while measuring. Raises ``SafetyError`` where something else did."""
+    if profile.machine.measured_with == "off":
+        return None
+    given = [file for file in profile.existing if lattice.recognises(file)]
+    if len(profile.existing) != 1 or not given:
+        raise SafetyError(
+            f"{profile.source}: machine.existing",
+            code="active-not-a-lattice",
+            expected="the one lattice.csv that was active while measuring",
+            found=", ".join(file.name for file in profile.existing) or "nothing",
+            remedy="COMP_FILEs and a lattice do not merge: measure with the compensation off",
+        )
+    return lattice.parse(given[0])
+
+
+def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[Finding]:
+    """Yield what refuses the lattice, or has to be accepted: size, steepness, and what the solver says about the data."""
+    largest = float(np.max(np.abs(held.vectors_um)))
+    if largest > limits.value_um:
+        yield Finding(code="value-beyond-limit", severity="error", text=f"lattice: {largest:.1f} um, the limit is {limits.value_um:g} um")
+    elif largest > limits.warn_value_um:
+        yield Finding(
+            code="value-large",
+            severity="warning",
+            text=f"lattice: {largest:.1f} um, above {limits.warn_value_um:g} um: is the machine sound?",
+        )
+    steepest = max(
+        float(np.max(np.abs(np.diff(held.vectors_um, axis=axis)) / np.diff(at).reshape([-1 if n == axis else 1 for n in range(4)])))
+        for axis, at in enumerate(held.axes_mm)
+    )
+    if steepest > limits.slope_um_mm:
+        yield Finding(code="slope-steep", severity="warning", text=f"lattice: {steepest:.3f} um/mm, above {limits.slope_um_mm:g} um/mm")
+    for finding in result.findings:
+        if finding.severity == "error":
+            yield Finding(code="data-quality", severity="error", text=f"{finding.code}: {finding.text}")
+
+
+def _said(result: Result, profile: Profile) -> Iterator[Finding]:
+    for name, function in sorted(result.reversal.items()):
+        if function.value is not None and name[1] == name[2] and np.max(np.abs(function.value)) > 0:
+            text = f"{name}: the lattice holds the mean of both directions; the reversal error is left to BACKLASH"
+            yield Finding(code="direction-averaged", severity="info", text=text)
+    for letter in "XYZ":
+        working = profile.axis(letter).working_mm
+        if working is not None:
+            text = f"axes.{letter}.working_mm: a lattice holds the whole volume, nothing has to be weighed"
+            yield Finding(code="working-zone-unused", severity="info", text=text)
+
+
+def _report(result: Result, profile: Profile, findings: Collection[Finding], prediction: Prediction) -> str:
+    """Return the readable report: what it is, remarks, effect, steps."""
+    unknown = [name for name, function in result.errors.items() if function.value is None]
+    lines = [
+        f"Compensation for {kinematics.TITLE}",
+        f"machine: {profile.machine.name}; profile: {profile.source}",
+        *(f"axis {letter}: {axis.start_mm:g} to {axis.end_mm:g} mm, step {axis.step_mm:g}" for letter, axis in profile.axes.items()),
+        "",
+        "REMARKS",
+        *(f"  {item.severity:<8} {item.code}: {item.text}" for item in findings),
+        *([f"  not in the lattice, because the result does not identify it: {', '.join(unknown)}"] if unknown else []),
+        "",
+        "PREDICTED VOLUMETRIC ERROR without rigid motion, in um (k = 2)",
+        *(f"  {line}" for line in _effect(prediction)),
+        "",
+        "LAW: joint = command + lattice(command), trilinear, faces held; stated by the source of the component",
+        "",
+        "LOADING",
+        *(f"  {number}. {step}" for number, step in enumerate(kinematics.instructions(profile), start=1)),
+    ]
+    return "\n".join([*lines, ""])
+
+
+def _effect(prediction: Prediction) -> Iterator[str]:
+    """Yield the figures before and after, as intervals where they are."""
+    for when, found in prediction.predicted()["without_rigid_motion"].items():
+        words = {name: interval_of(figure) for name, figure in found.items()}
+        yield f"{when}: " + ", ".join(f"{name.removesuffix('_um')} {'-' if each is None else each.words()}" for name, each in words.items())
