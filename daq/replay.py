@@ -11,6 +11,7 @@ from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.log.contents import LogEnd, must_be_there, open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.records.survey_folder import logs_in
 from stepdiag.daq.survey.bundle import bundle_from_run
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import Survey
@@ -38,18 +39,6 @@ class Replayed:
     book: PassBook
     logs: tuple[ReplayedLog, ...]
     findings: tuple[Finding, ...]
-
-
-def logs_in(folder: Path) -> list[Path]:
-    """Return the logs of a folder in the order of their numbers.
-
-    Of a damaged log and its mended copy (``0001.recovered.mcap``) the copy counts; a log that was cut off (``.part``) counts while no
-    mended one stands beside it.
-    """
-    found = {path.name: path for path in folder.iterdir() if path.name.endswith((".mcap", ".mcap.part"))}
-    replaced = {name.replace(".recovered.mcap", ".mcap") for name in found if name.endswith(".recovered.mcap")}
-    replaced |= {f"{name}.part" for name in found if name.endswith(".mcap")}
-    return [found[name] for name in sorted(found) if name not in replaced]
 
 
 def begun_logs(folder: Path) -> list[Path]:

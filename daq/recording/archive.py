@@ -23,8 +23,7 @@ from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.reader import RecordReader
 from stepdiag.daq.log.recovery import copy_record
 from stepdiag.daq.log.writer import RUN_STOP
-from stepdiag.daq.recording.rounds import RESULT
-from stepdiag.daq.replay import logs_in
+from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.solver.errors import DataError
 
 PACKED_CHUNK_BYTES = 1_000_000

@@ -23,14 +23,11 @@ from stepdiag.daq.log.recovery import recover
 from stepdiag.daq.log.topics import STOP_TOPIC
 from stepdiag.daq.recording.session import Round
 from stepdiag.daq.records.status import PredictionStatus
+from stepdiag.daq.records.survey_folder import PREDICTION, RESULT
 from stepdiag.daq.replay import begun_logs
 from stepdiag.exporters.files.files import read_bytes
 from stepdiag.solver.errors import DataError, StepdiagError, UsageError
 
-RESULT = "result.json"
-READINGS = "readings.csv"
-EXPORTS = "exports"
-PREDICTION = "prediction.json"
 MAX_PREDICTION_BYTES = 4096
 
 _log = structlog.get_logger("rounds")

@@ -158,6 +158,12 @@ class Session:
         if self.capture is not None:
             self._sink.note(log_note(now_ns(), "warning", text, "daemon"))
 
+    def found(self, finding: Finding) -> None:
+        """Keep what somebody else has seen, beside what the capture sees."""
+        self.findings.append(finding)
+        if self.capture is not None:
+            self._sink.note(finding_note(self._noted_signals_ns, finding))
+
     def laser_samples(self) -> Samples | None:
         """Return the newest batch of the laser, recorded or not; None before the first."""
         return self._idle_laser.last if self.capture is None else self.capture.laser.last

@@ -3,7 +3,7 @@
 `StatusSource` is the whole door between the daemon and those who look at it: the page knows nothing else.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Literal, Protocol
 
@@ -140,8 +140,11 @@ class StatusSource(Protocol):
     def result_file(self) -> Path | None:
         """Return result.json of the last completed survey, or None."""
 
-    def downloads(self) -> Sequence[Download]:
-        """Return what may be fetched now; only these files leave the machine through the page."""
+    def folder(self) -> Path:
+        """Return the folder of the survey shown: only files that stand in it leave the machine through the page."""
+
+    def token_guessed(self, address: str, count: int) -> None:
+        """Hear that an address has sent so many wrong tokens."""
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks.

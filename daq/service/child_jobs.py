@@ -9,8 +9,9 @@ from pathlib import Path
 
 import structlog
 
-from stepdiag.daq.recording.rounds import RESULT, prediction_in
+from stepdiag.daq.recording.rounds import prediction_in
 from stepdiag.daq.records.status import Phase, PredictionStatus
+from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.metrics import Tally
 
 _log = structlog.get_logger("daemon")

@@ -12,7 +12,7 @@ from pathlib import Path
 
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.tabulate import tabulate
-from stepdiag.daq.recording.rounds import EXPORTS, PREDICTION, READINGS, RESULT
+from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
 from stepdiag.daq.survey.bundle import tables_for
 from stepdiag.exporters.export.export import export

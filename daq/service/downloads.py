@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from stepdiag.daq.recording.rounds import EXPORTS, READINGS, RESULT
 from stepdiag.daq.records.status import Download
-from stepdiag.daq.replay import logs_in
+from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, RESULT, logs_in
 
 
 def downloads_of(folder: Path) -> tuple[Download, ...]:

@@ -17,10 +17,10 @@ class Tally:
     """What the daemon counts of itself since its start. ``fed_s`` is the monotonic time when every worker last was alive."""
 
     stops: int = 0
-    findings: Counter[str] = field(default_factory=Counter)
+    findings: dict[str, int] = field(default_factory=Counter)
     samples_before: int = 0
     """Samples recorded in surveys before the present one."""
-    surveys: Counter[int] = field(default_factory=Counter)
+    surveys: dict[int, int] = field(default_factory=Counter)
     """How often the child of a finished survey ended with each exit code."""
     solve_s: float | None = None
     """How long the last one took."""

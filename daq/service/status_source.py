@@ -11,13 +11,13 @@ import structlog
 from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.recording.survey_links import SurveyLinks
-from stepdiag.daq.records.status import CommandName, Download, Phase, Snapshot
+from stepdiag.daq.records.status import CommandName, Phase, Snapshot
 from stepdiag.daq.service.child_jobs import Finisher
-from stepdiag.daq.service.downloads import downloads_of
 from stepdiag.daq.service.metrics import Figures, Tally, disk_free_bytes
 from stepdiag.daq.service.snapshot import expected_stop, snapshot
 from stepdiag.daq.service.supervision import Supervisor
 from stepdiag.solver.errors import UsageError
+from stepdiag.solver.findings import Finding
 
 _ARGUMENTS = ("setup", "operator", "workpiece")
 _log = structlog.get_logger("daemon")
@@ -132,9 +132,15 @@ class DaemonStatusSource:
         """Return result.json of the survey shown, once it is there."""
         return self._at_work.finisher.result
 
-    def downloads(self) -> Sequence[Download]:
-        """Return the files of the survey shown."""
-        return downloads_of(self._at_work.shown.folder)
+    def folder(self) -> Path:
+        """Return the folder of the survey shown."""
+        return self._at_work.shown.folder
+
+    def token_guessed(self, address: str, count: int) -> None:
+        """Show to the people at the machine that somebody tries tokens."""
+        text = f"somebody at {address} has sent {count} wrong tokens to the page"
+        self._at_work.session.found(Finding(code="page-token-guessed", severity="warning", text=text))
+        self.news()
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks. Raises UsageError where the present state does not allow it."""

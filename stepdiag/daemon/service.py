@@ -1,4 +1,4 @@
-"""The recording process: the daemon with the page beside it, in one event loop, and how Python is set up around them.
+"""The recording process: the daemon, the page in a process of its own beside it, and how Python is set up around them.
 
 What disturbs arrival stamps is another thread of this process that holds the interpreter. So threads give way ten times sooner than
 usual; and the collector of garbage, which holds everything up for 20 ms when it walks through all that was imported, never sees that.
@@ -6,9 +6,13 @@ usual; and the collector of garbage, which holds everything up for 20 ms when it
 
 import gc
 import sys
-from collections.abc import Sequence
-from contextlib import AsyncExitStack
+from collections.abc import AsyncIterator, Sequence
+from contextlib import AsyncExitStack, asynccontextmanager, suppress
 from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from stepdiag.daq.service.daemon import Daemon
 
 GIVE_WAY_S = 0.0005
 """How long a thread that computes may go on while another one waits."""
@@ -28,36 +32,43 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
 
 
 async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequence[str] = ()) -> None:
-    """Run the daemon of a survey file until it is told to stop, with page and metrics as that file says.
+    """Run the daemon of a survey file until it is told to stop, with page and metrics in a process beside it, as that file says.
 
     Raises what refuses the survey file or the folder, and DeviceError where the page's address is taken.
     """
-    import structlog
-
     from stepdiag.daq.service.daemon import Daemon
 
-    log = structlog.get_logger("service")
     daemon = Daemon(survey_file, completion, archiving, _programs(survey_file))
     page, metrics = daemon.survey.page, daemon.survey.metrics
     async with AsyncExitStack() as beside:
-        if page.enabled:
-            from stepdiag.page.server import page_served
-
-            address = await beside.enter_async_context(
-                page_served(daemon.status_source, host=page.host, port=page.port, token=page.token, language=page.language)
-            )
-            log.info("page", address=address, commands="with token" if page.token else "none: read only")
-        if metrics.enabled:
-            from stepdiag.daemon.metrics import create_metrics
-            from stepdiag.page.server import app_served
-
-            address = await beside.enter_async_context(
-                app_served(create_metrics(daemon.status_source.figures), host=metrics.host, port=metrics.port, section="metrics")
-            )
-            log.info("metrics", address=f"{address}/metrics")
+        if page.enabled or metrics.enabled:
+            await beside.enter_async_context(_page_beside(daemon, survey_file))
         gc.freeze()
         gc.enable()
         await daemon.run()
+
+
+@asynccontextmanager
+async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[None]:
+    """Have page and metrics served by a process of their own while the block runs."""
+    import structlog
+
+    from stepdiag.page.keeper import Listeners, address_of, page_kept
+    from stepdiag.page.messages import PageSettings
+
+    log = structlog.get_logger("service")
+    page, metrics = daemon.survey.page, daemon.survey.metrics
+    folder = daemon.survey.folder(survey_file).resolve()
+    with suppress(OSError):  # the daemon says why, in its turn; the page is shut out of what is not there when it starts
+        folder.mkdir(parents=True, exist_ok=True)
+    settings = PageSettings(folder=str(folder), token=page.token, language=page.language)
+    listeners = Listeners.opened(page, metrics)
+    if listeners.page is not None:
+        log.info("page", address=address_of(listeners.page), commands="with token" if settings.token else "none: read only")
+    if listeners.metrics is not None:
+        log.info("metrics", address=f"{address_of(listeners.metrics)}/metrics")
+    async with page_kept(daemon.status_source, settings, listeners, daemon.status_source.figures):
+        yield
 
 
 def _programs(survey_file: Path) -> dict[str, str]:

@@ -8,9 +8,9 @@ from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.recording.rounds import RESULT, is_recording, noted_stops, round_folders
+from stepdiag.daq.recording.rounds import is_recording, noted_stops, round_folders
 from stepdiag.daq.records.status import SetupStatus
-from stepdiag.daq.replay import logs_in
+from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.daq.service.metrics import words_on_disk
 from stepdiag.daq.service.snapshot import setup_status
 from stepdiag.daq.survey.file import load_survey, parse_survey, read_text

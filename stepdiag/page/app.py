@@ -1,131 +1,201 @@
 """The page as an application: the live stream, the texts, the downloads, and the commands of those who may.
 
-It reads from the daemon only what `daq.records.status.StatusSource` offers, and nothing it does can hold the daemon up.
+It runs in a process of its own (`stepdiag.page.process`); all it knows of the daemon is `RemoteDaemon`.
 """
 
-from collections.abc import AsyncIterator
-from contextlib import asynccontextmanager
+import asyncio
+from collections import Counter
+from collections.abc import Awaitable, Callable
 from importlib.metadata import version
 from importlib.resources import files
 from pathlib import Path
-from typing import get_args
+from typing import Protocol, get_args
 
 import msgspec
 from sse_starlette.sse import EventSourceResponse
 from starlette.applications import Starlette
+from starlette.concurrency import run_in_threadpool
 from starlette.middleware import Middleware
 from starlette.requests import Request
 from starlette.responses import FileResponse, JSONResponse, Response
 from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
+from starlette.types import Receive, Scope, Send
 
-from stepdiag.daq.records.status import CommandName, Download, StatusSource
+from stepdiag.daq.records.status import CommandName, Download
+from stepdiag.daq.service.downloads import downloads_of
 from stepdiag.page.broadcast import Broadcaster
-from stepdiag.page.security import REPORT_POLICY, SecurityHeaders, may_command
-from stepdiag.solver.errors import UsageError
-from stepdiag.texts.texts import LANGUAGES, Language, catalogue
+from stepdiag.page.messages import PageSettings, Picture
+from stepdiag.page.security import REPORT_POLICY, SEND_S, Access, Guard, address_of, refused
+from stepdiag.solver.errors import DeviceError
+from stepdiag.texts.texts import LANGUAGES, catalogue
 
 STATIC = Path(str(files("stepdiag.page") / "static"))
-LONGEST_COMMAND = 4096
-"""Bytes of a command's body that are read at most."""
-SEND_TIMEOUT_S = 20.0
-"""A reader that takes nothing for so long is let go."""
+LONGEST_COMMAND = 3000
+"""Bytes of a command's body that are read at most; the pipe to the daemon takes so much at once."""
+BODY_S = 5.0
+"""How long they may take."""
 MOST_READERS = 200
-"""Streams served at once; one more is refused, so that nobody can use up the daemon's memory."""
+"""Streams served at once, no more than half of them for one address; counted before they are accepted."""
 
 
-class Order(msgspec.Struct, frozen=True):
+class Ordered(msgspec.Struct, frozen=True):
     """The body of a command."""
 
     name: CommandName
     arguments: dict[str, str] = {}
 
 
-class Page:
-    """The answers of the page; one object a daemon."""
+class Daemon(Protocol):
+    """What the page asks of the daemon (`stepdiag.page.remote.RemoteDaemon`)."""
 
-    def __init__(self, source: StatusSource, *, token: str, language: Language) -> None:
-        self._source = source
-        self._token = token
-        self._language = language
-        self.broadcaster = Broadcaster(source)
+    def watch(self, *, on: bool) -> None:
+        """Have pictures shown from now on, or no more."""
+
+    async def picture(self) -> Picture:
+        """Return the present state. Raises DeviceError where the daemon does not say it."""
+
+    async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> str:
+        """Have an order done; return why it was refused, empty where it was not. Raises DeviceError where the daemon is silent."""
+
+    def say_guesses(self, address: str, count: int) -> None:
+        """Say that an address has sent so many wrong tokens."""
+
+    def say_fault(self, why: object) -> None:
+        """Say that something went wrong that is a fault of this program."""
+
+
+class Page:
+    """The answers of the page."""
+
+    def __init__(self, daemon: Daemon, settings: PageSettings) -> None:
+        self._daemon = daemon
+        self._settings = settings
+        self._readers: Counter[str] = Counter()
+        self.access = Access(settings.token, daemon.say_guesses)
+        self.broadcaster = Broadcaster(lambda on: daemon.watch(on=on))
 
     async def index(self, _request: Request) -> Response:
         """Answer the page itself."""
         return FileResponse(STATIC / "index.html")
 
     async def about(self, _request: Request) -> Response:
-        """Answer what the page needs before the stream: language, version, whether commands exist at all."""
+        """Answer what the page needs before the stream: language, version, whether there is a token, without which no order is taken."""
         return JSONResponse(
-            {"language": self._language, "languages": LANGUAGES, "version": version("stepdiag"), "commands": bool(self._token)}
+            {"language": self._settings.language, "languages": LANGUAGES, "version": version("stepdiag"), "commands": self.access.needed}
         )
 
     async def texts(self, request: Request) -> Response:
         """Answer the words of one language."""
         language = next((known for known in LANGUAGES if known == request.path_params["language"]), None)
         if language is None:
-            return _refusal(404, f"no texts in this language; known are {', '.join(LANGUAGES)}")
+            return refused(404, f"no texts in this language; known are {', '.join(LANGUAGES)}")
         words = {section: catalogue(section, language) for section in ("common", "page", "finding")}
         return JSONResponse(words)
 
-    async def stream(self, _request: Request) -> Response:
+    async def stream(self, request: Request) -> Response:
         """Answer the live stream."""
-        if self.broadcaster.readers >= MOST_READERS:
-            return _refusal(503, f"{MOST_READERS} readers already look on")
-        return EventSourceResponse(self.broadcaster.stream(), ping=0, send_timeout=SEND_TIMEOUT_S)
+        address = address_of(request)
+        if self._readers.total() >= MOST_READERS or self._readers[address] >= MOST_READERS // 2:
+            return refused(503, f"{self._readers.total()} readers already look on")
+        return _CountedStream(self.broadcaster, self._readers, address)
 
-    async def result(self, _request: Request) -> Response:
+    async def result(self, request: Request) -> Response:
         """Answer the last result."""
-        path = self._source.result_file()
-        if path is None:
-            return _refusal(404, "no result yet")
+        if not await self.access.reads(request):
+            return _locked()
+        path = (await self._daemon.picture()).result
+        if not path:
+            return refused(404, "no result yet")
         return FileResponse(path, media_type="application/json", headers={"Cache-Control": "no-store"})
 
-    async def downloads(self, _request: Request) -> Response:
+    async def downloads(self, request: Request) -> Response:
         """Answer the list of files that may be fetched."""
+        if not await self.access.reads(request):
+            return _locked()
         fields = ("name", "kind", "size_bytes", "sha256")
-        return JSONResponse([{field: getattr(one, field) for field in fields} for one in self._source.downloads()])
+        return JSONResponse([{field: getattr(one, field) for field in fields} for one in await self._listed()])
 
     async def download(self, request: Request) -> Response:
         """Answer one of the listed files; a name that is not listed does not exist."""
+        if not await self.access.reads(request):
+            return _locked()
         wanted = request.path_params["name"]
-        found = next((one for one in self._source.downloads() if one.name == wanted), None)
+        found = next((one for one in await self._listed() if one.name == wanted), None)
         if found is None or not found.path.is_file():
-            return _refusal(404, "no such file in the list of downloads")
+            return refused(404, "no such file in the list of downloads")
         return _file(found)
 
-    async def access(self, request: Request) -> Response:
-        """Answer whether the token that came along may command."""
-        return Response(status_code=204) if may_command(request, self._token) else _refusal(403, "wrong token")
+    async def open(self, request: Request) -> Response:
+        """Answer whether the token that came along may command; files are open to this browser from then on."""
+        if not await self.access.commands(request):
+            return refused(403, "wrong token")
+        answer = Response(status_code=204)
+        self.access.remember(request, answer)
+        return answer
 
     async def command(self, request: Request) -> Response:
         """Do what was ordered: 204 done, 400 not understood, 403 not allowed, 409 refused with the reason."""
-        if not may_command(request, self._token):
-            return _refusal(403, "wrong token" if self._token else "read-only: no token is configured")
+        if not await self.access.commands(request):
+            return refused(403, "wrong token" if self.access.needed else "read-only: no token is configured")
         body = await _limited_body(request)
         try:
-            order = msgspec.json.decode(body or b"", type=Order)
+            order = msgspec.json.decode(body or b"", type=Ordered)
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as why:
-            return _refusal(400, f"command not understood: {why}; known are {', '.join(get_args(CommandName))}")
+            return refused(400, f"command not understood: {why}; known are {', '.join(get_args(CommandName))}")
+        refusal = await self._daemon.order(order.name, order.arguments, address_of(request))
+        return refused(409, refusal) if refusal else Response(status_code=204)
+
+    async def _listed(self) -> tuple[Download, ...]:
+        return await run_in_threadpool(downloads_of, Path((await self._daemon.picture()).folder))
+
+
+class _CountedStream(Response):
+    """The live stream of one reader, who counts from now until the answer is over."""
+
+    def __init__(self, broadcaster: Broadcaster, readers: Counter[str], address: str) -> None:
+        self._readers = readers
+        self._address = address
+        self._stream = EventSourceResponse(broadcaster.stream(), ping=0, send_timeout=SEND_S)
+        readers[address] += 1
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Send what comes."""
         try:
-            await self._source.command(order.name, order.arguments)
-        except UsageError as why:
-            return _refusal(409, str(why))
-        return Response(status_code=204)
+            await self._stream(scope, receive, send)
+        finally:
+            self._readers[self._address] -= 1
+            self._readers += Counter()  # forgets who is at zero
 
 
 async def _limited_body(request: Request) -> bytes | None:
-    """Return the body, or None where it is longer than a command can be."""
+    """Return the body, or None where it is longer than a command can be, or takes too long."""
     body = b""
-    async for chunk in request.stream():
-        body += chunk
-        if len(body) > LONGEST_COMMAND:
-            return None
+    try:
+        async with asyncio.timeout(BODY_S):
+            async for chunk in request.stream():
+                body += chunk
+                if len(body) > LONGEST_COMMAND:
+                    return None
+    except TimeoutError:
+        return None
     return body
 
 
-def _refusal(status: int, why: str) -> Response:
-    return JSONResponse({"error": why}, status_code=status)
+def _locked() -> Response:
+    return refused(403, "files are for those who have the token")
+
+
+def _on_fault(daemon: Daemon) -> Callable[[Request, Exception], Awaitable[Response]]:
+    async def answer(_request: Request, why: Exception) -> Response:
+        daemon.say_fault(why)
+        return refused(500, "a fault of this program; the daemon's log says more")
+
+    return answer
+
+
+async def _silent(_request: Request, why: Exception) -> Response:
+    return refused(503, str(why))
 
 
 def _file(found: Download) -> Response:
@@ -135,15 +205,8 @@ def _file(found: Download) -> Response:
     return FileResponse(found.path, filename=found.name, media_type="application/octet-stream", headers={"Cache-Control": "no-store"})
 
 
-def create_app(source: StatusSource, *, token: str = "", language: Language = "en") -> Starlette:
-    """Return the page over ``source``; read-only where ``token`` is empty."""
-    page = Page(source, token=token, language=language)
-
-    @asynccontextmanager
-    async def lifespan(_app: Starlette) -> AsyncIterator[None]:
-        yield
-        await page.broadcaster.close()
-
+def create_app(page: Page, daemon: Daemon, settings: PageSettings) -> Starlette:
+    """Return the page's application; read-only where no token is configured."""
     routes = [
         Route("/", page.index),
         Route("/about.json", page.about),
@@ -152,10 +215,10 @@ def create_app(source: StatusSource, *, token: str = "", language: Language = "e
         Route("/result.json", page.result),
         Route("/downloads.json", page.downloads),
         Route("/download/{name}", page.download),
-        Route("/access", page.access, methods=["POST"]),
+        Route("/access", page.open, methods=["POST"]),
         Route("/command", page.command, methods=["POST"]),
         Mount("/static", StaticFiles(directory=STATIC)),
     ]
-    app = Starlette(routes=routes, middleware=[Middleware(SecurityHeaders)], lifespan=lifespan)
-    app.state.broadcaster = page.broadcaster
-    return app
+    guard = Middleware(Guard, names=settings.names)
+    handlers = {DeviceError: _silent, Exception: _on_fault(daemon)}
+    return Starlette(routes=routes, middleware=[guard], exception_handlers=handlers)

@@ -1,17 +1,12 @@
 """One encoding of each snapshot for everyone who looks on; a slow reader gets the latest, never a backlog."""
 
 import asyncio
-from collections.abc import AsyncIterator
-from contextlib import suppress
+from collections.abc import AsyncIterator, Callable
 
 import msgspec
 
-from stepdiag.daq.records.status import Snapshot, StatusSource
+from stepdiag.daq.records.status import Snapshot
 
-SHORTEST_S = 0.1
-"""No more than ten pictures a second."""
-HEARTBEAT_S = 0.25
-"""At least four a second, so that a reader who hears nothing for 0.8 s knows that something is wrong."""
 RETRY_MS = 500
 """How soon a browser knocks again after the line broke."""
 SLOW_FIELDS = (
@@ -70,12 +65,12 @@ class Mailbox:
 
 
 class Broadcaster:
-    """Watches the source while anybody looks on and fills every reader's mailbox."""
+    """Fills every reader's mailbox with the pictures that are shown; ``on_readers`` hears when the first comes and the last has gone."""
 
-    def __init__(self, source: StatusSource) -> None:
-        self._source = source
+    def __init__(self, on_readers: Callable[[bool], None]) -> None:
+        self._on_readers = on_readers
         self._mailboxes: set[Mailbox] = set()
-        self._task: asyncio.Task[None] | None = None
+        self._newcomers: set[Mailbox] = set()
         self._slow: tuple[object, ...] = ()
         self._slow_event = b""
 
@@ -85,41 +80,37 @@ class Broadcaster:
         return len(self._mailboxes)
 
     async def stream(self) -> AsyncIterator[bytes]:
-        """Yield the server-sent events of one reader until the page closes or the reader goes."""
+        """Yield the server-sent events of one reader, from the next picture on, until the page closes or the reader goes."""
         mailbox = Mailbox()
         self._mailboxes.add(mailbox)
-        snapshot = self._source.snapshot()
-        self._refresh(snapshot)
-        mailbox.put("retry", b"retry: %d\n\n" % RETRY_MS)
-        mailbox.put("survey", self._slow_event)
-        mailbox.put("now", encode_event("now", snapshot, FAST_FIELDS))
-        self._wake()
+        self._newcomers.add(mailbox)
         try:
+            if len(self._mailboxes) == 1:
+                self._on_readers(True)
             async for event in mailbox.events():
                 yield event
         finally:
             self._mailboxes.discard(mailbox)
+            self._newcomers.discard(mailbox)
             if not self._mailboxes:
-                self._rest()
+                self._on_readers(False)
 
-    async def close(self) -> None:
-        """End all streams and stop watching."""
+    def show(self, snapshot: Snapshot) -> None:
+        """Give a picture to everybody: what changes seldom only where it has changed, or to those who have not seen it yet."""
+        changed = self._refresh(snapshot)
+        now = encode_event("now", snapshot, FAST_FIELDS)
+        for mailbox in self._newcomers:
+            mailbox.put("retry", b"retry: %d\n\n" % RETRY_MS)
+        for mailbox in self._mailboxes if changed else self._newcomers:
+            mailbox.put("survey", self._slow_event)
+        for mailbox in self._mailboxes:
+            mailbox.put("now", now)
+        self._newcomers.clear()
+
+    def close(self) -> None:
+        """End all streams."""
         for mailbox in self._mailboxes:
             mailbox.close()
-        task = self._task
-        self._rest()
-        if task is not None:
-            with suppress(asyncio.CancelledError):
-                await task
-
-    def _wake(self) -> None:
-        if self._task is None or self._task.done():
-            self._task = asyncio.get_running_loop().create_task(self._watch(), name="page broadcaster")
-
-    def _rest(self) -> None:
-        if self._task is not None:
-            self._task.cancel()
-            self._task = None
 
     def _refresh(self, snapshot: Snapshot) -> bool:
         """Encode the slow fields again where they changed; return whether they did."""
@@ -129,25 +120,3 @@ class Broadcaster:
         self._slow = slow
         self._slow_event = encode_event("survey", snapshot, SLOW_FIELDS)
         return True
-
-    async def _watch(self) -> None:
-        """Fill the mailboxes; whatever ends this ends the streams too, and the browsers knock again."""
-        try:
-            while True:
-                await self._picture()
-        finally:
-            for mailbox in self._mailboxes:
-                mailbox.close()
-
-    async def _picture(self) -> None:
-        snapshot = self._source.snapshot()
-        changed = self._refresh(snapshot)
-        now = encode_event("now", snapshot, FAST_FIELDS)
-        for mailbox in self._mailboxes:
-            if changed:
-                mailbox.put("survey", self._slow_event)
-            mailbox.put("now", now)
-        await asyncio.sleep(SHORTEST_S)
-        with suppress(TimeoutError):
-            async with asyncio.timeout(HEARTBEAT_S - SHORTEST_S):
-                await self._source.changed(snapshot.sequence)

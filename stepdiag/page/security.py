@@ -1,10 +1,16 @@
 """What a browser may do with the page, and who may command."""
 
+import asyncio
 import hmac
+import ipaddress
+import secrets
+from collections import OrderedDict
+from collections.abc import Callable, Collection
 from urllib.parse import unquote
 
-from starlette.datastructures import MutableHeaders
-from starlette.requests import Request
+from starlette.datastructures import Headers, MutableHeaders
+from starlette.requests import HTTPConnection, Request
+from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 CONTENT_POLICY = (
@@ -23,16 +29,33 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
     "Permissions-Policy": "camera=(), geolocation=(), microphone=(), usb=(), serial=()",
 }
+SEND_S = 20.0
+"""A reader that takes nothing for so long is let go."""
+COOKIE = "stepdiag-files"
+MOST_SESSIONS = 100
+MOST_ADDRESSES = 1000
+"""Whose failures are remembered; the oldest go first."""
+GUESSES = 10
+"""So many wrong tokens from one address are said to the people at the machine, and again each time they are ten times as many."""
+DELAY_S, LONGEST_DELAY_S = 0.5, 5.0
+"""A wrong token is answered late, and later each time."""
 
 
-class SecurityHeaders:
-    """Adds the policies to every answer that does not bring its own."""
+class Guard:
+    """Refuses who was sent here by another site, adds the policies to every answer, and lets go who does not fetch it.
 
-    def __init__(self, app: ASGIApp) -> None:
+    A site that has its name point to this computer (DNS rebinding) comes with its own name in ``Host``: that must be a loopback name, the
+    address that was called, or one of ``names``. A POST that names an ``Origin`` must come from the page itself.
+    """
+
+    def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
         self._app = app
+        self._names = {name.lower() for name in names}
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on and complete the head of its answer."""
+        """Answer a request, or pass it on and complete the head of its answer."""
+        if scope["type"] != "http":
+            return
 
         async def completed(message: Message) -> None:
             if message["type"] == "http.response.start":
@@ -41,16 +64,94 @@ class SecurityHeaders:
                 headers.setdefault("Cache-Control", "no-cache")
                 for name, value in HEADERS.items():
                     headers[name] = value
-            await send(message)
+            async with asyncio.timeout(SEND_S):
+                await send(message)
 
-        await self._app(scope, receive, completed)
+        refusal = self._refusal(scope)
+        await (refusal or self._app)(scope, receive, completed)
+
+    def _refusal(self, scope: Scope) -> Response | None:
+        headers = Headers(scope=scope)
+        host = headers.get("host", "")
+        called = scope.get("server") or ("", 0)
+        if not is_known_host(host, str(called[0]), self._names):
+            return refused(421, "this page does not answer to that name; put it into page.names of the survey file")
+        origin = headers.get("origin")
+        if scope["method"] not in ("GET", "HEAD") and origin is not None and origin not in (f"http://{host}", f"https://{host}"):
+            return refused(403, "orders are taken from the page itself only")
+        return None
 
 
-def may_command(request: Request, token: str) -> bool:
-    """Return whether the request carries the configured token, percent-encoded since a header holds no other letters than ASCII.
+def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
+    """Return whether a ``Host`` header names this computer; ``called`` is the address at which the connection arrived."""
+    name = host.rpartition(":")[0] if host.rpartition(":")[2].isdigit() and host.rpartition(":")[1] else host
+    name = name.strip("[]").lower().rstrip(".")
+    if name == "localhost" or name in names:
+        return True
+    try:
+        address = ipaddress.ip_address(name)
+    except ValueError:
+        return False
+    return address.is_loopback or name == called or str(address) == called
 
-    Compared in constant time; false where none is configured.
-    """
-    scheme, _, given = request.headers.get("authorization", "").partition(" ")
-    matches = hmac.compare_digest(unquote(given).encode(), token.encode())
-    return bool(token) and scheme.lower() == "bearer" and matches
+
+class Access:
+    """Who has the token. Reading files is also allowed to a browser that has shown it before, by a cookie that is not the token."""
+
+    def __init__(self, token: str, on_guesses: Callable[[str, int], None]) -> None:
+        self._token = token
+        self._on_guesses = on_guesses
+        self._failures: OrderedDict[str, int] = OrderedDict()
+        self._sessions: OrderedDict[str, None] = OrderedDict()
+        self.delay_s = DELAY_S
+
+    @property
+    def needed(self) -> bool:
+        """Whether a token is configured."""
+        return bool(self._token)
+
+    async def commands(self, request: Request) -> bool:
+        """Return whether the request carries the token, percent-encoded since a header holds no other letters than ASCII.
+
+        Compared in constant time; false where none is configured. A wrong one is counted and answered late.
+        """
+        scheme, _, given = request.headers.get("authorization", "").partition(" ")
+        if not self._token or scheme.lower() != "bearer":
+            return False
+        address = address_of(request)
+        if hmac.compare_digest(unquote(given).encode("utf-8", "replace"), self._token.encode()):
+            self._failures.pop(address, None)
+            return True
+        await asyncio.sleep(min(self.delay_s * self._count(address), LONGEST_DELAY_S))
+        return False
+
+    async def reads(self, request: Request) -> bool:
+        """Return whether files may be fetched: by everybody where no token is configured."""
+        return not self._token or request.cookies.get(COOKIE) in self._sessions or await self.commands(request)
+
+    def remember(self, request: Request, answer: Response) -> None:
+        """Let the browser fetch files from now on."""
+        session = secrets.token_urlsafe(32)
+        self._sessions[session] = None
+        if len(self._sessions) > MOST_SESSIONS:
+            self._sessions.popitem(last=False)
+        answer.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=request.url.scheme == "https")
+
+    def _count(self, address: str) -> int:
+        count = self._failures.pop(address, 0) + 1
+        self._failures[address] = count
+        if len(self._failures) > MOST_ADDRESSES:
+            self._failures.popitem(last=False)
+        if count >= GUESSES and str(count).strip("0") == "1":
+            self._on_guesses(address, count)
+        return count
+
+
+def address_of(request: HTTPConnection) -> str:
+    """Return the address that a request came from."""
+    return request.client.host if request.client is not None else ""
+
+
+def refused(status: int, why: str) -> Response:
+    """Return a refusal in words."""
+    return JSONResponse({"error": why}, status_code=status)

@@ -3,7 +3,7 @@
 from pathlib import Path
 
 from stepdiag.conclusion import CONCLUSION, Conclusion, Export, conclude, conclusion_json, export_of
-from stepdiag.daq.recording.rounds import READINGS, RESULT
+from stepdiag.daq.records.survey_folder import READINGS, RESULT
 from stepdiag.daq.service.completion import Completed
 from stepdiag.exporters.files.files import write_once
 from stepdiag.report.document import build_report

@@ -14,7 +14,8 @@ from stepdiag.daq.head.record import read_head_csv
 from stepdiag.daq.log.codec import decode
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.topics import BLOCK_TOPIC, RAW_TOPICS
-from stepdiag.daq.recording.rounds import PREDICTION, latest_round, noted_stops, prediction_in, round_folders
+from stepdiag.daq.recording.rounds import latest_round, noted_stops, prediction_in, round_folders
+from stepdiag.daq.records.survey_folder import PREDICTION
 from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.bundle import bundle_from_run, read_bundle
 from stepdiag.daq.survey.file import load_survey, parse_survey

@@ -9,8 +9,6 @@ from playwright.sync_api import Browser, Page, sync_playwright
 from testkit.browser import Watched, launch
 from testkit.played import Served, served
 
-TOKEN = "a token of the tests: äöü ☃"
-
 
 @pytest.fixture(scope="session")
 def browser() -> Iterator[Browser]:
@@ -22,14 +20,16 @@ def browser() -> Iterator[Browser]:
 
 @pytest.fixture
 def daemon(tmp_path: Path) -> Iterator[Served]:
-    """A page over a played survey, with commands allowed."""
-    with served(tmp_path, token=TOKEN) as running:
+    """A page over a played survey, without a token: everybody may read, nobody may command."""
+    with served(tmp_path) as running:
         yield running
 
 
 @pytest.fixture
-def watched(browser: Browser) -> Iterator[Watched]:
-    """Opens pages and, at the end, fails on any complaint."""
+def watched(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Watched]:
+    """Opens pages and, at the end, fails on any complaint; closes them before the daemon of the test ends."""
+    if "daemon" in request.fixturenames:
+        request.getfixturevalue("daemon")
     watching = Watched(browser)
     yield watching
     watching.close()

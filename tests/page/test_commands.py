@@ -2,6 +2,7 @@
 
 import http.client
 import json
+from collections.abc import Iterator
 from pathlib import Path
 from urllib.parse import quote
 
@@ -14,6 +15,13 @@ from testkit.played import Served, served
 
 pytestmark = pytest.mark.page
 TOKEN = "a token of the tests: äöü ☃"
+
+
+@pytest.fixture
+def daemon(tmp_path: Path) -> Iterator[Served]:
+    """A page over a played survey, with commands allowed."""
+    with served(tmp_path, token=TOKEN) as running:
+        yield running
 
 
 def ask(daemon: Served, method: str, path: str, body: bytes = b"", token: str | None = None) -> tuple[int, dict[str, str], bytes]:
@@ -89,6 +97,7 @@ def test_without_a_token_configured_it_only_shows(tmp_path: Path, watched: Watch
         page = watched.open(daemon.address)
         expect(page.locator("#read-only")).to_be_visible()
         assert not page.locator("#unlock, #orders").first.is_visible()
+        page.context.close()  # before the daemon ends, which the page would complain about
         for token in (None, "", "x"):
             assert ask(daemon, "POST", "/command", b'{"name":"start"}', token)[0] == 403
 
@@ -117,24 +126,24 @@ def test_a_command_that_is_none_is_refused(daemon: Served, body: bytes) -> None:
 )
 def test_only_what_is_listed_can_be_fetched(daemon: Served, path: str) -> None:
     """A name that is not in the list of downloads does not exist, whatever it points at."""
-    (daemon.survey.folder / "secret").write_text("secret")
+    (daemon.survey.place / "secret").write_text("secret")
     daemon.do(daemon.survey.complete)
-    status, _, body = ask(daemon, "GET", path)
+    status, _, body = ask(daemon, "GET", path, token=TOKEN)
     assert status == 404
     assert b"secret" not in body.replace(b"no such file", b"")
 
 
 def test_downloads_are_whole(daemon: Served) -> None:
     """The list says name, kind and size, and the file comes byte for byte."""
-    assert json.loads(ask(daemon, "GET", "/downloads.json")[2]) == []
-    assert ask(daemon, "GET", "/result.json")[0] == 404
+    assert json.loads(ask(daemon, "GET", "/downloads.json", token=TOKEN)[2]) == []
+    assert ask(daemon, "GET", "/result.json", token=TOKEN)[0] == 404
     daemon.do(daemon.survey.complete)
-    listed = json.loads(ask(daemon, "GET", "/downloads.json")[2])
-    assert [one["kind"] for one in listed] == ["report", "result"]
-    status, headers, body = ask(daemon, "GET", "/download/result.json")
-    assert (status, len(body)) == (200, listed[1]["size_bytes"])
+    listed = json.loads(ask(daemon, "GET", "/downloads.json", token=TOKEN)[2])
+    assert [one["kind"] for one in listed] == ["result", "report"]
+    status, headers, body = ask(daemon, "GET", "/download/result.json", token=TOKEN)
+    assert (status, len(body)) == (200, listed[0]["size_bytes"])
     assert headers["content-disposition"].startswith("attachment")
-    assert body == (daemon.survey.folder / "result.json").read_bytes()
+    assert body == (daemon.survey.place / "result.json").read_bytes()
 
 
 @pytest.mark.parametrize("path", ["/", "/static/main.js", "/about.json", "/texts/de.json", "/nothing"])
@@ -150,7 +159,9 @@ def test_the_policy_allows_nothing_from_elsewhere(daemon: Served, path: str) -> 
 def test_the_report_opens_in_a_sandbox(watched: Watched, daemon: Served) -> None:
     """It is shown beside the page, draws and turns, and can reach neither the daemon nor the page's storage."""
     daemon.do(daemon.survey.complete)
-    page = watched.open(daemon.address, path="/download/report.html")
+    page = watched.open(daemon.address)
+    unlock(page)
+    page.goto(f"{daemon.address}/download/report.html")
     expect(page.locator("h1")).to_have_text("Calibration report")
     expect(page.locator("svg.turning")).to_have_count(1)
     assert page.evaluate("origin") == "null"

@@ -40,7 +40,7 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
     expect(page.locator("#result")).to_contain_text("20.0 ± 0.8 µrad")
     expect(page.locator("#result")).to_contain_text("not identified")
     expect(page.locator(".prediction")).to_contain_text("improvement factor (rms) 6.2")
-    expect(page.locator("#downloads a")).to_have_text(["report.html", "result.json"])
+    expect(page.locator("#downloads a")).to_have_text(["result.json", "report.html"])
 
 
 def test_the_return_pass_meets_the_outward_pass_at_the_far_end(page: Page, daemon: Served) -> None:

@@ -65,6 +65,7 @@ def test_a_cable_that_is_pulled_is_seen_within_a_second(tmp_path: Path, real: Wa
         fault(place, kind, 3.0)
         assert seconds_until(lambda: old.count() == 1, page) < 1.2
         assert seconds_until(lambda: old.count() == 0, page, limit_s=15.0) < 3.0 + 3.0
+        page.context.close()  # before the daemon ends, which the page would complain about
 
 
 def test_a_killed_daemon_comes_back_to_the_page(tmp_path: Path, real: Watched) -> None:

@@ -7,7 +7,8 @@ import pytest
 from mcap.reader import make_reader
 
 from stepdiag.daq.log.contents import open_log
-from stepdiag.daq.replay import logs_in, replay
+from stepdiag.daq.records.survey_folder import logs_in
+from stepdiag.daq.replay import replay
 from stepdiag.daq.service.daemon import Daemon
 from testkit.cli import stepdiag
 from testkit.hall import daemon, hall, until

@@ -13,7 +13,8 @@ import time
 import pytest
 
 from stepdiag.daq.recording.rounds import mend, noted_stops
-from stepdiag.daq.replay import logs_in, replay
+from stepdiag.daq.records.survey_folder import logs_in
+from stepdiag.daq.replay import replay
 from stepdiag.demo.processes import talking
 from testkit.hall import daemon, go_first, hall
 

@@ -6,6 +6,7 @@ import { say, setupName } from "./words.js";
 const CONFIRM_MS = 4000;
 
 let token = sessionStorage.getItem("token") ?? "";
+let filesLocked = false;
 let options = "";
 let armed = 0;
 let latest = null;
@@ -16,6 +17,9 @@ export function forget() {
   options = "";
   put("answer", place("unlock").hidden ? "" : say("locked"));
 }
+
+// Whether files are for those with the token, which has not been entered yet.
+export const lockedFiles = () => filesLocked;
 
 export function open(commandsExist) {
   if (!commandsExist) return;
@@ -51,6 +55,7 @@ export function update(snapshot) {
 
 function lock(words = say("locked")) {
   token = "";
+  filesLocked = true;
   sessionStorage.removeItem("token");
   place("unlock").hidden = false;
   place("orders").hidden = true;
@@ -67,6 +72,7 @@ async function unlock(given) {
   if (answer === null) return put("answer", say("disconnected"));
   if (!answer.ok) return lock(say("wrong_token"));
   token = given;
+  filesLocked = false;
   sessionStorage.setItem("token", given);
   place("unlock").hidden = true;
   place("orders").hidden = false;

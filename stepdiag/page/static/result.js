@@ -1,6 +1,7 @@
 // The result when the last setup is in: nine functions with their k=2 bands, squareness, scale, prediction, files.
 
 import { chart } from "./chart.js";
+import { lockedFiles } from "./commands.js";
 import { node } from "./draw.js";
 import { common, say, shown } from "./words.js";
 
@@ -17,17 +18,19 @@ export function forget() {
 }
 
 export function update(snapshot) {
-  const key = `${snapshot.survey}|${snapshot.result_ready}|${JSON.stringify(snapshot.prediction)}`;
+  const locked = lockedFiles();
+  const key = `${snapshot.survey}|${snapshot.result_ready}|${JSON.stringify(snapshot.prediction)}|${locked}`;
   const now = performance.now();
   if (key !== state) {
     state = key;
     looked = -Infinity;
-    if (snapshot.result_ready) fetchResult(snapshot.prediction);
-    else show("result", node("p", { class: "quiet" }, say("no_result")));
+    if (snapshot.result_ready && !locked) fetchResult(snapshot.prediction);
+    else show("result", node("p", { class: "quiet" }, say(snapshot.result_ready ? "files_locked" : "no_result")));
   }
   if (now - looked > LOOK_AGAIN_MS) {
     looked = now;
-    fetchDownloads();
+    if (locked) show("downloads", node("li", { class: "quiet" }, say("files_locked")));
+    else fetchDownloads();
   }
 }
 

@@ -4,7 +4,7 @@ import pytest
 
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.recording.archive import MARK, digest, keep_budget, pack, size_bytes
-from stepdiag.daq.recording.rounds import RESULT
+from stepdiag.daq.records.survey_folder import RESULT
 from testkit.recording import recording, with_notes, write_log
 
 

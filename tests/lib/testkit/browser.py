@@ -55,7 +55,7 @@ class Watched:
         assert foreign == [], "no request leaves the machine"
         assert self.requests, "a page that asks for nothing shows nothing"
         complaints = [one for one in self.complaints if not (self.daemon_may_be_away and AWAY in one)]
-        assert complaints == []
+        assert complaints == [], complaints
 
 
 def seconds_until(seen: Callable[[], bool], page: Page, limit_s: float = 10.0) -> float:

@@ -39,6 +39,7 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.page.app import Page
+from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
 from stepdiag.solver.errors import StepdiagError
 from stepdiag.solver.fourdof.head import motion
@@ -228,14 +229,19 @@ def _curves(data: bytes) -> object:
 class _Heeding:
     """Stands for the daemon: takes what the page lets through."""
 
-    async def command(self, name: str, arguments: Mapping[str, str]) -> None:
+    async def order(self, name: str, arguments: Mapping[str, str], _address: str) -> str:
         assert isinstance(name, str)
         assert all(isinstance(word, str) for item in arguments.items() for word in item)
+        return ""
+
+    def say_guesses(self, _address: str, _count: int) -> None:
+        """Hear of wrong tokens."""
 
 
 def page_order(data: bytes) -> object:
     """Send the bytes as the order of somebody who has the token, and as the token of somebody who has not."""
-    page = Page(_Heeding(), token="secret", language="en")  # type: ignore[arg-type]
+    page = Page(_Heeding(), PageSettings(folder="", token="secret"))  # type: ignore[arg-type]
+    page.access.delay_s = 0.0
     answers = [asyncio.run(_answered(page, b"Bearer secret", data)), asyncio.run(_answered(page, b"Bearer " + data, data))]
     assert answers[0] in (204, 400)
     assert answers[1] == 403 or data == b"secret"

@@ -3,7 +3,7 @@
 import asyncio
 import threading
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, TypeVar
@@ -12,7 +12,6 @@ import numpy as np
 
 from stepdiag.daq.records.status import (
     CommandName,
-    Download,
     FindingStatus,
     LinkStatus,
     PredictionStatus,
@@ -20,7 +19,8 @@ from stepdiag.daq.records.status import (
     Snapshot,
     StopStatus,
 )
-from stepdiag.page.server import page_served
+from stepdiag.page.keeper import Listeners, address_of, open_listener, page_kept
+from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import AXES, diagonal_stops_mm
@@ -35,7 +35,8 @@ class PlayedSurvey:
     """Implements `daq.records.status.StatusSource`. Fed like the daemon is: `laser_speaks` and `plc_speaks` keep the links young."""
 
     def __init__(self, folder: Path) -> None:
-        self.folder = folder
+        self.place = folder
+        self.guessed: list[tuple[str, int]] = []
         self.fields: dict[str, Any] = _beginning()
         self.ordered: list[tuple[str, dict[str, str]]] = []
         self.refusal: UsageError | None = None
@@ -73,16 +74,13 @@ class PlayedSurvey:
             await self._news.wait()
 
     def result_file(self) -> Path | None:
-        return self.folder / "result.json" if self.fields["result_ready"] else None
+        return self.place / "result.json" if self.fields["result_ready"] else None
 
-    def downloads(self) -> Sequence[Download]:
-        if not self.fields["result_ready"]:
-            return ()
-        kinds = {"report.html": "report", "result.json": "result"}
-        return [
-            Download(name=name, path=self.folder / name, kind=kind, size_bytes=(self.folder / name).stat().st_size)
-            for name, kind in kinds.items()
-        ]
+    def folder(self) -> Path:
+        return self.place
+
+    def token_guessed(self, address: str, count: int) -> None:
+        self.guessed.append((address, count))
 
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         if self.refusal is not None:
@@ -125,8 +123,8 @@ class PlayedSurvey:
     def complete(self) -> None:
         """Have the result and the report ready."""
         result = made_up_result()
-        (self.folder / "result.json").write_text(result.to_json(), encoding="utf-8")
-        (self.folder / "report.html").write_text(build_report(result, source="result.json").html, encoding="utf-8")
+        (self.place / "result.json").write_text(result.to_json(), encoding="utf-8")
+        (self.place / "report.html").write_text(build_report(result, source="result.json").html, encoding="utf-8")
         findings = tuple(FindingStatus(code=one.code, severity=one.severity, text=one.text) for one in result.findings)
         setups = tuple(_setup(name, "done", 62) for name in SETUPS)
         prediction = PredictionStatus(rms_before_um=11.7, rms_after_um=1.9)
@@ -150,7 +148,7 @@ def _beginning() -> dict[str, Any]:
 
 
 class Served:
-    """A page over a played survey in a thread of its own, as the daemon serves it in its loop."""
+    """A page in its own process, kept by a loop in a thread of the test as the daemon keeps it."""
 
     def __init__(self, survey: PlayedSurvey, address: str, loop: asyncio.AbstractEventLoop) -> None:
         self.survey = survey
@@ -190,7 +188,11 @@ def served(folder: Path, *, port: int = 0, token: str = "", language: Language =
 
     async def main(stop: asyncio.Event) -> None:
         survey = PlayedSurvey(folder)
-        async with page_served(survey, port=port, token=token, language=language) as address:
+        listeners = Listeners(page=open_listener("127.0.0.1", port, "page"))
+        settings = PageSettings(folder=str(folder), token=token, language=language)
+        assert listeners.page is not None
+        address = address_of(listeners.page)
+        async with page_kept(survey, settings, listeners):
             ready.append(Served(survey, address, asyncio.get_running_loop()))
             started.set()
             await stop.wait()

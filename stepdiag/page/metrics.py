@@ -1,42 +1,42 @@
 """The daemon's figures for Prometheus: made when they are asked for, so that they cost nothing otherwise."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterator
 
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
 from prometheus_client.registry import Collector
 from starlette.applications import Starlette
 from starlette.requests import Request
-from starlette.responses import Response
+from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
 from stepdiag.daq.service.metrics import Figures
+from stepdiag.solver.errors import DeviceError
 
 LINK_STATES = ("connecting", "connected", "silent", "lost")
 
 
-def create_metrics(figures: Callable[[], Figures]) -> Starlette:
+def create_metrics(figures: Callable[[], Awaitable[Figures]]) -> Starlette:
     """Return the application that answers ``GET /metrics``, and nothing else."""
-    registry = CollectorRegistry(auto_describe=False)
-    registry.register(_Daemon(figures))
 
     async def metrics(_: Request) -> Response:
+        try:
+            registry = CollectorRegistry(auto_describe=False)
+            registry.register(_Daemon(await figures()))
+        except DeviceError as why:
+            return PlainTextResponse(str(why), status_code=503)
         return Response(generate_latest(registry), headers={"Content-Type": CONTENT_TYPE_LATEST})
 
     return Starlette(routes=[Route("/metrics", metrics)])
 
 
 class _Daemon(Collector):
-    def __init__(self, figures: Callable[[], Figures]) -> None:
+    def __init__(self, figures: Figures) -> None:
         self._figures = figures
 
-    def describe(self) -> Iterator[Metric]:
-        """Return nothing: asking a daemon that has not begun would fail."""
-        return iter(())
-
     def collect(self) -> Iterator[Metric]:
-        """Yield every family, as it is now."""
-        now = self._figures()
+        """Yield every family, as it was then."""
+        now = self._figures
         yield from _counted(now)
         yield from _links(now)
         yield from _health(now)

@@ -1,0 +1,20 @@
+"""What stands in the folder of one survey, by its names; loads nothing."""
+
+from pathlib import Path
+
+RESULT = "result.json"
+READINGS = "readings.csv"
+EXPORTS = "exports"
+PREDICTION = "prediction.json"
+
+
+def logs_in(folder: Path) -> list[Path]:
+    """Return the logs of a folder in the order of their numbers.
+
+    Of a damaged log and its mended copy (``0001.recovered.mcap``) the copy counts; a log that was cut off (``.part``) counts while no
+    mended one stands beside it.
+    """
+    found = {path.name: path for path in folder.iterdir() if path.name.endswith((".mcap", ".mcap.part"))}
+    replaced = {name.replace(".recovered.mcap", ".mcap") for name in found if name.endswith(".recovered.mcap")}
+    replaced |= {f"{name}.part" for name in found if name.endswith(".mcap")}
+    return [found[name] for name in sorted(found) if name not in replaced]

@@ -1,0 +1,340 @@
+"""The daemon's side of the page: opens its address, keeps its process, sends pictures, hears orders.
+
+Whatever comes from that process is as little trusted as what comes from a browser: its messages are short, few at a time, and checked;
+what it does not fetch is left out. Nothing here ends the daemon.
+"""
+
+import asyncio
+import os
+import socket
+import sys
+import time
+from asyncio.subprocess import PIPE
+from collections.abc import AsyncIterator, Callable
+from contextlib import asynccontextmanager, suppress
+from dataclasses import dataclass
+
+import structlog
+
+from stepdiag.daq.records.status import StatusSource
+from stepdiag.daq.service.metrics import Figures
+from stepdiag.daq.survey.models import Metrics, Page
+from stepdiag.page.messages import (
+    LENGTH_BYTES,
+    LONGEST_REQUEST,
+    Answer,
+    Count,
+    Counted,
+    Fault,
+    Guesses,
+    Order,
+    PageSettings,
+    Picture,
+    Ready,
+    Request,
+    Watch,
+    framed,
+    request_decoder,
+)
+from stepdiag.solver.errors import DeviceError, UsageError
+
+SHORTEST_S = 0.1
+"""No more than ten pictures a second."""
+HEARTBEAT_S = 0.25
+"""At least four a second, so that a reader who hears nothing for 0.8 s knows that something is wrong."""
+REQUEST_S = 0.01
+"""No more than a hundred requests a second are looked at."""
+MOST_UNREAD = 1_000_000
+"""Bytes that the page has not fetched: more, and it is started again."""
+AGAIN_S = (0.2, 1.0, 5.0, 30.0)
+"""How long to wait before the page is started for the second time, the third, and so on; anew after it lived `LIVED_S`."""
+LIVED_S = 60.0
+GRACE_S = 2.0
+"""How long the page may take to end its streams and downloads once the daemon ends."""
+BACKLOG = 128
+LAST_WORDS = 2000
+_ENVIRONMENT = ("PATH", "LANG", "LC_ALL", "TZ", "PYTHONPATH", "PYTHONDONTWRITEBYTECODE")
+_log = structlog.get_logger("page")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Listeners:
+    """The addresses that are served; None where one is not."""
+
+    page: socket.socket | None = None
+    metrics: socket.socket | None = None
+
+    @classmethod
+    def opened(cls, page: Page, metrics: Metrics) -> "Listeners":
+        """Return the addresses that a survey file wants served. Raises DeviceError where one of them cannot be had."""
+        shown = open_listener(page.host, page.port, "page") if page.enabled else None
+        try:
+            return cls(page=shown, metrics=open_listener(metrics.host, metrics.port, "metrics") if metrics.enabled else None)
+        except DeviceError:
+            if shown is not None:
+                shown.close()
+            raise
+
+    @property
+    def descriptors(self) -> tuple[str, str]:
+        """Return the numbers of both as the page's process takes them, ``-`` for none."""
+        return _number(self.page), _number(self.metrics)
+
+    @property
+    def open(self) -> tuple[int, ...]:
+        """Return the descriptors that the page's process inherits."""
+        return tuple(each.fileno() for each in (self.page, self.metrics) if each is not None)
+
+    def close(self) -> None:
+        """Close them."""
+        for each in (self.page, self.metrics):
+            if each is not None:
+                each.close()
+
+
+def open_listener(host: str, port: int, section: str) -> socket.socket:
+    """Return a listening socket; DeviceError where the address is taken or not this machine's. Port 0 takes any free one.
+
+    ``section`` is the part of the survey file that the address stands in.
+    """
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    try:
+        listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        listener.bind((host, port))
+        listener.listen(BACKLOG)
+    except OSError as why:
+        listener.close()
+        raise DeviceError(
+            f"{section}.host, {section}.port", expected=f"a free address {host}:{port}", found=str(why),
+            remedy="choose another port, or end the program that holds it",
+        ) from why  # fmt: skip
+    return listener
+
+
+@asynccontextmanager
+async def page_kept(
+    source: StatusSource, settings: PageSettings, listeners: Listeners, figures: Callable[[], Figures] | None = None
+) -> AsyncIterator[None]:
+    """Keep the page's process while the block runs; the listeners are closed at its end."""
+    keeper = PageKeeper(source, settings, listeners, figures)
+    task = asyncio.create_task(keeper.run(), name="page keeper")
+    try:
+        yield
+    finally:
+        task.cancel()
+        with suppress(asyncio.CancelledError):
+            await task
+        listeners.close()
+
+
+class PageKeeper:
+    """Starts the page's process again whenever it ends, and serves it over its pipes."""
+
+    def __init__(
+        self, source: StatusSource, settings: PageSettings, listeners: Listeners, figures: Callable[[], Figures] | None = None
+    ) -> None:
+        self._source = source
+        self._settings = settings
+        self._listeners = listeners
+        self._figures = figures
+
+    async def run(self) -> None:
+        """Keep the page until cancelled."""
+        failures = 0
+        while True:
+            began_s = time.monotonic()
+            last_words = await self._one_life()
+            failures = 1 if time.monotonic() - began_s > LIVED_S else failures + 1
+            wait_s = AGAIN_S[min(failures, len(AGAIN_S)) - 1]
+            _log.error("page-ended", said=last_words, again_in_s=wait_s)
+            await asyncio.sleep(wait_s)
+
+    async def _one_life(self) -> str:
+        """Run the process to its end; return what it said last. Whatever goes wrong here ends it, and nothing else."""
+        hears, told = os.pipe()
+        asked, asks = os.pipe()
+        try:
+            child = await asyncio.create_subprocess_exec(
+                sys.executable, "-P", "-m", "stepdiag.page.process", *self._listeners.descriptors,
+                stdin=hears, stdout=asks, stderr=PIPE, pass_fds=self._listeners.open,
+                env={name: os.environ[name] for name in _ENVIRONMENT if name in os.environ},
+            )  # fmt: skip
+        except OSError as error:
+            os.close(told)
+            os.close(asked)
+            return str(error)
+        finally:
+            os.close(hears)
+            os.close(asks)
+        return await self._serve(child, told, asked)
+
+    async def _serve(self, child: asyncio.subprocess.Process, told: int, asked: int) -> str:
+        line = await _Line.over(told)
+        words = asyncio.create_task(_last_words(child), name="page's last words")
+        visit = _Visit(self._source, line, self._figures)
+        serving = asyncio.create_task(visit.hear(asked), name="page's requests")
+        line.send(self._settings)
+        failure = ""
+        try:
+            await asyncio.wait({serving, words}, return_when=asyncio.FIRST_COMPLETED)
+            if serving.done() and (error := serving.exception()) is not None:
+                failure = f"{type(error).__name__}: {error}"[:LAST_WORDS]
+        finally:
+            serving.cancel()
+            visit.close()
+            line.close()
+            await _ended(child)
+            await asyncio.gather(serving, return_exceptions=True)
+        return failure or await words or f"nothing; it ended with {child.returncode}"
+
+
+class _Line:
+    """The pipe to the page. What it does not fetch is not sent: a picture is left out, and too much of all else ends the visit."""
+
+    def __init__(self, transport: asyncio.WriteTransport) -> None:
+        self._transport = transport
+
+    @classmethod
+    async def over(cls, descriptor: int) -> "_Line":
+        """Take over the writing end of a pipe."""
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.connect_write_pipe(asyncio.BaseProtocol, os.fdopen(descriptor, "wb", buffering=0))
+        return cls(transport)
+
+    @property
+    def clear(self) -> bool:
+        """Whether everything sent so far is on its way."""
+        return self._transport.get_write_buffer_size() == 0
+
+    def send(self, message: object) -> None:
+        """Send a message. Raises ConnectionError where the page has stopped to listen."""
+        if self._transport.get_write_buffer_size() > MOST_UNREAD:
+            raise ConnectionError("the page does not fetch its answers")
+        self._transport.write(framed(message))
+
+    def close(self) -> None:
+        """Close the pipe without waiting for anybody."""
+        self._transport.abort()
+
+
+class _Visit:
+    """One life of the page's process: what it asks, and the pictures it gets while somebody looks on."""
+
+    def __init__(self, source: StatusSource, line: _Line, figures: Callable[[], Figures] | None) -> None:
+        self._source = source
+        self._line = line
+        self._figures = figures
+        self._pictures: asyncio.Task[None] | None = None
+        self._faults = 0
+
+    async def hear(self, descriptor: int) -> None:
+        """Do what is asked, one thing at a time. Raises what makes the page one that cannot be served on."""
+        reader = asyncio.StreamReader(limit=LONGEST_REQUEST + LENGTH_BYTES)
+        loop = asyncio.get_running_loop()
+        transport, _ = await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), os.fdopen(descriptor, "rb", buffering=0))
+        try:
+            while True:
+                length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
+                if length > LONGEST_REQUEST:
+                    raise ConnectionError(f"a request of {length} bytes")
+                await self._do(request_decoder.decode(await reader.readexactly(length)))
+                await asyncio.sleep(REQUEST_S)
+        except asyncio.IncompleteReadError:
+            return
+        finally:
+            transport.close()
+
+    def close(self) -> None:
+        """Send no more pictures."""
+        if self._pictures is not None:
+            self._pictures.cancel()
+            self._pictures = None
+
+    async def _do(self, request: Request) -> None:
+        match request:
+            case Watch():
+                self._watch(on=request.on)
+            case Order():
+                self._line.send(Answer(number=request.number, refusal=await self._obey(request)))
+            case Count():
+                if self._figures is not None:
+                    self._line.send(Counted(number=request.number, figures=self._figures()))
+            case Guesses():
+                _log.warning("wrong-tokens", address=request.address[:100], count=request.count)
+                self._source.token_guessed(request.address[:100], request.count)
+            case Fault():
+                self._say_fault(request.text)
+            case Ready():
+                _log.info("page-confined", open=", ".join(request.open)[:100] or "nothing")
+
+    def _say_fault(self, text: str) -> None:
+        """Say it in the log, but not for every request of somebody who has found a way to cause it."""
+        self._faults += 1
+        if str(self._faults).strip("0") == "1":
+            _log.error("page-fault", said=text[:LAST_WORDS], count=self._faults)
+
+    async def _obey(self, order: Order) -> str:
+        """Return why an order was refused; empty where it is done."""
+        with structlog.contextvars.bound_contextvars(address=order.address[:100]):
+            try:
+                await self._source.command(order.name, order.arguments)
+            except UsageError as why:
+                return str(why)
+        return ""
+
+    def _watch(self, *, on: bool) -> None:
+        if on and (self._pictures is None or self._pictures.done()):
+            self._pictures = asyncio.create_task(self._send_pictures(), name="page's pictures")
+        elif not on:
+            self.close()
+            self._send_picture()
+
+    async def _send_pictures(self) -> None:
+        """Send a picture whenever something has changed, within the pace that eyes can follow."""
+        while True:
+            sequence = self._send_picture()
+            await asyncio.sleep(SHORTEST_S)
+            with suppress(TimeoutError):
+                async with asyncio.timeout(HEARTBEAT_S - SHORTEST_S):
+                    await self._source.changed(sequence)
+
+    def _send_picture(self) -> int:
+        snapshot = self._source.snapshot()
+        if self._line.clear:
+            result = self._source.result_file()
+            folder = self._source.folder()
+            self._line.send(Picture(snapshot=snapshot, folder=str(folder), result="" if result is None else str(result)))
+        return snapshot.sequence
+
+
+async def _ended(child: asyncio.subprocess.Process) -> None:
+    """End the process: it goes by itself once its pipe is closed, and is killed where it does not."""
+    try:
+        async with asyncio.timeout(GRACE_S):
+            await child.wait()
+    except TimeoutError:
+        with suppress(ProcessLookupError):
+            child.kill()
+        await child.wait()
+
+
+async def _last_words(child: asyncio.subprocess.Process) -> str:
+    """Return the end of what the process says on standard error, read at leisure until it ends."""
+    assert child.stderr is not None
+    kept = b""
+    while part := await child.stderr.read(LAST_WORDS):
+        kept = (kept + part)[-LAST_WORDS:]
+        await asyncio.sleep(SHORTEST_S)
+    lines = kept.decode("utf-8", "replace").strip().splitlines()
+    return lines[-1] if lines else ""
+
+
+def address_of(listener: socket.socket, scheme: str = "http") -> str:
+    """Return where a listener is reached (``http://127.0.0.1:8420``)."""
+    host, port = listener.getsockname()[:2]
+    return f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+
+
+def _number(listener: socket.socket | None) -> str:
+    return "-" if listener is None else str(listener.fileno())

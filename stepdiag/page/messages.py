@@ -1,0 +1,108 @@
+"""What the recording process and the page's process say to each other: two pipes, one each way, each message with its length before it.
+
+The page shows what it hears and asks for very little: a picture, the figures, or one of the orders that a person may give. Nothing else
+that happens in the page's process can reach the recording.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from stepdiag.daq.records.status import CommandName, Snapshot
+from stepdiag.daq.service.metrics import Figures
+from stepdiag.texts.texts import Language
+
+LENGTH_BYTES = 4
+LONGEST_REQUEST = 16_384
+"""Bytes of anything that the page may say."""
+LONGEST_MESSAGE = 16_000_000
+"""Bytes of anything that the page is told."""
+
+
+class PageSettings(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """How the page is served; the first message, so that no secret stands on a command line or in an environment."""
+
+    folder: str
+    """What may be read of the disk besides the program itself."""
+    token: str = ""
+    names: tuple[str, ...] = ()
+    certificate: str = ""
+    key: str = ""
+    language: Language = "en"
+
+
+class Picture(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """The present state; ``folder`` holds the files that may be fetched, ``result`` is the result's file or empty."""
+
+    snapshot: Snapshot
+    folder: str
+    result: str
+
+
+class Answer(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """An order was done, or refused with the reason."""
+
+    number: int
+    refusal: str
+
+
+class Counted(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """The daemon's figures."""
+
+    number: int
+    figures: Figures
+
+
+class Watch(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Send a picture now, and go on with it while ``on``."""
+
+    on: bool
+
+
+class Order(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """What a person with the token asks, from the address of whose browser."""
+
+    number: int
+    name: CommandName
+    arguments: dict[str, str]
+    address: str
+
+
+class Count(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Tell the figures."""
+
+    number: int
+
+
+class Guesses(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Somebody at an address has sent so many wrong tokens."""
+
+    address: str
+    count: int
+
+
+class Fault(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """Something went wrong in the page that is a fault of this program."""
+
+    text: str
+
+
+class Ready(msgspec.Struct, frozen=True, kw_only=True, tag=True):
+    """The page is served; ``open`` names what the kernel could not shut (`stepdiag.page.confine`)."""
+
+    open: tuple[str, ...]
+
+
+Told = Picture | Answer | Counted
+Request = Watch | Order | Count | Guesses | Fault | Ready
+_encoder = msgspec.msgpack.Encoder(enc_hook=lambda value: str(value) if isinstance(value, Path) else value)
+told_decoder = msgspec.msgpack.Decoder(Told)
+request_decoder = msgspec.msgpack.Decoder(Request)
+settings_decoder = msgspec.msgpack.Decoder(PageSettings)
+
+
+def framed(message: Any) -> bytes:
+    """Return a message as it goes over the pipe."""
+    body = _encoder.encode(message)
+    return len(body).to_bytes(LENGTH_BYTES, "big") + body

@@ -1,0 +1,119 @@
+"""The page's process: serves page and metrics on addresses it was handed, with the fewest rights. Started by `stepdiag.page.keeper` only.
+
+    python -m stepdiag.page.process PAGE METRICS     descriptors of listening sockets, "-" for none
+
+Standard input brings what the daemon tells, standard output takes what is asked of it (`stepdiag.page.messages`).
+"""
+
+import asyncio
+import contextlib
+import mimetypes
+import os
+import signal
+import sys
+from collections.abc import Generator, Sequence
+from pathlib import Path
+from typing import BinaryIO
+
+import uvicorn
+from anyio.to_thread import current_default_thread_limiter
+from starlette.applications import Starlette
+
+from stepdiag.daq.service.priority import lower_priority
+from stepdiag.page.app import Page, create_app
+from stepdiag.page.confine import confine, die_with_parent
+from stepdiag.page.connections import LONGEST_HEAD, CappedListener, PunctualProtocol
+from stepdiag.page.messages import LENGTH_BYTES, PageSettings, settings_decoder
+from stepdiag.page.metrics import create_metrics
+from stepdiag.page.remote import RemoteDaemon
+
+THREADS = 4
+"""That read files at once."""
+GRACE_S = 1
+"""How long open downloads may go on once the daemon ends."""
+PROGRAM = Path(__file__).parents[1]
+
+
+class _Server(uvicorn.Server):
+    """uvicorn without its signal handlers: who started this process ends it."""
+
+    @contextlib.contextmanager
+    def capture_signals(self) -> Generator[None, None, None]:
+        """Leave the process's signals alone."""
+        yield
+
+
+def main(page: str, metrics: str) -> None:
+    """Serve until the daemon closes its pipe."""
+    die_with_parent()
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # Ctrl-C at the terminal is for the daemon
+    hears, asks = sys.stdin.buffer, _own_output()
+    length = int.from_bytes(hears.read(LENGTH_BYTES), "big")
+    settings = settings_decoder.decode(hears.read(length))
+    daemon = RemoteDaemon(asks)
+    servers = []
+    if page != "-":
+        shown = Page(daemon, settings)
+        daemon.on_picture = lambda picture: shown.broadcaster.show(picture.snapshot)
+        daemon.on_end = shown.broadcaster.close
+        servers.append((_server(create_app(shown, daemon, settings), settings), CappedListener(int(page))))
+    if metrics != "-":
+        servers.append((_server(create_metrics(daemon.figures)), CappedListener(int(metrics))))
+    mimetypes.init()  # reads /etc
+    still_open = confine(_readable(settings))
+    asyncio.run(_serve(daemon, hears, servers, still_open))
+
+
+def _own_output() -> BinaryIO:
+    """Return standard output for requests alone; what anybody prints goes to standard error."""
+    asks = os.fdopen(os.dup(1), "wb", buffering=0)
+    os.set_blocking(asks.fileno(), False)
+    os.dup2(2, 1)
+    return asks
+
+
+def _readable(settings: PageSettings) -> Sequence[Path]:
+    """Return what of the disk is read: the program, its libraries, and the survey's files."""
+    return (Path(settings.folder), PROGRAM, Path(sys.prefix), Path(sys.base_prefix), Path("/usr"), Path("/lib"), Path("/etc/localtime"))
+
+
+def _server(app: Starlette, settings: PageSettings | None = None) -> uvicorn.Server:
+    config = uvicorn.Config(
+        app,
+        http=PunctualProtocol,
+        ws="none",
+        lifespan="off",
+        log_config=None,
+        log_level="critical",
+        access_log=False,
+        server_header=False,
+        proxy_headers=False,
+        h11_max_incomplete_event_size=LONGEST_HEAD,
+        timeout_graceful_shutdown=GRACE_S,
+        ssl_certfile=settings.certificate or None if settings is not None else None,
+        ssl_keyfile=settings.key or None if settings is not None else None,
+    )
+    config.load()  # certificates are read here, before the disk is shut
+    return _Server(config)
+
+
+async def _serve(
+    daemon: RemoteDaemon, hears: BinaryIO, servers: Sequence[tuple[uvicorn.Server, CappedListener]], still_open: Sequence[str]
+) -> None:
+    current_default_thread_limiter().total_tokens = THREADS
+    asyncio.get_running_loop().set_exception_handler(lambda _, context: daemon.say_fault(context.get("exception") or context["message"]))
+    tasks = [asyncio.create_task(server.serve(sockets=[listener])) for server, listener in servers]
+    lower_priority()  # not before: a page that starts late is a machinist who waits
+    daemon.say_ready(tuple(still_open))
+    hearing = asyncio.create_task(daemon.hear(hears))
+    done, _ = await asyncio.wait([hearing, *tasks], return_when=asyncio.FIRST_COMPLETED)
+    daemon.on_end()
+    for server, _ in servers:
+        server.should_exit = True
+    await asyncio.gather(*tasks)
+    for task in done:
+        task.result()
+
+
+if __name__ == "__main__":
+    main(*sys.argv[1:])

@@ -1,0 +1,147 @@
+"""The daemon as the page's process knows it: pictures that come over one pipe, requests that go over the other."""
+
+import asyncio
+import itertools
+import os
+import time
+import traceback
+from collections.abc import Callable
+from contextlib import suppress
+from typing import BinaryIO
+
+from stepdiag.daq.records.status import CommandName
+from stepdiag.daq.service.metrics import Figures
+from stepdiag.page.messages import (
+    LENGTH_BYTES,
+    LONGEST_MESSAGE,
+    Answer,
+    Count,
+    Counted,
+    Fault,
+    Guesses,
+    Order,
+    Picture,
+    Ready,
+    Request,
+    Watch,
+    framed,
+    told_decoder,
+)
+from stepdiag.solver.errors import DeviceError
+
+ANSWER_S = 3.0
+"""How long the daemon may take to answer."""
+FRESH_S = 0.5
+"""A picture older than this is not the present state."""
+
+
+class RemoteDaemon:
+    """Asks and hears. ``on_picture`` is called with every picture that comes, ``on_end`` when no more will come."""
+
+    def __init__(self, asks: BinaryIO) -> None:
+        self._asks = asks
+        self._numbers = itertools.count(1)
+        self._awaited: dict[int, asyncio.Future[Answer | Counted]] = {}
+        self._picture: Picture | None = None
+        self._picture_s = 0.0
+        self._new_picture = asyncio.Condition()
+        self._watching = False
+        self.on_picture: Callable[[Picture], None] = lambda _: None
+        self.on_end: Callable[[], None] = lambda: None
+
+    async def hear(self, hears: BinaryIO) -> None:
+        """Take what the daemon tells until it closes the pipe."""
+        reader = asyncio.StreamReader()
+        loop = asyncio.get_running_loop()
+        await loop.connect_read_pipe(lambda: asyncio.StreamReaderProtocol(reader), hears)
+        try:
+            while True:
+                length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
+                if length > LONGEST_MESSAGE:
+                    raise ConnectionError(f"a message of {length} bytes")
+                await self._take(told_decoder.decode(await reader.readexactly(length)))
+        except asyncio.IncompleteReadError:
+            return
+
+    def watch(self, *, on: bool) -> None:
+        """Have pictures sent from now on, or no more."""
+        self._watching = on
+        with suppress(DeviceError):  # who waits for pictures sees that none come
+            self._ask(Watch(on=on))
+
+    def say_ready(self, still_open: tuple[str, ...]) -> None:
+        """Say that the page is served."""
+        self._ask(Ready(open=still_open))
+
+    def say_guesses(self, address: str, count: int) -> None:
+        """Say that an address has sent so many wrong tokens."""
+        self._ask(Guesses(address=address, count=count))
+
+    def say_fault(self, why: object) -> None:
+        """Say that something went wrong here that should not have: where, and what."""
+        place = traceback.extract_tb(why.__traceback__)[-1:] if isinstance(why, Exception) else []
+        with suppress(DeviceError):
+            self._ask(Fault(text=f"{why!r} in {place}"[:1000]))
+
+    async def picture(self) -> Picture:
+        """Return the present state. Raises DeviceError where the daemon does not say it."""
+        if self._picture is not None and time.monotonic() - self._picture_s < FRESH_S:
+            return self._picture
+        before_s = self._picture_s
+        if not self._watching:
+            self._ask(Watch(on=False))
+        try:
+            async with asyncio.timeout(ANSWER_S), self._new_picture:
+                await self._new_picture.wait_for(lambda: self._picture_s > before_s)
+        except TimeoutError as why:
+            raise _silent() from why
+        assert self._picture is not None
+        return self._picture
+
+    async def order(self, name: CommandName, arguments: dict[str, str], address: str) -> str:
+        """Have an order done; return why it was refused, empty where it was not. Raises DeviceError where the daemon is silent."""
+        number = next(self._numbers)
+        answer = await self._answer(number, Order(number=number, name=name, arguments=arguments, address=address))
+        assert isinstance(answer, Answer)
+        return answer.refusal
+
+    async def figures(self) -> Figures:
+        """Return the daemon's figures. Raises DeviceError where it does not say them."""
+        number = next(self._numbers)
+        answer = await self._answer(number, Count(number=number))
+        assert isinstance(answer, Counted)
+        return answer.figures
+
+    async def _answer(self, number: int, request: Request) -> Answer | Counted:
+        future: asyncio.Future[Answer | Counted] = asyncio.get_running_loop().create_future()
+        self._awaited[number] = future
+        try:
+            self._ask(request)
+            async with asyncio.timeout(ANSWER_S):
+                return await future
+        except TimeoutError as why:
+            raise _silent() from why
+        finally:
+            del self._awaited[number]
+
+    def _ask(self, request: Request) -> None:
+        """Send a request. A daemon that takes no more will not answer either, so nothing waits for it here."""
+        try:
+            os.write(self._asks.fileno(), framed(request))
+        except (BlockingIOError, BrokenPipeError) as why:
+            raise _silent() from why
+
+    async def _take(self, told: Picture | Answer | Counted) -> None:
+        if not isinstance(told, Picture):
+            awaited = self._awaited.get(told.number)
+            if awaited is not None and not awaited.done():
+                awaited.set_result(told)
+            return
+        self._picture, self._picture_s = told, time.monotonic()
+        self.on_picture(told)
+        async with self._new_picture:
+            self._new_picture.notify_all()
+
+
+def _silent() -> DeviceError:
+    return DeviceError("the recording process", expected=f"an answer within {ANSWER_S:g} s", found="none", remedy="try again")
