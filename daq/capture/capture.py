@@ -7,11 +7,14 @@ log is the same code on the same input, and gives the same stops to the last bit
 from dataclasses import replace
 from typing import Literal
 
+from stepdiag.daq.capture.conditions import Conditions
 from stepdiag.daq.capture.dwell import Dwell, DwellTracker
 from stepdiag.daq.capture.head_stop import QdView
 from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.machine_remarks import Alarm, remarked
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.pass_start import PassFinder
+from stepdiag.daq.capture.pulse import Pulse
 from stepdiag.daq.capture.stop import Placing, certain_window, unbroken_parts
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.capture.stream_findings import StreamRemarks
@@ -43,6 +46,10 @@ class Capture:
         self.tracker = DwellTracker()
         self.ended: Ended | None = None
         self._decoder = SignalDecoder(survey.plc.signals)
+        self._pulse = Pulse()
+        self._alarm = Alarm(start.wall_offset_ns)
+        self._conditions = Conditions(survey, start.credible)
+        self._wall_offset_ns = start.wall_offset_ns
         self._remarks = StreamRemarks(self._streams)
         self._finder = PassFinder(survey, start)
         self._taker = StopTaker(survey.stop, self.laser, self.head, start)
@@ -83,7 +90,7 @@ class Capture:
             self._take_remark(event, outcomes)
             now_ns = event.time_ns
         self._settle(now_ns, outcomes)
-        if self._survey.plc.handshake.enabled and not self._skip_open and not self._samples_follow(event):
+        if self._survey.plc.handshake.enabled and not (self._skip_open or self._pulse.still or self._samples_follow(event)):
             self._take_early(outcomes)
         self._remarks.listen_now_and_then(now_ns, outcomes)
         return outcomes
@@ -119,6 +126,13 @@ class Capture:
     def _take_block(self, block: ModbusBlock, outcomes: list[Outcome]) -> None:
         signals = self._decoder.decode(block)
         self.signals = signals
+        if self.walk is not None and not self.ended:
+            outcomes.extend(self._alarm.look(self.walk, signals, block.recv_ns))
+        if self._pulse.take(signals, block):
+            outcomes.append(self._still(block.recv_ns))
+        if self._pulse.still:
+            self.tracker.stale(self._pulse.beat_ns)
+            return
         if self._left_program(signals):
             self._end_if_left(signals, outcomes)
             signals = replace(signals, stopped=False)
@@ -131,6 +145,15 @@ class Capture:
                 closed = None
         if closed is not None and closed.from_ns != self._taken_from_ns:
             self._pending.append(closed)
+
+    def _still(self, now_ns: int) -> Finding:
+        text = (
+            f"the machine's heartbeat has stood still for {self._pulse.for_s(now_ns):.1f} s: its registers are of then, no stop is taken "
+            "from them; a control without a heartbeat must not name one (plc.signals)"
+        )
+        if self.walk is not None and not self.walk.ended:
+            return self.walk.finding("heartbeat-still", "error", self.walk.expected, text)
+        return Finding(code="heartbeat-still", severity="error", text=text)
 
     def _left_program(self, signals: Signals) -> bool:
         return signals.running is False or signals.setup == 0
@@ -190,7 +213,10 @@ class Capture:
             self._end(found.kind, found.reason, outcomes)
         if not isinstance(found, Walk) or self.ended:
             return
-        self._taker.take(found, self._finder.turn, dwell, self._placing(dwell.signals), outcomes)
+        judged = self._conditions.judge(dwell.signals, (dwell.from_ns + self._wall_offset_ns) * 1e-9)
+        taken: list[Outcome] = []
+        self._taker.take(found, self._finder.turn, replace(dwell, signals=judged.signals), self._placing(dwell.signals), taken)
+        outcomes.extend(remarked(found, taken, judged, self._alarm))
         if found.ended and not self.ended:
             self._end("complete", f"{found.name}: stop {len(found.route) - 1} has gone by", outcomes)
 

@@ -104,6 +104,12 @@ class DwellTracker:
         if self.open is not None:
             self.open = replace(self.open, blind=True)
 
+    def stale(self, since_ns: int) -> None:
+        """Take note that what the polls say is of ``since_ns`` at the latest: the open dwell is certain up to then."""
+        self.silent()
+        if self.open is not None:
+            self.open = replace(self.open, to_ns=max(self.open.from_ns, min(self.open.to_ns, since_ns)))
+
     def flickered(self) -> bool:
         """Tell whether the open dwell is the one before it once more: the stop signal fell and rose, the machine did not move."""
         if self.open is None or self._last is None or not same_stop(self._last.signals, self.open.signals):

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 
 import msgspec
 
+from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.timing.stream import Break
 from stepdiag.solver.errors import DataError
@@ -26,7 +27,8 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
     """All that a capture needs from before its log: the setups in the order they are wanted, and the stop already taken.
 
     ``wall_offset_ns`` added to the host's clock gives the time of day of the stops: as it was when the recording began, so that all stops
-    lie on one axis of time whoever sets the clock meanwhile. ``breaks`` are the losses of count since the last stop of the log before.
+    lie on one axis of time whoever sets the clock meanwhile. ``breaks`` are the losses of count since the last stop of the log before,
+    ``credible`` the last values of air and material that were believed.
     """
 
     hints: dict[str, PassHint]
@@ -34,6 +36,7 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
     last_count: int | None = None
     skip_open_dwell: bool = False
     breaks: tuple[Break, ...] = ()
+    credible: dict[str, Credible] = {}
 
 
 def start_of(run: Mapping[str, str], source: str) -> CaptureStart:

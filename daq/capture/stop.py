@@ -28,7 +28,7 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     ``u_um`` is the standard uncertainty of the window's mean (of the QD's lateral movement in a run of the 4-DOF head). ``broken`` says
     why the laser's count does not reach back to the stop before, ``unwatched`` why it may not; ``doubtful`` why a person should look
     (``doubt_codes``: the findings that say so, where it is not `stop-doubtful`); ``refused`` (a finding's code) why the reading must not be
-    used. ``channels`` are the means of the 4-DOF head.
+    used; ``held`` names the conditions whose last credible value stands in for them. ``channels`` are the means of the 4-DOF head.
     """
 
     setup: str
@@ -60,6 +60,7 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     air_temperature_c: float | None = None
     air_pressure_hpa: float | None = None
     relative_humidity_percent: float | None = None
+    held: tuple[str, ...] = ()
 
 
 def marked(stop: CapturedStop, code: str, words: str) -> CapturedStop:

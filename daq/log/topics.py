@@ -67,7 +67,7 @@ _STOP = {
     "setup": TEXT, "outward": FLAG, "stop": INTEGER, "position_mm": NUMBERS, "axis": TEXT, "stop_count": INTEGER,
     "reading_mm": NUMBER, "u_um": NUMBER, "scatter_um": NUMBER, "slope_um_s": NUMBER, "samples": INTEGER, "rejected": INTEGER,
     "window_from_mono_ns": TEXT, "window_to_mono_ns": TEXT, "time_s": NUMBER,
-    "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "doubt_codes": TEXTS, "refused": TEXT,
+    "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "doubt_codes": TEXTS, "held": TEXTS, "refused": TEXT,
     "recovered": FLAG, "channels": NUMBERS, "u_channels": NUMBERS, "material_temperature_c": NUMBER, "air_temperature_c": NUMBER,
     "air_pressure_hpa": NUMBER, "relative_humidity_percent": NUMBER,
 }  # fmt: skip

@@ -27,6 +27,14 @@ _PLAUSIBLE = {
     "relative_humidity_percent": (0.0, 100.0),
 }
 
+HALL = {
+    "material_temperature_c": (0.0, 60.0),
+    "air_temperature_c": (0.0, 60.0),
+    "air_pressure_hpa": (600.0, 1100.0),
+    "relative_humidity_percent": (0.0, 100.0),
+}
+"""What a machine hall can have: above the first number, up to the second. Registers that nobody writes say 0, a pressure in kPa 101."""
+
 
 class Done(enum.Flag):
     """What the instrument has already done to the length it hands over; the rest is ours, and nothing is done twice.

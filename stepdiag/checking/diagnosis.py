@@ -12,6 +12,7 @@ from stepdiag.daq.survey.models import Plc
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import SETUP_NUMBERS
+from stepdiag.solver.standards.air import HALL
 
 HEARTBEAT_S = 1.0
 """The heartbeat changes at least once a second (contract 2)."""
@@ -24,10 +25,7 @@ PLAUSIBLE = {
     "x_mm": (-50_000.0, 50_000.0),
     "y_mm": (-50_000.0, 50_000.0),
     "z_mm": (-50_000.0, 50_000.0),
-    "material_temperature_c": (0.0, 60.0),
-    "air_temperature_c": (0.0, 60.0),
-    "air_pressure_hpa": (600.0, 1100.0),
-    "relative_humidity_percent": (0.0, 100.0),
+    **HALL,
 }
 """What a machine in a hall can say; anything else was read from the wrong place or with the wrong type, byte order or scale."""
 WITHOUT = {
@@ -136,7 +134,7 @@ def _map(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
             yield _finding("signal-refused", severity, text)
     for name, (low, high) in PLAUSIBLE.items():
         value = getattr(machine.signals, name)
-        if value is not None and not low <= value <= high:
+        if value is not None and not low < value <= high:
             spec = plc.signals[name]
             text = f"{name} reads {value:g} at {describe(spec)} as {spec.type} {spec.order}: check address, type, order and scale"
             yield _finding("signal-implausible", "warning", f"{text} (plc.signals.{name}), or give the machine the sensor")

@@ -1,0 +1,55 @@
+"""What the machine remarks of itself beside its stops: alarms, and conditions that are not believed. Both go to the stop they belong to."""
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+
+import msgspec
+
+from stepdiag.daq.capture.conditions import Judged, Remark
+from stepdiag.daq.capture.outcome import Outcome
+from stepdiag.daq.capture.stop import CapturedStop, marked
+from stepdiag.daq.capture.walk import Walk
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import FOURDOF_RUNS
+
+
+class Alarm:
+    """Follows the machine's alarm within a pass: each one is named with its time, and the stop it came before is doubted."""
+
+    def __init__(self, wall_offset_ns: int) -> None:
+        self._wall_offset_ns = wall_offset_ns
+        self._on = False
+        self._doubts: list[Remark] = []
+
+    def look(self, walk: Walk, signals: Signals, now_ns: int) -> Iterator[Finding]:
+        """Look at a poll; yield an alarm that has just come."""
+        before, self._on = self._on, bool(signals.alarm)
+        if self._on and not before:
+            moment = datetime.fromtimestamp((now_ns + self._wall_offset_ns) * 1e-9, UTC)
+            text = f"the machine reported an alarm at {moment:%H:%M:%S} UTC: whether it stood where it should is for a person to say"
+            self._doubts.append(("machine-alarm", text))
+            yield walk.finding("machine-alarm", "warning", walk.expected, text)
+
+    def doubts(self) -> list[Remark]:
+        """Return what is to be doubted of the next stop."""
+        doubts, self._doubts = self._doubts, []
+        return doubts
+
+
+def remarked(walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm) -> Iterator[Outcome]:
+    """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its stops."""
+    stops = [each for each in taken if isinstance(each, CapturedStop)]
+    doubted = [] if walk.route.setup in FOURDOF_RUNS else judged.doubted
+    for code, words in (*judged.said, *doubted):
+        yield walk.finding(code, "warning", stops[0].stop if stops else walk.expected, words)
+    doubted = [*doubted, *(alarm.doubts() if stops else ())]
+    for each in taken:
+        yield _marked(each, judged.held, doubted) if isinstance(each, CapturedStop) else each
+
+
+def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Remark]) -> CapturedStop:
+    stop = msgspec.structs.replace(stop, held=held)
+    for code, words in doubted:
+        stop = marked(stop, code, words)
+    return stop

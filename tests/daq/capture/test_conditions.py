@@ -1,0 +1,78 @@
+"""Air and material that no hall can have, and values that jump: held, named, doubted; never believed in silence."""
+
+import pytest
+
+from stepdiag.daq.capture.conditions import BELIEVED_STOPS, Conditions
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.survey.file import parse_survey
+from testkit.timeline import survey_text
+
+GOOD = {"material_temperature_c": 20.1, "air_temperature_c": 21.5, "air_pressure_hpa": 1013.2, "relative_humidity_percent": 45.5}
+UNCOMPENSATED = survey_text().replace("compensated = true\n", "")
+
+
+def judge(*stops, text=UNCOMPENSATED, every_s=10.0):
+    """Return what becomes of the conditions at stop after stop."""
+    conditions = Conditions(parse_survey(text, "survey.toml"), {})
+    return [conditions.judge(Signals(**{**GOOD, **stop}), number * every_s) for number, stop in enumerate(stops)]
+
+
+def test_what_a_hall_has_is_believed_as_it_is():
+    for judged in judge({}, {"air_temperature_c": 22.0}, {"air_pressure_hpa": 1012.0}):
+        assert (judged.held, judged.said, judged.doubted) == ((), [], [])
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("air_temperature_c", 0.0),
+        ("air_pressure_hpa", 500.0),
+        ("air_pressure_hpa", 101.3),
+        ("relative_humidity_percent", 100.3),
+        ("material_temperature_c", -100.0),
+        ("air_temperature_c", 29.0),
+        ("air_pressure_hpa", 980.0),
+    ],
+)
+def test_one_wrong_value_is_held_and_named(name, value):
+    """The stop keeps the last credible value, says so with its uncertainty, and the next stop is as before."""
+    _, wrong, after = judge({}, {name: value}, {})
+    assert getattr(wrong.signals, name) == GOOD[name]
+    assert wrong.held == (name,)
+    ((code, words),) = wrong.said
+    assert code in ("sensor-implausible", "sensor-jump")
+    assert f"{GOOD[name]:g}" in words
+    assert "u = " in words
+    assert wrong.doubted == []
+    assert (after.held, after.said) == ((), [])
+
+
+def test_a_plc_without_sensors_gives_none_and_a_doubt_where_the_reading_depends_on_it():
+    zeros = dict.fromkeys(GOOD, 0.0)
+    first, second = judge(zeros, zeros)
+    assert first.signals == Signals(**dict.fromkeys(GOOD))
+    assert [code for code, _ in first.said] == ["sensor-implausible"] * 4
+    assert [code for code, _ in first.doubted] == ["air-unknown"] * 3
+    assert (second.said, second.doubted) == ([], [])
+    (compensated,) = judge(zeros, text=survey_text())
+    assert compensated.doubted == []
+
+
+def test_what_the_survey_file_fixes_is_not_judged():
+    fixed = UNCOMPENSATED + '[environment]\nsource = "fixed"\n'
+    (judged,) = judge(dict.fromkeys(GOOD, 0.0), text=fixed)
+    assert (judged.said, judged.doubted) == ([], [])
+
+
+def test_a_jump_that_lasts_is_believed_in_the_end_and_doubted():
+    """Both are possible, before and after: which of them is right a person must say."""
+    *held, believed, after = judge({}, *[{"air_pressure_hpa": 980.0}] * BELIEVED_STOPS, {"air_pressure_hpa": 980.0})
+    assert all(judged.signals.air_pressure_hpa == 1013.2 for judged in held)
+    assert believed.signals.air_pressure_hpa == 980.0
+    assert [code for code, _ in believed.doubted] == ["sensor-jump"]
+    assert (after.held, after.said, after.doubted) == ((), [], [])
+
+
+def test_a_hall_that_warms_slowly_is_followed():
+    warming = [{"air_temperature_c": 20.0 + 0.1 * minute} for minute in range(100)]
+    assert not any(judged.held for judged in judge(*warming, every_s=60.0))
