@@ -21,8 +21,8 @@ from stepdiag.daq.replay import replay
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.formats import laser_decoder
 from stepdiag.daq.timing.samples import Samples
-from stepdiag.exporters.export.export import ExportReport
 from stepdiag.exporters.export.export import export as export_files
+from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.files import read_text, write_once
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named
