@@ -4,6 +4,7 @@ from pathlib import Path
 
 from stepdiag.daq.records.status import Download
 from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, RESULT, logs_in
+from stepdiag.exporters.files.sets import whole
 
 
 def downloads_of(folder: Path) -> tuple[Download, ...]:
@@ -12,7 +13,7 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
         return ()
     found = [(path, "result") for name in (RESULT, READINGS) if (path := folder / name).is_file()]
     found += [(path, "report") for path in sorted(folder.glob("report.*")) if path.is_file()]
-    found += [(path, "export") for path in sorted((folder / EXPORTS).rglob("*")) if path.is_file()]
+    found += [(path, "export") for path in _exported(folder / EXPORTS)]
     found += [(path, "log") for path in logs_in(folder) if path.suffix == ".mcap"]
     return tuple(
         Download(
@@ -23,3 +24,14 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
         )
         for path, kind in found
     )
+
+
+def _exported(folder: Path) -> list[Path]:
+    """Return the files of every whole set; of a folder that is none only what is text for people, such as why it was refused."""
+    if not folder.is_dir():
+        return []
+    found: list[Path] = []
+    for each in sorted(inner for inner in folder.iterdir() if inner.is_dir() and not inner.name.startswith(".")):
+        files = sorted(path for path in each.iterdir() if path.is_file() and not path.name.startswith("."))
+        found += files if whole(each) else [path for path in files if path.suffix == ".txt"]
+    return found

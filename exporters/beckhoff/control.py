@@ -18,6 +18,7 @@ from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.own_files import own_and_zeros
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
@@ -117,6 +118,10 @@ class Beckhoff:
         if not tables:
             raise DataError("files", expected="an ISG_CSV file or an axis list", found=", ".join(file.name for file in files) or "nothing")
         return tuple(tables)
+
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the own volumetric file or axis lists, each replaced as a whole, and zeros where there is none."""
+        return own_and_zeros(self, tables, profile, lambda table: VOLCOMP if table.kind == VOLCOMP else table.output_axis)
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is an axis list with compensation, or has a heading of component errors."""

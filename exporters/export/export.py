@@ -14,9 +14,10 @@ import msgspec
 
 from stepdiag.exporters.export.report import report_text
 from stepdiag.exporters.export.volume import export_kinematics, export_lattice
-from stepdiag.exporters.export.written import REPORT, ExportReport, write
+from stepdiag.exporters.export.written import REPORT, ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import UNTESTED, suffixed
+from stepdiag.exporters.files.sets import write_set
 from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
@@ -69,9 +70,9 @@ def export(
     except SafetyError as error:
         if error.code != "template-missing":
             raise
-        write(out_dir, [ControlFile(name=REPORT, data=_refused(text, error), role="note")])
+        write_set(out_dir, [ControlFile(name=REPORT, data=_refused(text, error), role="note")])
         raise
-    names = write(out_dir, [*files, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    names = write_set(out_dir, [*files, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(
         controller=controller, out_dir=out_dir, files=names, findings=said, tables=tuple(case.tables), prediction=prediction, text=text
     )

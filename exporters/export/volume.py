@@ -6,9 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from stepdiag.exporters.export.written import REPORT, ExportReport, write
+from stepdiag.exporters.export.written import REPORT, ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import RESTORE, suffixed
+from stepdiag.exporters.files.sets import write_set
 from stepdiag.exporters.linuxcnc import kinematics
 from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
 from stepdiag.exporters.safety.checks import refuse
@@ -26,7 +27,7 @@ def export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportRepor
     """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
     file = lattice.render(lattice.lattice_of(result, step_mm))
     text = f"{file.name}: what has to be added to the command at each vertex, in um; step {step_mm:g} mm\n"
-    names = write(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
 
 
@@ -46,7 +47,7 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
     nothing = active or Lattice(axes_mm=axes, vectors_um=np.zeros(held.vectors_um.shape))
     restore = replace(lattice.render(nothing), name=suffixed("lattice.csv", RESTORE))
     text = _report(result, profile, findings, prediction)
-    names = write(out_dir, [*files, restore, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    names = write_set(out_dir, [*files, restore, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(controller="linuxcnc", out_dir=out_dir, files=names, findings=findings, tables=(), prediction=prediction, text=text)
 
 

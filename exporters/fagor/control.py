@@ -18,6 +18,7 @@ from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.tables.averaging import straightness_remark
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.own_files import own_and_zeros
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.tables import Law, Table
@@ -72,6 +73,10 @@ class Fagor:
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of such lists."""
         return tuple(table for file in files for table in _read(file, profile))
+
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the machine's own lists, and a list of zeros for every axis that has none."""
+        return own_and_zeros(self, tables, profile, lambda table: table.input_axis)
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is such a list, by its heading."""

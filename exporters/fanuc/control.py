@@ -113,6 +113,10 @@ class Fanuc:
             raise DataError(where, expected=f"pitch data, N{FIRST_PITCH_LINE} and above without Q1", found="none")
         return read_tables(punched, profile, options)
 
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - the files hold all that changes
+        """Return the machine's own punch files: an export changes only numbers that stand in them."""
+        return profile.existing
+
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is a punch file: % first, then N blocks."""
         return file.data.lstrip().startswith(b"%") and b"\nN" in file.data.replace(b"\r", b"") and b"_N_" not in file.data[:40]

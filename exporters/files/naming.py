@@ -16,3 +16,8 @@ def plain_name(name: str) -> str:
     """Return the name that the control is meant to know the file by: without the suffixes of an export."""
     path = PurePath(name)
     return f"{path.stem.removesuffix(RESTORE).removesuffix(UNTESTED)}{path.suffix}"
+
+
+def is_restore(name: str) -> bool:
+    """Return whether the file brings the control back to where it was."""
+    return PurePath(name).stem.endswith(RESTORE)

@@ -7,7 +7,7 @@ calls an error positive when the table travels too far (TNC 407 p. 151); no page
 widths are those of the control's own file where the profile names one.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
@@ -21,6 +21,7 @@ from stepdiag.exporters.heidenhain import com
 from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.own_files import lacking
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.tables import Law, Table, plain_rows
@@ -86,17 +87,20 @@ class Heidenhain:
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return the .COM files and the .CMA file; neither can hold a comment, so ``notes`` go into a note beside them."""
-        options = profile.options_as(HeidenhainOptions)
-        by_input = {letter: [table for table in tables if table.input_axis == letter] for letter in "XYZ"}
-        files = [
-            com.render(of_axis, profile, positions=options.generation == "tnc640", decimals=options.decimals)
-            for of_axis in by_input.values()
-            if of_axis
-        ]
-        named = {profile.axis(letter).name: str(of_axis[0].place["file"]) for letter, of_axis in by_input.items() if of_axis}
-        assignment = com.render_assignment(options.assignment, named, [axis.name for axis in profile.axes.values()], profile)
+        named = {profile.axis(table.input_axis).name: str(table.place["file"]) for table in tables}
         note = ControlFile(name="heidenhain_notes.txt", data=ascii_lines(notes), role="note")
-        return (*files, assignment, *([note] if notes else []))
+        return (*self._com_files(tables, profile), self._assignment(named, profile), *([note] if notes else []))
+
+    def _com_files(self, tables: Sequence[Table], profile: Profile) -> list[ControlFile]:
+        """Return one .COM file for the tables of each input axis."""
+        options = profile.options_as(HeidenhainOptions)
+        by_input = [[table for table in tables if table.input_axis == letter] for letter in "XYZ"]
+        positions = options.generation == "tnc640"
+        return [com.render(of_axis, profile, positions=positions, decimals=options.decimals) for of_axis in by_input if of_axis]
+
+    def _assignment(self, named: Mapping[str, str], profile: Profile) -> ControlFile:
+        name = profile.options_as(HeidenhainOptions).assignment
+        return com.render_assignment(name, named, [axis.name for axis in profile.axes.values()], profile)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables that the active line of the .CMA file calls; without one, each .COM belongs to the axis in its name."""
@@ -116,6 +120,16 @@ class Heidenhain:
                 raise DataError(assignments[0].name, expected=f"{name}, which it calls for {axis}", found=", ".join(tables_of))
             tables += com.read(tables_of[name.upper()], profile.letter_of(axis, name), profile, KIND, LAW)
         return tuple(tables)
+
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the own tables and assignment; without an assignment, one that calls the own tables and zeros in place of new ones."""
+        if any(file.name.upper().endswith(".CMA") for file in profile.existing):
+            return profile.existing
+        own = self.parse(profile.existing, profile) if profile.existing else ()
+        zeros = lacking(self, tables, profile, _file_of)
+        named = {profile.axis(table.input_axis).name: str(table.place["file"]) for table in (*own, *zeros)}
+        assignment = self._assignment(named, profile)
+        return (*profile.existing, *self._com_files(zeros, profile), assignment)
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is a .COM or .CMA table, by its name and first word."""
@@ -141,6 +155,10 @@ class Heidenhain:
             "The sense of .COM is inferred from MP720: make the sign test before the first real table.",
             "Measure again; if the residual has grown, load the restore files.",
         )
+
+
+def _file_of(table: Table) -> str:
+    return str(table.place["file"]).upper()
 
 
 def _check_spacing(tables: Sequence[Table], profile: Profile) -> None:

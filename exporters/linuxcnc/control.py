@@ -8,7 +8,7 @@ in joint space after the kinematics. There is no table for straightness: what re
 
 import re
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
 import msgspec
@@ -23,9 +23,9 @@ from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.fit import straight_line_um_mm
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.sampling import absolute_tables
-from stepdiag.exporters.tables.tables import Law, Table, plain_rows
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.exporters.tables.sampling import absolute_tables, quantised
+from stepdiag.exporters.tables.tables import Law, Table, correction_um, plain_rows
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.readings.csv_table import LARGEST
 
@@ -37,6 +37,11 @@ MOST_ROWS = 256
 """EMCMOT_COMP_SIZE."""
 _COEFFICIENT_DECIMALS = 9
 _HAL_NAME = "squareness.hal"
+_INI_NAME = "ini_lines.txt"
+_RESTORE_NOTE = (
+    "# Back to where the control was. Lines with '-' go out of the INI file, lines with '+' into it, each in its section.",
+    "# A joint without COMP_FILE uses its BACKLASH again, as before.",
+)
 _SCREW_NAME = re.compile(r"(?:^|[^a-z])(?P<axis>[xyz])(?:$|[^a-z])|(?P<last>[xyz])$")
 _SETP = re.compile(r"^setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P<value>\S+)$")
 
@@ -71,24 +76,29 @@ class LinuxCnc:
         """Return the options of a quick look: joints 0, 1, 2 for X, Y, Z, as ``trivkins coordinates=XYZ`` gives them."""
         return LinuxCncOptions(joints={"X": [0], "Y": [1], "Z": [2]})
 
-    def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - the same on every machine
-        """Return the size of the table; the control checks neither value nor slope."""
-        return Limits(points=MOST_ROWS if table.kind == SCREW else None)
+    def limits(self, table: Table, profile: Profile) -> Limits:
+        """Return the size of the table, and what it holds in place of BACKLASH; the control checks neither value nor slope."""
+        if table.kind != SCREW:
+            return Limits()
+        return Limits(points=MOST_ROWS, reference_um=_taken_over(table.input_axis, self._active(profile), profile)[0], ends_backlash=True)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return screw tables for positioning errors and one coefficient for each squareness.
 
-        Raises ``UsageError`` for a profile whose machine has the kinematics component: it holds a lattice and no tables.
+        Raises ``UsageError`` for a profile whose machine has the kinematics component: it holds a lattice and no tables; ``SafetyError``
+        (code ``backlash-unasked``) where the profile does not say what BACKLASH a COMP_FILE would switch off.
         """
         if profile.options_as(LinuxCncOptions).way == "kinematics":
             remedy = 'the sense of the component stands in its source; tables are planned with way = "screw"'
             raise UsageError(f"{profile.source}: linuxcnc.way", expected='"screw" for tables', found='"kinematics"', remedy=remedy)
+        active = self._active(profile)
         quantum_um = 1000.0 * unit_mm(profile) * 10.0 ** -profile.options_as(LinuxCncOptions).decimals
         tables: list[Table] = []
         for curve in curves:
             if curve.name in POSITIONING:
                 place: dict[str, int | str] = {"file": _screw_name(curve.input_axis)}
-                tables += absolute_tables(curve, profile, kind=SCREW, law=SCREW_LAW, quantum_um=quantum_um, place=place)
+                own = absolute_tables(curve, profile, kind=SCREW, law=SCREW_LAW, quantum_um=quantum_um, place=place)
+                tables += _with_backlash(own, *_taken_over(curve.input_axis, active, profile))
             elif any(part in SQUARENESS_SLOPE for part in curve.parts):
                 tables.append(_matrix_table(curve, [other for other in curves if other.name == f"E{curve.input_axis}{curve.output_axis}"]))
         return Plan(tables=tuple(tables), findings=tuple(straightness_remark(curves, "LinuxCNC")))
@@ -103,7 +113,7 @@ class LinuxCnc:
             lines = [*(f"# {note}" for note in notes), *map(_coefficient_line, matrix)]
             files.append(ControlFile(name=_HAL_NAME, data=ascii_lines(lines)))
         ini = list(_ini_lines([letter for letter in screws if screws[letter]], options, profile, has_matrix=bool(matrix)))
-        return (*files, ControlFile(name="ini_lines.txt", data=ascii_lines([*(f"# {note}" for note in notes), *ini]), role="note"))
+        return (*files, ControlFile(name=_INI_NAME, data=ascii_lines([*(f"# {note}" for note in notes), *ini]), role="note"))
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of screw files (the axis is told by the file name) and of HAL files with matrixkins coefficients."""
@@ -114,6 +124,18 @@ class LinuxCnc:
             found = _read_matrix(file) if b"matrixkins" in file.data else _read_screw(file, profile)
             tables += found
         return tuple(tables)
+
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the own files, and the lines that go out of the INI file: a COMP_FILE of zeros would still switch BACKLASH off."""
+        own = self.parse(profile.existing, profile) if profile.existing else ()
+        lines = [*_RESTORE_NOTE, *_ini_changes(tables, own, profile.options_as(LinuxCncOptions))]
+        return (*profile.existing, ControlFile(name=_INI_NAME, data=ascii_lines(lines), role="note"))
+
+    def _active(self, profile: Profile) -> tuple[Table, ...]:
+        """Return the screw tables that acted while measuring."""
+        if profile.machine.measured_with == "off" or not profile.existing:
+            return ()
+        return tuple(table for table in self.parse(profile.existing, profile) if table.kind == SCREW)
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file sets matrixkins, or begins with three numbers and is named after one axis."""
@@ -129,18 +151,64 @@ class LinuxCnc:
         return (
             f"Back up the configuration folder. The files are in {profile.machine.units}, the unit of [TRAJ]LINEAR_UNITS.",
             "Copy the .comp files beside the INI file and add the lines of ini_lines.txt to the [JOINT_n] sections.",
-            "COMP_FILE switches [JOINT_n]BACKLASH off: the reversal error is then in the two columns alone.",
+            "COMP_FILE switches [JOINT_n]BACKLASH off: half of it is in each of the two columns instead. Leave BACKLASH as it is.",
             "The correction acts on joints whether homed or not: home all axes before measuring or machining.",
             "squareness.hal needs KINEMATICS = matrixkins: see whether this LinuxCNC has it (2.9.0~pre1 has not), otherwise leave it out.",
             "Where matrixkins already holds values, add the new ones to them (off the diagonal).",
             "Restart LinuxCNC: the files are read at its start. The positions on the screen do not show the correction.",
-            "Measure again; if the residual has grown, put the restore files back.",
+            "Measure again; if the residual has grown, put the restore files back and change the INI file as ini_lines_RESTORE.txt says.",
         )
 
 
 def unit_mm(profile: Profile) -> float:
     """Return the machine's length unit in mm."""
     return 25.4 if profile.machine.units == "inch" else 1.0
+
+
+def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple[float, float]:
+    """Return what the forward and the reverse column of an axis hold beside the measured error, as errors in um.
+
+    control.c adds half of BACKLASH when moving in + and takes half off when moving in -, but nothing at all where a COMP_FILE is used:
+    what was measured with BACKLASH at work needs it in the columns. Where a COMP_FILE was at work, its own offset at the reference stays.
+    """
+    old = [table for table in active if table.input_axis == letter and table.direction >= 0]
+    if old:
+        kept = -float(correction_um(old[0], np.array([old[0].reference_mm]), 1)[0])
+        return kept, kept
+    backlash_um = profile.axis(letter).backlash_um
+    if backlash_um is None and not profile.assumed:
+        raise SafetyError(
+            f"{profile.source}: axes.{letter}.backlash_um",
+            code="backlash-unasked",
+            expected=f"[JOINT_n]BACKLASH of {letter} in um, 0 where there is none: a COMP_FILE switches it off",
+            found="nothing",
+            remedy="state it as it was while measuring; half of it goes into each column",
+        )
+    half = (backlash_um or 0.0) / 2.0
+    return -half, half
+
+
+def _with_backlash(tables: Sequence[Table], forward_um: float, reverse_um: float) -> tuple[Table, ...]:
+    """Return the tables of one axis with an offset for each direction; one column becomes two where the offsets differ."""
+    if forward_um == reverse_um == 0.0:
+        return tuple(tables)
+    ways = ((tables[0], 1, forward_um), (tables[-1], -1, reverse_um))
+    return tuple(
+        replace(table, direction=direction, value_um=quantised(table.value_um + offset, table.quantum_um))
+        for table, direction, offset in ways
+    )
+
+
+def _ini_changes(tables: Sequence[Table], own: Sequence[Table], options: LinuxCncOptions) -> Iterator[str]:
+    """Yield what the INI file needs so that it names the own files again, or none."""
+    before = {table.input_axis: str(table.place["file"]) for table in own if table.kind == SCREW}
+    for letter in dict.fromkeys(table.input_axis for table in tables if table.kind == SCREW):
+        new, old = _screw_name(letter), before.get(letter)
+        if old != new:
+            for joint in options.joints.get(letter, []):
+                yield from (f"[JOINT_{joint}]", f"- COMP_FILE = {new}", f"+ COMP_FILE = {old}" if old else "- COMP_FILE_TYPE = 0")
+    if any(table.kind == MATRIX for table in tables) and not any(table.kind == MATRIX for table in own):
+        yield from ("[KINS]", "- KINEMATICS = matrixkins", "+ KINEMATICS = as it was before", "[HAL]", f"- HALFILE = {_HAL_NAME}")
 
 
 def _screw_name(letter: str) -> str:

@@ -19,6 +19,7 @@ from stepdiag.exporters.files.numbers import shortest
 from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.own_files import own_and_zeros
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import quantised, sampled_um
 from stepdiag.exporters.tables.tables import Law, Table, require_rising
@@ -96,6 +97,15 @@ class Mitsubishi:
         """Return the tables of such a list."""
         return tuple(table for file in files for table in _read(file, profile))
 
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the own list, and zeros for every pair of axes that it lacks.
+
+        Raises ``SafetyError`` (code ``restore-overlaps``) where such a pair would keep pointing at data that the own list writes back.
+        """
+        if profile.existing:
+            _refuse_overlap(tables, self.parse(profile.existing, profile), profile)
+        return own_and_zeros(self, tables, profile, lambda table: table.place["pair"])
+
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is such a list, by its first parameter."""
         return b"#4000 " in file.data and b"#4001 " in file.data
@@ -142,6 +152,28 @@ def _planned(curve: Curve, profile: Profile, options: MitsubishiOptions, first: 
         reference_mm=reference_mm,
         place={"pair": pair + 1, "first data": first, "scale": scale},
     )
+
+
+def _data_numbers(table: Table) -> range:
+    first = int(table.place["first data"])
+    return range(first, first + len(table.position_mm))
+
+
+def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile) -> None:
+    """Refuse a new pair over data of an own pair of another number: keyed back, they would act for both."""
+    pairs = {table.place["pair"] for table in own}
+    for table in new:
+        if table.place["pair"] in pairs:
+            continue
+        for other in own:
+            if set(_data_numbers(table)) & set(_data_numbers(other)):
+                raise SafetyError(
+                    f"{profile.source}: mitsubishi.first_data",
+                    code="restore-overlaps",
+                    expected="data numbers for new pairs that the machine's own list leaves free, so that it can be keyed back",
+                    found=f"{table.label} over {other.label}",
+                    remedy=f"first_data = {1 + max(_data_numbers(each)[-1] for each in own)}",
+                )
 
 
 def _law(options: MitsubishiOptions) -> Law:

@@ -68,6 +68,10 @@ class Neutral:
         """Return the curves in the files."""
         return tuple(table for file in files for table in _tables(file, profile))
 
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - part of the protocol
+        """Return nothing: curves for people change no control."""
+        return ()
+
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file begins with the header row."""
         return file.data.startswith(HEADER.encode("ascii"))

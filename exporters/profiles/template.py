@@ -46,7 +46,7 @@ reference_mm = "?"            # reference (home) position in machine coordinates
 # end_mm = 500.0              # last point; left out: the high end of the measured volume
 # travel_mm = [-5.0, 505.0]   # software limits; beyond the table its end values are held
 # working_mm = [100.0, 400.0] # where the work lies: the tables fit best there (without it: over the whole measured volume)
-# backlash_um = 0.0           # backlash in the control now (MD32450, 1851, BACKLASH); needed for direction = "both"
+# backlash_um = 0.0           # backlash in the control now (MD32450, 1851, BACKLASH); needed for direction = "both", and by LinuxCNC
 """
 
 

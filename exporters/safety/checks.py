@@ -124,7 +124,8 @@ def check_reference(case: Case) -> Iterator[Finding]:
         if table.law.ends == "extended" or table.direction < 0:
             continue
         at_reference = abs(float(correction_um(table, np.array([table.reference_mm]), table.direction or 1)[0]))
-        if at_reference > table.quantum_um / 2 + _ZERO_UM:
+        wanted = case.controller.limits(table, case.profile).reference_um
+        if at_reference > abs(wanted) + table.quantum_um / 2 + _ZERO_UM:
             yield _error("reference-not-zero", f"{table.label}: {at_reference:.2f} um at the reference position {table.reference_mm:g} mm")
 
 
@@ -160,7 +161,8 @@ def check_axes(case: Case) -> Iterator[Finding]:
 
 def check_reversal(case: Case) -> Iterator[Finding]:
     """12: reversal error in the tables and in the backlash parameter at the same time."""
-    for letter in sorted({table.input_axis for table in case.tables if table.direction and table.input_axis == table.output_axis}):
+    both = (table for table in case.tables if table.direction and table.input_axis == table.output_axis)
+    for letter in sorted({table.input_axis for table in both if not case.controller.limits(table, case.profile).ends_backlash}):
         backlash = case.profile.axis(letter).backlash_um
         if backlash is None:
             yield _warning(

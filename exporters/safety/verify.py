@@ -7,12 +7,10 @@ is a matter of where the workpiece lies.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.files import read_bytes
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.tables import lattice
@@ -128,11 +126,6 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
     tables = controller.parse(files, reading)
     prediction = predict(result, tables, nodes=nodes)
     return Verification(controller=controller.name, assumed=reading.assumed, tables=tables, prediction=prediction)
-
-
-def read_files(paths: Sequence[Path]) -> tuple[ControlFile, ...]:
-    """Return files from disk. Raises ``UsageError`` for one that cannot be read."""
-    return tuple(ControlFile(name=path.name, data=read_bytes(path)) for path in paths)
 
 
 def controller_of(files: Sequence[ControlFile]) -> Controller:

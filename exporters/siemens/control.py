@@ -12,7 +12,9 @@ import msgspec
 import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.siemens import cec, eec, loader
+from stepdiag.exporters.siemens import cec, eec, loader, restore
+from stepdiag.exporters.siemens.ini import data_file
+from stepdiag.exporters.siemens.loader import Load
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, Curve
 from stepdiag.exporters.tables.profile import Profile
@@ -21,7 +23,6 @@ from stepdiag.exporters.tables.tables import Sense, Table, plain_rows
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
 
-_NEWLINE = "\n"
 Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
 """Points of a table, or a number of one: far above what the machine data allow."""
 
@@ -93,15 +94,23 @@ class Siemens:
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and ``LOAD_CEC.MPF`` that write the same."""
         options = profile.options_as(SiemensOptions)
-        eec_tables = [table for table in tables if table.kind == eec.KIND]
-        cec_tables = [table for table in tables if table.kind == cec.KIND]
-        eec_lines = [eec.assignments(table, options.decimals, options.eec_points.get(table.input_axis, 0)) for table in eec_tables]
-        cec_lines = [cec.assignments(table, profile, options.decimals, options.cec_points or 0) for table in cec_tables]
+        eec_loads = [
+            Load(table=table, lines=eec.assignments(table, options.decimals, options.eec_points.get(table.input_axis, 0)))
+            for table in tables
+            if table.kind == eec.KIND
+        ]
+        cec_loads = [
+            Load(table=table, lines=cec.assignments(table, profile, options.decimals, options.cec_points or 0))
+            for table in tables
+            if table.kind == cec.KIND
+        ]
         files: list[ControlFile] = []
-        if eec_tables:
-            files += [_data_file("AX_EEC", eec_lines, options, notes), loader.eec_program(eec_tables, eec_lines, notes)]
-        if cec_tables:
-            files += [_data_file("NC_CEC", cec_lines, options, notes), loader.cec_program(cec_tables, cec_lines, profile, notes)]
+        if eec_loads:
+            data = data_file("AX_EEC", [load.lines for load in eec_loads], notes, metric_line=options.metric_line)
+            files += [data, loader.eec_program(eec_loads, notes)]
+        if cec_loads:
+            data = data_file("NC_CEC", [load.lines for load in cec_loads], notes, metric_line=options.metric_line)
+            files += [data, loader.cec_program(cec_loads, profile, notes)]
         return tuple(files)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
@@ -118,6 +127,17 @@ class Siemens:
                     raise DataError(file.name, expected=f"the same {table.label} as in {found[key][1]}", found="another")
                 found.setdefault(key, (table, file.name))
         return tuple(table for table, _ in found.values())
+
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the own files, zeros for the tables they lack, and part programs that load the same and switch off what was not there."""
+        options = profile.options_as(SiemensOptions)
+        by_kind = {kind: [table for table in tables if table.kind == kind] for kind in self.kinds}
+        kinds = []
+        if by_kind[eec.KIND]:
+            kinds.append(restore.eec_kind(by_kind[eec.KIND], profile, options.decimals))
+        if by_kind[cec.KIND]:
+            kinds.append(restore.cec_kind(by_kind[cec.KIND], profile, options.decimals, sense=options.cec_sense))
+        return restore.restore_files(kinds, profile, metric_line=options.metric_line)
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file assigns EEC or CEC variables."""
@@ -137,7 +157,8 @@ class Siemens:
             "Or by hand: MD32700 = 0 (EEC), MD32710 = 0 and SD41300 = 0 (CEC), load AX_EEC.INI and NC_CEC.INI, switch on again.",
             "For CEC set SD41310 (weight) = 1, and see that MD32720 and MD32730 allow the sums. The CEC option must be set (alarm 8040).",
             "NCK reset. EEC needs its axis referenced, CEC needs base and compensated axis referenced: reference all axes.",
-            "The positions on the screen do not show the compensation. Measure again; if the residual has grown, load the restore files.",
+            "The positions on the screen do not show the compensation. Measure again; if the residual has grown, load the restore files:",
+            "LOAD_EEC_RESTORE.MPF and LOAD_CEC_RESTORE.MPF write the old tables and zeros where there were none, and switch those off.",
         )
 
 
@@ -169,12 +190,6 @@ def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Findi
     if any(table.kind == cec.KIND for table in tables):
         text = f"CEC is written {options.cec_sense}: the manual does not state its sense, a builder's program shows it; make the sign test"
         yield Finding(code="sense-derived", severity="info", text=text)
-
-
-def _data_file(name: str, groups: Sequence[list[str]], options: SiemensOptions, notes: Sequence[str]) -> ControlFile:
-    head = [f"%_N_{name}_INI", *(f"; {note}" for note in notes), *(["METRIC"] if options.metric_line else []), "CHANDATA(1)"]
-    lines = [*head, *(line for group in groups for line in group), "M17", ""]
-    return ControlFile(name=f"{name}.INI", data=_NEWLINE.join(lines).encode("ascii"))
 
 
 def _same(one: Table, other: Table) -> bool:

@@ -6,7 +6,7 @@ holds the same assignments among statements; its loops zero surplus points and a
 """
 
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from stepdiag.exporters.files.control_file import ControlFile
@@ -32,9 +32,25 @@ class Assignment:
         """Return the value as a finite number. Raises ``DataError``."""
         return finite(self.value, self.where)
 
+    def text(self) -> str:
+        """Return the assignment as it stands in a file."""
+        return f"${self.name}[{','.join(self.index)}]={self.value}"
+
     def axis(self) -> str:
         """Return an axis name without the parentheses of the CEC variables."""
         return self.value.removeprefix("(").removesuffix(")")
+
+
+def data_file(name: str, groups: Sequence[Sequence[str]], notes: Sequence[str], *, metric_line: bool) -> ControlFile:
+    """Return ``<name>.INI`` with the assignments of each table, ``notes`` as comments at its head."""
+    head = [f"%_N_{name}_INI", *(f"; {note}" for note in notes), *(["METRIC"] if metric_line else []), "CHANDATA(1)"]
+    lines = [*head, *(line for group in groups for line in group), "M17", ""]
+    return ControlFile(name=f"{name}.INI", data="\n".join(lines).encode("ascii"))
+
+
+def is_program(file: ControlFile) -> bool:
+    """Return whether the file is a part program, by what it was rendered as or by its ending."""
+    return file.role == "program" or file.name.upper().endswith((".MPF", ".SPF"))
 
 
 def read_assignments(file: ControlFile) -> list[Assignment]:
@@ -42,7 +58,7 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
 
     Raises ``DataError`` with the line for anything that a data file cannot hold, for inches, and for a file without its end.
     """
-    program = _is_program(file)
+    program = is_program(file)
     found: list[Assignment] = []
     ended = False
     for where, line in _lines(file):
@@ -61,10 +77,6 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
     if not ended:
         raise DataError(file.name, expected="M17 at the end", found="no end of file", remedy="the file is truncated: take it again")
     return found
-
-
-def _is_program(file: ControlFile) -> bool:
-    return file.role == "program" or file.name.upper().endswith((".MPF", ".SPF"))
 
 
 def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:

@@ -5,6 +5,7 @@ refusal leaves the machine as it was.
 """
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,23 +21,35 @@ _REFUSALS = {
 }
 
 
-def eec_program(tables: Sequence[Table], lines: Sequence[list[str]], notes: Sequence[str]) -> ControlFile:
-    """Return ``LOAD_EEC.MPF`` for EEC tables and the assignments of each."""
-    keys = [f"{int(table.place['measuring system']) - 1},{table.place['axis']}" for table in tables]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Load:
+    """One table to be loaded: its assignments, points first, and whether it is to act afterwards."""
+
+    table: Table
+    lines: Sequence[str]
+    active: bool = True
+
+
+def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
+    """Return ``LOAD_EEC.MPF`` for EEC tables; one that is not to act stays switched off."""
+    keys = [f"{int(load.table.place['measuring system']) - 1},{load.table.place['axis']}" for load in loads]
     body = ["IF $MN_SCALING_SYSTEM_IS_METRIC==0 GOTOF NOT_METRIC"]
     body += [
-        f"IF $MA_MM_ENC_COMP_MAX_POINTS[{key}]<{len(table.position_mm)} GOTOF TOO_SMALL" for key, table in zip(keys, tables, strict=True)
+        f"IF $MA_MM_ENC_COMP_MAX_POINTS[{key}]<{len(load.table.position_mm)} GOTOF TOO_SMALL" for key, load in zip(keys, loads, strict=True)
     ]
-    for key, assignments in zip(keys, lines, strict=True):
+    for key, load in zip(keys, loads, strict=True):
         system, axis = key.split(",")
-        body += [f"$MA_ENC_COMP_ENABLE[{key}]=0", "NEWCONF", "STOPRE", *assignments]
-        body += _zero_surplus(f"$AA_ENC_COMP[{system},POINT,{axis}]", f"$MA_MM_ENC_COMP_MAX_POINTS[{key}]", _points(assignments))
-        body += ["STOPRE", "NEWCONF", f"$MA_ENC_COMP_ENABLE[{key}]=1", "STOPRE", "NEWCONF"]
+        body += [f"$MA_ENC_COMP_ENABLE[{key}]=0", "NEWCONF", "STOPRE", *load.lines]
+        body += _zero_surplus(f"$AA_ENC_COMP[{system},POINT,{axis}]", f"$MA_MM_ENC_COMP_MAX_POINTS[{key}]", _points(load.lines))
+        body += ["STOPRE", "NEWCONF"]
+        if load.active:
+            body += [f"$MA_ENC_COMP_ENABLE[{key}]=1", "STOPRE", "NEWCONF"]
     return _program("LOAD_EEC", body, notes, ("NOT_METRIC", "TOO_SMALL"))
 
 
-def cec_program(tables: Sequence[Table], lines: Sequence[list[str]], profile: Profile, notes: Sequence[str]) -> ControlFile:
-    """Return ``LOAD_CEC.MPF`` for CEC tables and the assignments of each."""
+def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -> ControlFile:
+    """Return ``LOAD_CEC.MPF`` for CEC tables; one that is not to act stays switched off, as does an axis without any that does."""
+    tables = [load.table for load in loads]
     outputs = {letter: profile.axis(letter).name for letter in dict.fromkeys(table.output_axis for table in tables)}
     indices = [table.place["table"] for table in tables]
     body = ["IF $MN_SCALING_SYSTEM_IS_METRIC==0 GOTOF NOT_METRIC"]
@@ -47,14 +60,14 @@ def cec_program(tables: Sequence[Table], lines: Sequence[list[str]], profile: Pr
     body += [f"IF $MA_CEC_MAX_SUM[{axis}]<{fixed(total, 4)} GOTOF SUM_TOO_LARGE" for axis, total in _largest_sums(tables, outputs).items()]
     for axis in outputs.values():
         body += [f"$MA_CEC_ENABLE[{axis}]=FALSE", "NEWCONF"]
-    for index, assignments in zip(indices, lines, strict=True):
-        body += [f"$SN_CEC_TABLE_ENABLE[{index}]=FALSE", "NEWCONF", *assignments]
-        body += _zero_surplus(f"$AN_CEC[{index},POINT]", f"$MN_MM_CEC_MAX_POINTS[{index}]", _points(assignments))
+    for index, load in zip(indices, loads, strict=True):
+        body += [f"$SN_CEC_TABLE_ENABLE[{index}]=FALSE", "NEWCONF", *load.lines]
+        body += _zero_surplus(f"$AN_CEC[{index},POINT]", f"$MN_MM_CEC_MAX_POINTS[{index}]", _points(load.lines))
         body += [f"$SN_CEC_TABLE_WEIGHT[{index}]=1"]
-    for axis in outputs.values():
-        body += [f"$MA_CEC_ENABLE[{axis}]=TRUE", "NEWCONF"]
-    for index in indices:
-        body += [f"$SN_CEC_TABLE_ENABLE[{index}]=TRUE"]
+    for letter, axis in outputs.items():
+        if any(load.active for load in loads if load.table.output_axis == letter):
+            body += [f"$MA_CEC_ENABLE[{axis}]=TRUE", "NEWCONF"]
+    body += [f"$SN_CEC_TABLE_ENABLE[{index}]=TRUE" for index, load in zip(indices, loads, strict=True) if load.active]
     return _program("LOAD_CEC", [*body, "NEWCONF", "STOPRE"], notes, tuple(_REFUSALS))
 
 

@@ -22,13 +22,17 @@ class Limits:
     """What the control itself accepts; None where it sets no limit.
 
     ``points``: most points in one table; ``neighbour_um``: largest change from point to point; ``neighbour_um_mm``:
-    the same per mm of spacing; ``value_um``: largest value.
+    the same per mm of spacing; ``value_um``: largest value. ``reference_um`` is what the table holds at the reference on purpose, because
+    it takes over something else that the control does there. ``ends_backlash``: the control's own backlash compensation stops where this
+    table acts, so the two cannot hold the reversal error twice.
     """
 
     points: int | None = None
     neighbour_um: float | None = None
     neighbour_um_mm: float | None = None
     value_um: float | None = None
+    reference_um: float = 0.0
+    ends_backlash: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -90,6 +94,13 @@ class Controller(Protocol):
         """Return the tables as the control would read them from these files.
 
         Raises ``DataError`` naming file and line for a foreign, damaged or incomplete file.
+        """
+
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the files that bring the control back to where it was before ``tables`` were loaded.
+
+        The machine's own files byte for byte, and for every table that they lack what takes it out of effect. Names are those that the
+        control knows; ``profile`` carries the choices that the planning of the tables made.
         """
 
     def recognises(self, file: ControlFile) -> bool:

@@ -92,12 +92,12 @@ def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
 
 
 def _export_json(written: "ExportReport") -> dict[str, object]:
-    from stepdiag.exporters.safety.verify import read_files
+    from stepdiag.exporters.files.sets import read_set
 
     return {
         "controller": written.controller,
         "out": str(written.out_dir),
-        "files": [_file_json(file) for file in read_files([written.out_dir / name for name in written.files])],
+        "files": [_file_json(file) for file in read_set(written.out_dir)],
         "findings": [finding.as_json() for finding in written.findings],
         "predicted": None if written.prediction is None else written.prediction.predicted(),
     }
@@ -166,24 +166,23 @@ def verify(
 def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
     """Return the files that act, and the names of those left aside: notes for people, and restore files beside the files they restore.
 
-    A folder stands for everything in it; a file that no control knows and that is no note stays, and is refused by its name. Raises
-    DataError where no file is for a control.
+    A folder stands for the set that an export wrote into it; a file that no control knows and that is no note stays, and is refused by
+    its name. Raises DataError where no file is for a control, SafetyError where a set is not as it was written.
     """
-    from stepdiag.exporters.export.written import REPORT, SUMS
-    from stepdiag.exporters.files.naming import RESTORE
+    from stepdiag.exporters.export.written import REPORT
+    from stepdiag.exporters.files.naming import is_restore
+    from stepdiag.exporters.files.sets import SUMS, read_given
     from stepdiag.exporters.linuxcnc import kinematics
     from stepdiag.exporters.profiles.registry import CONTROLLERS
-    from stepdiag.exporters.safety.verify import read_files
     from stepdiag.exporters.tables import lattice
 
     def acts(file: "ControlFile") -> bool:
         known = lattice.recognises(file) or any(control.recognises(file) for control in CONTROLLERS.values())
         return file.name not in (REPORT, SUMS, kinematics.SOURCE, kinematics.HAL) and (known or not file.name.lower().endswith(".txt"))
 
-    named = [inner for path in paths for inner in (sorted(path.iterdir()) if path.is_dir() else [path])]
-    read = read_files(named)
+    read = read_given(paths)
     acting = [file for file in read if acts(file)]
-    new = [file for file in acting if not Path(file.name).stem.endswith(RESTORE)]
+    new = [file for file in acting if not is_restore(file.name)]
     used = tuple(new or acting)
     if not used:
         raise DataError(

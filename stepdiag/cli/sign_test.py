@@ -70,10 +70,10 @@ def _profile(controller: str, profile: Path, result: Path | None) -> "Profile":
 def _write(test: "Bump", out: Path, controller: str, profile: Path) -> None:
     """Write the bump, what restores the control, and the steps of the test."""
     from stepdiag.exporters.files.control_file import ControlFile
-    from stepdiag.exporters.files.writing import write_all
+    from stepdiag.exporters.files.sets import write_set
 
     note = ControlFile(name=NOTE, data=_steps(test, controller, profile).encode("ascii"), role="note")
-    write_all(out, [*test.files, *test.restore, note])
+    write_set(out, [*test.files, *test.restore, note])
     for file in (*test.files, *test.restore, note):
         typer.echo(str(out / file.name))
 
@@ -100,12 +100,12 @@ def _steps(test: "Bump", controller: str, profile: Path) -> str:
 
 def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":
     from stepdiag.exporters.files.files import read_text
+    from stepdiag.exporters.files.sets import read_given
     from stepdiag.exporters.safety.sign_run import from_readings, read_sign_run
-    from stepdiag.exporters.safety.verify import read_files
     from stepdiag.solver.readings.readings import parse_readings
 
     if run is not None and off is None and on is None:
-        return read_sign_run(read_files([run])[0])
+        return read_sign_run(read_given([run])[0])
     if off is None or on is None or run is not None:
         raise UsageError("signtest", expected=_ENDINGS, found="neither" if run is None else "both --run and readings")
     moving, measured = test.function[2], test.function[1]

@@ -9,10 +9,11 @@ from pathlib import Path
 from stepdiag.conclusion import Export, export_of, reach_of
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.naming import RESTORE, UNTESTED
+from stepdiag.exporters.files.naming import UNTESTED, is_restore
+from stepdiag.exporters.files.sets import read_given, read_set
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
-from stepdiag.exporters.safety.verify import controller_of, read_files, verify_files
+from stepdiag.exporters.safety.verify import controller_of, verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
 from stepdiag.report.figures import Correction
@@ -41,19 +42,20 @@ class Exported:
 
 def exported_of(written: ExportReport) -> Exported:
     """Return what an export wrote."""
-    files = read_files([written.out_dir / name for name in written.files])
-    lattices = [file for file in files if lattice.recognises(file) and not Path(file.name).stem.endswith(RESTORE)]
+    files = read_set(written.out_dir)
+    lattices = [file for file in files if lattice.recognises(file) and not is_restore(file.name)]
     correction = lattice.parse(lattices[0]).correction_um if lattices else _of_tables(written.tables)
     return Exported(controller=written.controller, files=_listed(files), correction=correction, concluded=export_of(written))
 
 
 def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> Exported:
-    """Return what stands in files: all are listed; those that a control knows, restore files left out, give the prediction.
+    """Return what stands in files, or in an export's folder: all are listed; those a control knows, but no restore files, predict.
 
-    Raises ``UsageError`` where a file cannot be read, ``DataError`` where tables are damaged or files of two controls are mixed.
+    Raises ``UsageError`` where a file cannot be read, ``DataError`` where tables are damaged or files of two controls are mixed,
+    ``SafetyError`` for a set that is not as an export wrote it.
     """
-    files = read_files(paths)
-    tables = [file for file in files if _is_table(file) and not Path(file.name).stem.endswith(RESTORE)]
+    files = read_given(paths)
+    tables = [file for file in files if _is_table(file) and not is_restore(file.name)]
     if not tables:
         return Exported(controller="", files=_listed(files))
     if len(tables) == 1 and lattice.recognises(tables[0]):

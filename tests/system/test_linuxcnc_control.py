@@ -74,14 +74,17 @@ functions = ["EXX", "EYY", "EZZ"]
 name = "X"
 step_mm = 100.0
 reference_mm = -200.0
+backlash_um = 0.0
 [axes.Y]
 name = "Y"
 step_mm = 50.0
 reference_mm = -100.0
+backlash_um = 0.0
 [axes.Z]
 name = "Z"
 step_mm = 37.5
 reference_mm = -150.0
+backlash_um = 0.0
 [[sign_test]]
 kind = "comp"
 date = {date}

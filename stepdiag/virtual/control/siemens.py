@@ -37,18 +37,37 @@ class _Memory:
         return list(self.cells.get(name, {}))
 
 
-def load_siemens(text: str, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None) -> list[AxisTable]:
-    """Return the tables that are active after ``text`` has been loaded.
+class SiemensControl:
+    """A control that keeps what was loaded: what a later file does not write stays as an earlier one left it.
 
-    Only EEC tables of ``measuring_system`` act. A table that the text itself switches off is not returned; a text without any
-    enable is taken as loaded into a control where the compensation is switched on. Raises ValueError for an unwritten point (the
-    control would keep an old value there), a grid that does not fit or a rotary table.
+    Only EEC tables of ``measuring_system`` act. A table that was switched off does not act; one that no text ever switched is taken as
+    loaded into a control where the compensation is on.
     """
-    memory = _Memory()
-    for line in text.splitlines():
-        memory.store(line)
-    names = AXIS_NAMES | dict(axis_names or {})
-    return _leadscrew_tables(memory, str(measuring_system), names) + _cross_tables(memory, names)
+
+    def __init__(self, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None) -> None:
+        self._memory = _Memory()
+        self._system = str(measuring_system)
+        self._names = AXIS_NAMES | dict(axis_names or {})
+
+    def load(self, text: str) -> None:
+        """Take the assignments of a data file or a part program over."""
+        for line in text.splitlines():
+            self._memory.store(line)
+
+    def tables(self) -> list[AxisTable]:
+        """Return the tables that act now.
+
+        Raises ValueError for an unwritten point (a real control would hold an older value there), a grid that does not fit or a rotary
+        table.
+        """
+        return _leadscrew_tables(self._memory, self._system, self._names) + _cross_tables(self._memory, self._names)
+
+
+def load_siemens(text: str, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None) -> list[AxisTable]:
+    """Return the tables that are active after ``text`` has been loaded into an empty `SiemensControl`."""
+    control = SiemensControl(measuring_system=measuring_system, axis_names=axis_names)
+    control.load(text)
+    return control.tables()
 
 
 def _leadscrew_tables(memory: _Memory, system: str, names: Mapping[str, int]) -> list[AxisTable]:

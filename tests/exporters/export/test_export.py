@@ -10,9 +10,10 @@ import pytest
 
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, run_checks
-from stepdiag.exporters.safety.verify import read_files, verify_files
+from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import curves_of
@@ -60,7 +61,7 @@ class TestQuickLook:
         """contract 5; verify tells the controller from the files alone and predicts the gain from their bytes."""
         report = export(RESULT, name, None, step_mm=50.0, out_dir=tmp_path)
         files = [tmp_path / file for file in report.files if "_RESTORE" not in file and "SHA" not in file and "REPORT" not in file]
-        found = verify_files(RESULT, [file for file in read_files(files) if CONTROLLERS[name].recognises(file)])
+        found = verify_files(RESULT, [file for file in read_given(files) if CONTROLLERS[name].recognises(file)])
         assert found.controller == name
         before, after = found.prediction.figures(rigid_motion=False)
         assert after.largest_um < 0.5 * before.largest_um
@@ -354,6 +355,6 @@ class TestReplay:
 def test_lattice_holds_what_the_angular_errors_do(tmp_path):
     """A lattice takes the whole field with its Abbe arms; on its own vertices nothing is left but the rounding."""
     report = export(RESULT, "lattice", None, step_mm=20.0, out_dir=tmp_path)
-    found = verify_files(RESULT, read_files([tmp_path / "lattice.csv"]), nodes=11)
+    found = verify_files(RESULT, read_given([tmp_path / "lattice.csv"]), nodes=11)
     assert found.controller == report.controller == "lattice"
     assert found.prediction.figures(rigid_motion=True)[1].largest_um < 0.01

@@ -6,11 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
-from stepdiag.exporters.tables.tables import correction_um
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import correction_um, total_correction_um
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from testkit.machines import profile_of
 from testkit.results import VOLUME, made_result
 
@@ -116,3 +118,54 @@ def test_hal_files_hold_coefficients_only():
         LINUXCNC.parse([ControlFile(name="m.hal", data=b"loadrt matrixkins\n")], example_profile())
     with pytest.raises(DataError, match=r"m\.hal: line 1: expected a number"):
         LINUXCNC.parse([ControlFile(name="m.hal", data=b"setp matrixkins.C_xy nan\n")], example_profile())
+
+
+class TestBacklash:
+    """motion/control.c: half of BACKLASH is added moving in +, taken off moving in -, and nothing where a COMP_FILE is used."""
+
+    def with_backlash(self, backlash_um: float | None, **changes: object) -> Profile:
+        profile = profile_of("linuxcnc", VOLUME)
+        axes = {letter: msgspec.structs.replace(axis, backlash_um=backlash_um) for letter, axis in profile.axes.items()}
+        return replace(profile, axes=axes, machine=msgspec.structs.replace(profile.machine, functions=["EXX"], **changes))
+
+    def columns_um(self, profile: Profile, values: list[float]) -> tuple[np.ndarray, np.ndarray]:
+        """What the motor is moved by in + and in -, read back from the file."""
+        control = LINUXCNC
+        tables = control.plan(curves_of(made_result({"EXX": values}), ["EXX"]), profile).tables
+        read = control.parse([file for file in control.render(tables, profile) if file.role == "data"], profile)
+        points = np.column_stack([VOLUME.nodes_mm(0), np.zeros((5, 2))])
+        return tuple(total_correction_um(read, points, way)[:, 0] for way in (1, -1))
+
+    def test_each_column_takes_half_of_it(self):
+        forward, reverse = self.columns_um(self.with_backlash(8.0), [0, 3, 8, 12, 20])
+        np.testing.assert_allclose(forward, [4, 1, -4, -8, -16], atol=1e-6)
+        np.testing.assert_allclose(reverse, [-4, -7, -12, -16, -24], atol=1e-6)
+
+    def test_no_backlash_needs_no_second_column(self):
+        forward, reverse = self.columns_um(self.with_backlash(0.0), [0, 3, 8, 12, 20])
+        np.testing.assert_array_equal(forward, reverse)
+
+    def test_an_export_is_refused_while_nobody_says_what_it_is(self, tmp_path):
+        with pytest.raises(SafetyError) as refusal:
+            export(made_result({"EXX": [0, 3, 8, 12, 20]}), "linuxcnc", self.with_backlash(None), out_dir=tmp_path / "out")
+        assert refusal.value.code == "backlash-unasked"
+        assert not (tmp_path / "out").exists()
+
+    def test_a_machine_that_errs_differently_each_way_keeps_both(self, tmp_path):
+        """Backlash in the columns and measured reversal add up, and neither refuses the other: BACKLASH does not act any more."""
+        result = made_result({"EXX": [0, 3, 8, 12, 20]}, reversal={"EXX": [0, 2, 2, 2, 2]})
+        report = export(result, "linuxcnc", self.with_backlash(8.0, direction="both"), out_dir=tmp_path / "out")
+        forward, reverse = report.tables
+        np.testing.assert_allclose(reverse.value_um - forward.value_um, [8, 6, 6, 6, 6], atol=1e-6)
+
+    def test_a_second_survey_with_the_file_active_adds_the_residual_to_its_columns(self, tmp_path):
+        """BACKLASH was off already: its half is in the old columns, and stays there once."""
+        first = self.with_backlash(8.0)
+        files = LINUXCNC.render(LINUXCNC.plan(curves_of(made_result({"EXX": [0, 3, 8, 12, 20]}), ["EXX"]), first).tables, first)
+        again = self.with_backlash(8.0, direction="both", measured_with="on")
+        again = replace(again, existing=tuple(file for file in files if file.role == "data"))
+        report = export(made_result({"EXX": [0, 1, 1, 1, 1]}), "linuxcnc", again, out_dir=tmp_path / "out")
+        points = np.column_stack([VOLUME.nodes_mm(0), np.zeros((5, 2))])
+        forward, reverse = (total_correction_um(report.tables, points, way)[:, 0] for way in (1, -1))
+        np.testing.assert_allclose(forward, [4, 0, -5, -9, -17], atol=1e-6)
+        np.testing.assert_allclose(reverse, [-4, -8, -13, -17, -25], atol=1e-6)

@@ -21,10 +21,11 @@ from hypothesis import strategies as st
 
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
+from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.linuxcnc import kinematics
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.verify import read_files, verify_files
+from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.errors import SafetyError, UsageError
@@ -129,7 +130,7 @@ def loaded(tmp_path_factory: pytest.TempPathFactory, library: Path) -> tuple[Kin
     """Return the component with the lattice of an export, switched on, and the lattice as we read it."""
     folder = tmp_path_factory.mktemp("loaded")
     written(folder)
-    held = lattice.parse(read_files([folder / "lattice.csv"])[0])
+    held = lattice.parse(read_given([folder / "lattice.csv"])[0])
     component = Kins(folder, library)
     assert component.load(folder / "lattice.csv", held.vectors_um[..., 0].size) == 0
     assert component.step(True, 1e9, 1_000_000_000) == 1.0
@@ -159,7 +160,7 @@ class TestComponent:
     def test_is_off_until_it_is_switched_on_and_comes_slowly(self, kins: Kins, tmp_path: Path) -> None:
         """No joint moves faster than the slew limit, in or out; without the function in the thread nothing is corrected at all."""
         written(tmp_path / "out")
-        held = lattice.parse(read_files([tmp_path / "out" / "lattice.csv"])[0])
+        held = lattice.parse(read_given([tmp_path / "out" / "lattice.csv"])[0])
         assert kins.load(tmp_path / "out" / "lattice.csv", held.vectors_um[..., 0].size) == 0
         place = [200.0, 400.0, 100.0, 0, 0, 0, 0, 0, 0]
         assert np.array_equal(kins.inverse(place), place[:3])
@@ -176,7 +177,7 @@ class TestComponent:
 
     def test_gantries_and_other_axes_keep_their_joints(self, kins: Kins, tmp_path: Path) -> None:
         written(tmp_path / "out")
-        held = lattice.parse(read_files([tmp_path / "out" / "lattice.csv"])[0])
+        held = lattice.parse(read_given([tmp_path / "out" / "lattice.csv"])[0])
         assert kins.load(tmp_path / "out" / "lattice.csv", held.vectors_um[..., 0].size, "XYYZA") == 0
         kins.step(True, 1e9, 1_000_000_000)
         x, y1, y2, z, a = kins.inverse([10.0, 20.0, 30.0, 45.0, 0, 0, 0, 0, 0], joints=5)
@@ -187,7 +188,7 @@ class TestComponent:
     def test_an_inch_machine_gets_the_same_movement(self, kins: Kins, tmp_path: Path) -> None:
         written(tmp_path / "out", profile(units="inch"))
         assert b"inch=1" in (tmp_path / "out" / "ini_lines.txt").read_bytes()
-        held = lattice.parse(read_files([tmp_path / "out" / "lattice.csv"])[0])
+        held = lattice.parse(read_given([tmp_path / "out" / "lattice.csv"])[0])
         assert kins.load(tmp_path / "out" / "lattice.csv", held.vectors_um[..., 0].size, inch=True) == 0
         kins.step(True, 1e9, 1_000_000_000)
         moved_um = (kins.inverse([1.0, 2.0, 3.0, 0, 0, 0, 0, 0, 0]) - [1.0, 2.0, 3.0]) * 25400
@@ -260,7 +261,7 @@ class TestExport:
 
     def test_nothing_is_left_but_the_bends_between_the_vertices(self, tmp_path: Path) -> None:
         written(tmp_path)
-        before, after = verify_files(RESULT, read_files([tmp_path / "lattice.csv"])).prediction.figures(rigid_motion=False)
+        before, after = verify_files(RESULT, read_given([tmp_path / "lattice.csv"])).prediction.figures(rigid_motion=False)
         assert before.rms_um > 5
         assert after.rms_um < 0.05
 

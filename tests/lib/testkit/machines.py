@@ -13,11 +13,12 @@ EOB = b"\n\r\r"
 
 @dataclass(frozen=True, kw_only=True)
 class Machine:
-    """What a machine of one controller adds to the common part of a profile: its section, its own files, the directions it separates."""
+    """What a machine of one controller adds to the common part of a profile: section, own files, axis lines, directions it separates."""
 
     section: str
     files: Mapping[str, bytes] = field(default_factory=dict)
     directions: tuple[str, ...] = ("mean", "both")
+    axis_lines: tuple[str, ...] = ()
     functions: tuple[str, ...] = ("EXX", "EYY", "EZZ", "EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 
 
@@ -54,7 +55,7 @@ MACHINES: dict[str, Machine] = {
     "siemens": Machine(section="[siemens]\nmeasuring_system = 1\neec_points = { X = 50, Y = 50, Z = 50 }\ncec_points = 60\n"),
     "fanuc": Machine(section=FANUC, files={"PITCH.TXT": new_punch_file()}, functions=("EXX", "EYY", "EZZ")),
     "heidenhain": Machine(section='[heidenhain]\ngeneration = "tnc640"\n', directions=("mean",)),
-    "linuxcnc": Machine(section="[linuxcnc]\njoints = { X = [0], Y = [1], Z = [2] }\n"),
+    "linuxcnc": Machine(section="[linuxcnc]\njoints = { X = [0], Y = [1], Z = [2] }\n", axis_lines=("backlash_um = 0.0",)),
     "beckhoff": Machine(section='[beckhoff]\nway = "volumetric"\naxis_numbers = { X = 1, Y = 2, Z = 3 }\n', directions=("mean",)),
     "mitsubishi": Machine(section='[mitsubishi]\noutput_unit_um = 0.5\ndata = "incremental"\n', directions=("mean",)),
     "fagor": Machine(section="[fagor]\n"),
@@ -75,6 +76,7 @@ def profile_text(
             f'name = "AX{index + 1}"',
             f"step_mm = {steps_mm[index]!r}",
             f"reference_mm = {references_mm[index]!r}",
+            *machine.axis_lines,
         ]
     return "\n".join([*lines, machine.section])
 

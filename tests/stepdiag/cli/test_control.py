@@ -141,7 +141,7 @@ class TestVerify:
         (tmp_path / "out" / "EXPORT_REPORT.txt").write_text("no file was written", encoding="ascii")
         told = stepdiag("verify", result, tmp_path / "out")
         assert told.code == 3
-        assert told.refusal.startswith(f"{tmp_path / 'out'}: expected files of a control, found EXPORT_REPORT.txt")
+        assert told.refusal.startswith(f"{tmp_path / 'out'}: expected a folder that an export wrote, with its SHA256SUMS")
 
     def test_a_foreign_file_is_refused_by_name(self, result, tmp_path):
         (tmp_path / "x.csv").write_text("a,b\n", encoding="ascii")

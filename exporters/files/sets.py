@@ -1,0 +1,182 @@
+"""Sets of files that belong together: a folder with them and their SHA-256 appears whole or not at all, and is read whole or refused.
+
+A control that got half of an export is worse off than one that got nothing. So a set is written into a hidden folder beside its place,
+what brings the control back before what changes it, put on the disk, and renamed once. `SHA256SUMS` says afterwards what belongs to it.
+"""
+
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from pathlib import Path
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes
+from stepdiag.exporters.files.naming import is_restore
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
+
+SUMS = "SHA256SUMS"
+_LINE = re.compile(r"(?P<digest>[0-9a-f]{64})  (?P<name>[^/\\\x00-\x1f]{1,200})")
+
+
+def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
+    """Write ``files`` with their SHA-256 as a folder that is new or empty; return all names. A set that stands there already stays.
+
+    Whatever happens, power loss included, the folder holds all or nothing, and of two writers one wins. Raises ``UsageError`` where the
+    folder holds anything else, cannot be written, or two files have one name.
+    """
+    everything = (*files, sums_of(files))
+    _refuse_doubled(folder, everything)
+    try:
+        target = folder.resolve()
+        if not _stands_there(target, everything):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            _place(target, everything)
+    except OSError as error:
+        raise UsageError(str(folder), expected="a folder that can be written", found=error.strerror or str(error)) from error
+    return tuple(file.name for file in everything)
+
+
+def sums_of(files: Sequence[ControlFile]) -> ControlFile:
+    """Return the list of the files' SHA-256, as ``sha256sum --check`` reads it."""
+    lines = "".join(f"{hashlib.sha256(file.data).hexdigest()}  {file.name}\n" for file in files)
+    return ControlFile(name=SUMS, data=lines.encode("utf-8"), role="note")
+
+
+def read_set(folder: Path) -> tuple[ControlFile, ...]:
+    """Return the files of a set, ``SHA256SUMS`` last.
+
+    Raises ``SafetyError`` (codes ``set-incomplete``, ``set-altered``, ``set-foreign``) unless the folder holds exactly the files that its
+    list names, with the bytes that were written, ``DataError`` where there is no list; hidden left-overs of a broken write are no files.
+    """
+    wanted = _listed(folder)
+    present = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
+    missing = [name for name in wanted if name not in present]
+    if missing:
+        raise _refusal(folder, "set-incomplete", "every file that SHA256SUMS names", "no " + ", ".join(missing))
+    foreign = [name for name in present if name not in wanted and name != SUMS]
+    if foreign:
+        raise _refusal(folder, "set-foreign", "the files that SHA256SUMS names and no others", ", ".join(foreign))
+    files = tuple(ControlFile(name=name, data=read_bytes(folder / name)) for name in [*wanted, SUMS])
+    _refuse_altered(folder, wanted, files)
+    return files
+
+
+def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
+    """Return the files that a person names: those of whole folders (`read_set`), and single ones.
+
+    A single file that stands in a set must be as it was written (``SafetyError``, code ``set-altered``), and who names the list of a set
+    means all of it.
+    """
+    read: list[ControlFile] = []
+    for path in paths:
+        if path.is_dir():
+            read += read_set(path)
+            continue
+        file = ControlFile(name=path.name, data=read_bytes(path))
+        if path.name == SUMS:
+            read_set(path.parent)
+        elif (path.parent / SUMS).is_file():
+            _refuse_altered(path.parent, _listed(path.parent), (file,))
+        read.append(file)
+    return tuple(read)
+
+
+def whole(folder: Path) -> bool:
+    """Tell whether a folder holds a set, complete and unaltered."""
+    try:
+        read_set(folder)
+    except (SafetyError, DataError, UsageError, OSError):
+        return False
+    return True
+
+
+def _listed(folder: Path) -> dict[str, str]:
+    """Return the SHA-256 by name, as the folder's list says."""
+    path = folder / SUMS
+    if not path.is_file():
+        expected = f"a folder that an export wrote, with its {SUMS}"
+        raise DataError(str(folder), expected=expected, found=f"no {SUMS}", remedy="name the files of the control one by one")
+    lines = as_text(read_bytes(path, largest=LARGEST_SETTINGS_BYTES), str(path)).splitlines()
+    matches = [_LINE.fullmatch(line) for line in lines]
+    wanted = {match["name"]: match["digest"] for match in matches if match is not None}
+    if not wanted or len(wanted) != len(lines):
+        raise _refusal(folder, "set-altered", f"a {SUMS} as an export writes it", "another text")
+    return wanted
+
+
+def _refuse_altered(folder: Path, wanted: dict[str, str], files: Collection[ControlFile]) -> None:
+    altered = [file.name for file in files if file.name in wanted and hashlib.sha256(file.data).hexdigest() != wanted[file.name]]
+    if altered:
+        raise _refusal(folder, "set-altered", "the bytes that the export wrote", f"others in {', '.join(altered)}")
+
+
+def _refusal(folder: Path, code: str, expected: str, found: str) -> SafetyError:
+    remedy = "export again into a new folder, and load nothing from this one"
+    return SafetyError(str(folder), code=code, expected=expected, found=found, remedy=remedy)
+
+
+def _refuse_doubled(folder: Path, files: Sequence[ControlFile]) -> None:
+    names = [file.name.lower() for file in files]
+    doubled = [file.name for file in files if names.count(file.name.lower()) > 1]
+    if doubled:
+        raise UsageError(
+            str(folder / doubled[0]), expected="one file of each name", found="two", remedy="rename the files in machine.existing"
+        )
+
+
+def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
+    """Tell whether the set is there already. Raises ``UsageError`` where something else is."""
+    if not target.exists() or (target.is_dir() and not any(target.iterdir())):
+        return False
+    if target.is_dir() and all(holds(target / file.name, file.data) for file in files):
+        return True
+    raise UsageError(
+        str(target),
+        expected="a new or empty folder, or the same export again",
+        found="other files" if target.is_dir() else "a file",
+        remedy="choose another --out folder: nothing is overwritten",
+    )
+
+
+def _place(target: Path, files: Sequence[ControlFile]) -> None:
+    """Write the files beside the target and rename them there at once."""
+    part = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent))
+    try:
+        for file in _restore_first(files):
+            _write_through(part / file.name, file.data)
+        part.chmod(0o755)
+        _sync_folder(part)
+        try:
+            part.rename(target)
+        except OSError:
+            # another export was faster: its set stays, and is ours where it says the same
+            if not _stands_there(target, files):
+                raise
+            shutil.rmtree(part)
+        _sync_folder(target.parent)
+    except BaseException:
+        shutil.rmtree(part, ignore_errors=True)
+        raise
+
+
+def _restore_first(files: Sequence[ControlFile]) -> Iterator[ControlFile]:
+    yield from (file for file in files if is_restore(file.name))
+    yield from (file for file in files if not is_restore(file.name))
+
+
+def _write_through(path: Path, data: bytes) -> None:
+    with path.open("xb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)

@@ -1,0 +1,120 @@
+"""Back to where a SINUMERIK was: the own tables, and zeros, switched off, at every place that they leave empty.
+
+A table that the control never had does not vanish because older files are loaded: it would act on beside them. So the restore files name
+every table that an export writes: as data files (the machine's own bytes, and a file of zeros beside them) and as part programs with the
+guards of `stepdiag.exporters.siemens.loader`, which also switch off what was not there.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.siemens import cec, eec, loader
+from stepdiag.exporters.siemens.ini import Assignment, data_file, is_program, read_assignments
+from stepdiag.exporters.siemens.loader import Load
+from stepdiag.exporters.tables.own_files import NO_TABLE_BEFORE
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Sense, Table, zeroed
+
+_NOTES = (NO_TABLE_BEFORE,)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Kind:
+    """EEC or CEC: its variables, its data file, its own tables and the zeros for what they lack."""
+
+    prefix: str
+    data_name: str
+    program: Callable[[Sequence[Load]], ControlFile]
+    own: tuple[Load, ...]
+    zeros: tuple[Load, ...]
+
+
+def restore_files(kinds: Sequence[Kind], profile: Profile, *, metric_line: bool) -> tuple[ControlFile, ...]:
+    """Return the own files, those of zeros, and the part programs that load the same; ``kinds`` are those that an export writes."""
+    files = list(profile.existing)
+    for kind in kinds:
+        made = [_zero_file(files, kind, metric_line=metric_line)] if kind.zeros else []
+        for file in (*made, kind.program((*kind.own, *kind.zeros))):
+            files.append(replace(file, name=_free_name(file.name, files)))
+    return tuple(files)
+
+
+def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int) -> Kind:
+    """Return the EEC tables of an export beside those in the machine's own files."""
+    own = {_eec_place(table): table for file in profile.existing for table in eec.read_tables(file, profile)}
+    lines = _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index)
+    return Kind(
+        prefix="AA_ENC_COMP",
+        data_name="AX_EEC",
+        program=lambda loads: loader.eec_program(loads, _NOTES),
+        own=tuple(Load(table=table, lines=lines[place]) for place, table in own.items()),
+        zeros=tuple(
+            Load(table=table, lines=eec.assignments(table, decimals, 0), active=False)
+            for table in zeroed(tables)
+            if _eec_place(table) not in own
+        ),
+    )
+
+
+def cec_kind(tables: Sequence[Table], profile: Profile, decimals: int, *, sense: Sense) -> Kind:
+    """Return the CEC tables of an export beside those in the machine's own files."""
+    own = {_cec_place(table): table for file in profile.existing for table in cec.read_tables(file, profile, sense)}
+    lines = _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0])
+    return Kind(
+        prefix="AN_CEC",
+        data_name="NC_CEC",
+        program=lambda loads: loader.cec_program(loads, profile, _NOTES),
+        own=tuple(Load(table=table, lines=lines[place]) for place, table in own.items()),
+        zeros=tuple(
+            Load(table=table, lines=cec.assignments(table, profile, decimals, 0), active=False)
+            for table in zeroed(tables)
+            if _cec_place(table) not in own
+        ),
+    )
+
+
+def _eec_place(table: Table) -> str:
+    return f"{int(table.place['measuring system']) - 1},{table.place['axis']}"
+
+
+def _eec_index(index: tuple[str, ...]) -> str:
+    return f"{index[0]},{index[-1]}"
+
+
+def _cec_place(table: Table) -> str:
+    return str(table.place["table"])
+
+
+def _lines_by_place(files: Sequence[ControlFile], prefix: str, place_of: Callable[[tuple[str, ...]], str]) -> dict[str, list[str]]:
+    """Return the assignments of each table as they stand in the own files, points before grid; the first file that holds a table counts."""
+    found: dict[str, list[str]] = {}
+    for file in files:
+        here: dict[str, list[Assignment]] = {}
+        for item in read_assignments(file):
+            if item.name.startswith(prefix):
+                here.setdefault(place_of(item.index), []).append(item)
+        for place, items in here.items():
+            found.setdefault(place, [item.text() for item in sorted(items, key=lambda item: item.name != prefix)])
+    return found
+
+
+def _zero_file(files: Sequence[ControlFile], kind: Kind, *, metric_line: bool) -> ControlFile:
+    """Return the zeros as a data file, under the usual name where the machine has none of this kind."""
+    beside_own = any(not is_program(file) and f"${kind.prefix}".encode() in file.data for file in files)
+    lines = [load.lines for load in kind.zeros]
+    return data_file(f"{kind.data_name}_ZERO" if beside_own else kind.data_name, lines, _NOTES, metric_line=metric_line)
+
+
+def _free_name(name: str, files: Sequence[ControlFile]) -> str:
+    taken = {file.name.upper() for file in files}
+    return next(each for each in _names(name) if each.upper() not in taken)
+
+
+def _names(name: str) -> Iterator[str]:
+    yield name
+    number = 2
+    while True:
+        stem, _, ending = name.rpartition(".")
+        yield f"{stem}_{number}.{ending}"
+        number += 1

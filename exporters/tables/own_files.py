@@ -1,0 +1,25 @@
+"""Back to where a control was, for controls whose tables come in lists: its own files, and zeros for what they do not hold."""
+
+from collections.abc import Callable, Hashable, Sequence
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table, zeroed
+
+NO_TABLE_BEFORE = "RESTORE: no table before, so all values zero"
+
+
+def lacking(controller: Controller, tables: Sequence[Table], profile: Profile, place: Callable[[Table], Hashable]) -> tuple[Table, ...]:
+    """Return ``tables`` as zeros as far as the machine's own files hold none at their ``place``."""
+    held = {place(table) for table in controller.parse(profile.existing, profile)} if profile.existing else set()
+    return tuple(table for table in zeroed(tables) if place(table) not in held)
+
+
+def own_and_zeros(
+    controller: Controller, tables: Sequence[Table], profile: Profile, place: Callable[[Table], Hashable]
+) -> tuple[ControlFile, ...]:
+    """Return the machine's own files, and files of zeros for the tables whose ``place`` none of them holds."""
+    zeros = lacking(controller, tables, profile, place)
+    rendered = controller.render(zeros, profile, (NO_TABLE_BEFORE,)) if zeros else ()
+    return (*profile.existing, *(file for file in rendered if file.role != "note"))
