@@ -18,6 +18,7 @@ from stepdiag.daq.capture.pulse import Pulse
 from stepdiag.daq.capture.stop import Placing, certain_window, unbroken_parts
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.capture.stream_findings import StreamRemarks
+from stepdiag.daq.capture.unchecked import unchecked
 from stepdiag.daq.capture.walk import Walk
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
@@ -52,7 +53,7 @@ class Capture:
         self._wall_offset_ns = start.wall_offset_ns
         self._remarks = StreamRemarks(self._streams)
         self._finder = PassFinder(survey, start)
-        self._taker = StopTaker(survey.stop, self.laser, self.head, start)
+        self._taker = StopTaker(survey, self.laser, self.head, start)
         self._pending: list[Dwell] = []
         self._skip_open = start.skip_open_dwell
         self._taken_from_ns = -1
@@ -206,7 +207,10 @@ class Capture:
 
     def _take_dwell(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
         self._remarks.listen(outcomes)
+        begun = self.walk is not None
         found = self._finder.follow(dwell.signals)
+        if not begun and isinstance(found, Walk):
+            outcomes.extend(unchecked(self._survey))
         if isinstance(found, Finding):
             outcomes.append(found)
         elif isinstance(found, Ended) and not self.ended:

@@ -31,6 +31,17 @@ class Route:
             return ""
         return AXES[int(np.argmax(np.abs(self.stops_mm[stop] - self.stops_mm[stop - 1])))]
 
+    def planned_mm(self, stop: int) -> tuple[float, float, float]:
+        """Return the planned position of a stop."""
+        x_mm, y_mm, z_mm = self.stops_mm[stop].tolist()
+        return x_mm, y_mm, z_mm
+
+    def nominal_at_mm(self, position_mm: tuple[float, float, float]) -> float:
+        """Return the nominal reading at any position, relative to that of the first planned stop."""
+        travel = self.stops_mm[-1] - self.stops_mm[0]
+        along = travel / np.linalg.norm(travel) * np.sign(self.nominal_mm[-1])
+        return float((np.asarray(position_mm) - self.stops_mm[0]) @ along)
+
     def step_mm(self, from_stop: int, to_stop: int) -> float:
         """Return the nominal change of the reading between two stops."""
         return float(self.nominal_mm[to_stop] - self.nominal_mm[from_stop])

@@ -24,7 +24,8 @@ PLATEAU_MARGIN_NS = 40_000_000
 class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     """One stop of a pass, as it goes into the log and from there to the readings.
 
-    ``reading_mm`` is what the laser says, sign applied, in its own length unit before any air correction, None where it sees nothing.
+    ``position_mm`` is the commanded position as the machine gave it, as planned where it gives none. ``reading_mm`` is what the laser
+    says, sign applied, in its own length unit before any air correction, None where it sees nothing.
     ``u_um`` is the standard uncertainty of the window's mean (of the QD's lateral movement in a run of the 4-DOF head). ``broken`` says
     why the laser's count does not reach back to the stop before, ``unwatched`` why it may not; ``doubtful`` why a person should look
     (``doubt_codes``: the findings that say so, where it is not `stop-doubtful`); ``refused`` (a finding's code) why the reading must not be
@@ -174,7 +175,7 @@ def make_stop(route: Route, stop: int, signals: Signals, taken: Taken, head: Str
         setup=route.setup,
         outward=route.outward,
         stop=stop,
-        position_mm=tuple(float(value) for value in route.stops_mm[stop]),  # type: ignore[arg-type]
+        position_mm=signals.commanded_mm or route.planned_mm(stop),
         axis=route.axis_to(stop),
         stop_count=signals.stop_count,
         reading_mm=taken.window.mean_mm if math.isfinite(taken.window.mean_mm) else None,

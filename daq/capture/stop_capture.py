@@ -1,15 +1,18 @@
 """From a dwell on a pass to its stop: which stop it is, what it reads, and whether the laser's count reaches back to the stop before."""
 
+from dataclasses import replace
+
 import msgspec
 
 from stepdiag.daq.capture.dwell import Dwell
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Outcome
+from stepdiag.daq.capture.position import PositionCheck
 from stepdiag.daq.capture.route import agrees
 from stepdiag.daq.capture.stop import CapturedStop, Placing, Taken, certain_windows, make_head_stop, make_stop, plateau_window
 from stepdiag.daq.capture.walk import BREAKS_COUNT, Walk
-from stepdiag.daq.survey.models import StopRules
+from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import FOURDOF_RUNS
@@ -18,8 +21,9 @@ from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 class StopTaker:
     """Takes the stops of one log."""
 
-    def __init__(self, rules: StopRules, laser: StreamBuffer, head: StreamBuffer | None, start: CaptureStart) -> None:
-        self._rules = rules
+    def __init__(self, survey: Survey, laser: StreamBuffer, head: StreamBuffer | None, start: CaptureStart) -> None:
+        self._rules = survey.stop
+        self._positions = PositionCheck(survey.plc.signals)
         self._laser = laser
         self._head = head
         self._wall_offset_ns = start.wall_offset_ns
@@ -42,6 +46,7 @@ class StopTaker:
             _share_turn(walk, turn, outcomes)
         for missed in range(walk.expected, index):
             self._recover(walk, missed, dwell, outcomes)
+        outcomes += self._positions.judge(walk, index, dwell.signals)
         self._place(walk, index, dwell, taken, outcomes)
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
 
@@ -86,7 +91,8 @@ class StopTaker:
             outcomes.append(walk.finding("stop-lost", "error", index, text))
             walk.skip(index, None)
             return
-        stop = make_stop(walk.route, index, dwell.signals, taken, self._head, self._wall_offset_ns)
+        elsewhere = replace(dwell.signals, x_mm=None, y_mm=None, z_mm=None)
+        stop = make_stop(walk.route, index, elsewhere, taken, self._head, self._wall_offset_ns)
         count = None if dwell.signals.stop_count is None else stop.stop_count
         doubt = "recovered from the laser's plateau, Modbus did not show it"
         stop = msgspec.structs.replace(stop, stop_count=count, recovered=True, doubtful=doubt)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, fields
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 
 from stepdiag.daq.records.events import ModbusBlock, ReadRange, Table
 from stepdiag.solver.errors import DataError
@@ -224,6 +225,13 @@ def _number(spec: SignalSpec, data: bytes, place: int) -> float:
     ordered = bytes(raw[at] for at in _PLACES[spec.order] if at < len(raw))
     number: float = struct.unpack(_STRUCT_CODES[spec.type], ordered)[0]
     return number
+
+
+def resolution(spec: SignalSpec, value: float) -> float:
+    """Return the least difference that a signal can show at a value: one count of a whole number, the last bit of a real one."""
+    if spec.type == "float32":
+        return abs(spec.scale) * float(np.spacing(np.float32((value - spec.offset) / spec.scale)))
+    return abs(spec.scale)
 
 
 def describe(spec: SignalSpec) -> str:

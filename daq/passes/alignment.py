@@ -33,9 +33,9 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[CapturedStop]) -> tuple[float
     for before, after in pairwise(stops):
         if after.stop != before.stop + 1 or after.broken or after.refused or after.reading_mm is None or before.reading_mm is None:
             continue
-        step = route.stops_mm[after.stop] - route.stops_mm[before.stop]
+        step = np.subtract(after.position_mm, before.position_mm)
         rows.append([step @ sideways, step @ upwards])
-        wrong.append(after.reading_mm - before.reading_mm - route.step_mm(before.stop, after.stop))
+        wrong.append(after.reading_mm - before.reading_mm - float(step @ along))
     moved = {stop.axis for stop in stops[1:]}
     if len(moved) < 3 or len(rows) < 3:
         return None

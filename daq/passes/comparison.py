@@ -63,7 +63,8 @@ class _Readings:
         raw = np.array([(stop.reading_mm or 0.0) + offset for stop, offset in chosen])
         along = 1 if each.route.outward else -1
         self.outward = each.route.outward
-        self.off_um: Vector = ((raw - each.route.nominal_mm) * 1e3)[::along]
+        nominal = np.array([each.route.nominal_at_mm(stop.position_mm) for stop, _ in chosen])
+        self.off_um: Vector = ((raw - nominal) * 1e3)[::along]
         self.u_um: Vector = np.array([stop.u_um for stop, _ in chosen])[::along]
         axes = [each.route.axis_to(index) for index in range(1, len(each.route))]
         self.axes = axes[::along]

@@ -5,6 +5,7 @@ from collections.abc import Iterable
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.route import make_route
 from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.driven import Pass
@@ -25,7 +26,7 @@ class PassBook:
         self.driven: Pass | None = None
         self.passes: list[Pass] = []
         self.last_count: int | None = None
-        self._placed = all(name in survey.plc.signals for name in ("x_mm", "y_mm", "z_mm"))
+        self._placed = places_known(survey)
         self._acceptances: list[Acceptance] = []
         self._suspected: tuple[Doubt, ...] = ()
         self._news: list[Finding] = []

@@ -27,7 +27,7 @@ def tabulate(survey: Survey, passes: list[Pass]) -> Readings:
         setup=[each.route.setup for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
         pass_number=[each.number for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
         stop=[stop for rows in tables for stop in range(len(rows[0]))],
-        position_mm=np.vstack([each.route.stops_mm for each in used]) if used else np.zeros((0, 3)),
+        position_mm=np.vstack([[stop.position_mm for stop in rows[1]] for rows in tables]) if used else np.zeros((0, 3)),
         reading_mm=np.concatenate([rows[0] for rows in tables]) if used else np.zeros(0),
         u_um=[stop.u_um for rows in tables for stop in rows[1]],
         temperature_c=[_material_c(survey.environment, stop) for rows in tables for stop in rows[1]],
@@ -66,7 +66,7 @@ def _at_20_c(survey: Survey, each: Pass, stops: list[CapturedStop], readings: Ve
     base = base_setup(each.route.setup)
     along = diagonal_direction(survey.volume, base) if base in BODY_DIAGONALS else np.eye(3)["xyz".index(base[-1])]
     temperature = np.array([[_material_c(survey.environment, stop)] * 3 for stop in stops])
-    travel = each.route.stops_mm - each.route.stops_mm[0]
+    travel = np.array([np.subtract(stop.position_mm, stops[0].position_mm) for stop in stops])
     grown = expansion_um(travel, along, survey.machine.expansion_um_m_c, temperature)
     return reading_at_20_c_mm(readings, grown, Done(0))
 

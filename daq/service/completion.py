@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
 
+from stepdiag.daq.capture.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, RESULT
@@ -72,7 +73,7 @@ def solve_logs(replayed: Replayed, method: str | None = None) -> tuple[Result, s
     head = evaluate_head(survey, replayed.book.passes, replayed.files, level) if chosen == "estimate" else HeadMeasured(angles={})
     angles, twice = merge_angles(level, head.angles)
     result = solve(readings, chain=survey.machine.chain, method=chosen, angles=angles or None, straightness=head.straightness)
-    findings = (*replayed.findings, *head.findings, *twice, *result.findings)
+    findings = (*unchecked(survey), *replayed.findings, *head.findings, *twice, *result.findings)
     about = {"survey": _facts(replayed), "conditions": _conditions(replayed)}
     # the same remark from every log of a survey says no more than once
     return replace(result, findings=tuple(dict.fromkeys(findings)), extra={**about, **result.extra}), render_readings(readings)

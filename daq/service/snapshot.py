@@ -143,7 +143,7 @@ def stop_status(each: Pass, stop: CapturedStop, offset_mm: float, first_mm: floa
         stop=stop.stop,
         position_mm=stop.position_mm,
         reading_mm=reading,
-        deviation_um=(reading - float(each.route.nominal_mm[stop.stop])) * 1e3,
+        deviation_um=(reading - each.route.nominal_at_mm(stop.position_mm)) * 1e3,
         u_um=stop.u_um,
         doubtful=stop.refused or stop.doubtful or each.doubt(stop.stop),
     )
@@ -160,7 +160,7 @@ def _recent_stops(book: PassBook) -> tuple[StopStatus, ...]:
         chosen = each.chosen()
         first = next(iter(chosen.values()), None)
         if first is not None:
-            zero = (first[0].reading_mm or 0.0) + first[1] - float(each.route.nominal_mm[first[0].stop])
+            zero = (first[0].reading_mm or 0.0) + first[1] - each.route.nominal_at_mm(first[0].position_mm)
             shown += [stop_status(each, stop, offset, zero) for stop, offset in chosen.values()]
     return tuple(shown)
 

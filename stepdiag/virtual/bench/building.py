@@ -31,7 +31,7 @@ _LINE_RATE_HZ = 100.0
 def build_box(config: BenchConfig) -> Box:
     """Return the measured volume."""
     volume = config.volume
-    return Box(origin_mm=volume.origin_mm, size_mm=volume.size_mm, increments=volume.increments)
+    return Box(origin_mm=volume.origin_mm, size_mm=volume.size_mm, increments=volume.increments, decimals=config.program.decimals)
 
 
 def build_errors(config: BenchConfig) -> ErrorSet:

@@ -37,7 +37,10 @@ class OffsetPart(_Part, frozen=True):
 
 
 class ProgramPart(_Part, frozen=True):
-    """What is driven and how; machine seconds. ``start`` is when a setup begins: after ``pause_s``, or when told."""
+    """What is driven and how; machine seconds. ``start`` is when a setup begins: after ``pause_s``, or when told.
+
+    ``decimals`` are the places to which a hand-written program rounds its positions.
+    """
 
     setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")
     passes: int = 2
@@ -48,6 +51,7 @@ class ProgramPart(_Part, frozen=True):
     pause_s: float = 2.0
     start: Literal["auto", "command"] = "auto"
     handshake: bool = False
+    decimals: int | None = None
     beam_offset: tuple[OffsetPart, ...] = ()
 
 

@@ -17,11 +17,15 @@ REGISTER_OF_SETUP = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Box:
-    """The measured volume, cut in ``increments`` per axis (contract 1)."""
+    """The measured volume, cut in ``increments`` per axis (contract 1).
+
+    ``decimals`` are the places to which whoever wrote the NC program rounded its positions, None for a program that does not round.
+    """
 
     origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     size_mm: tuple[float, float, float] = (500.0, 400.0, 300.0)
     increments: int = 10
+    decimals: int | None = None
 
 
 def base_name(setup: str) -> str:
@@ -73,7 +77,8 @@ def outward_stops_mm(box: Box, setup: str, axis_order: str = "xyz") -> Array:
             here = here.copy()
             here[axis] = start + (end - start) * number / box.increments
             stops.append(here)
-    return np.array(stops)
+    planned: Array = np.array(stops)
+    return planned if box.decimals is None else planned.round(box.decimals)
 
 
 def _moved_axes(setup: str, axis_order: str) -> Iterator[int]:

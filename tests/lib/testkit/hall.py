@@ -28,6 +28,7 @@ overrun_mm = 2.0
 start = "command"
 pause_s = 0.5
 handshake = {handshake}
+{program_more}
 [laser]
 format = "{laser}"
 optics = 1
@@ -60,6 +61,7 @@ optics = 1
 poll_hz = {poll_hz}
 [plc.handshake]
 enabled = {handshake}
+{signals}
 [stop]
 settle_s = 0.05
 min_window_s = {window}
@@ -118,14 +120,16 @@ def hall(
     laser_bench="",
     laser_survey="",
     faults="",
+    program="",
+    signals="",
 ):
     """Run a bench process in ``folder``; a survey file that fits it stands there."""
     named = ", ".join(f'"{setup}"' for setup in setups)
     common = {"n": n, "setups": named, "laser": laser, "handshake": str(handshake).lower()}
     bench_file = folder / "bench.toml"
-    program = {"passes": 1 + back, "dwell": dwell, "feed": feed}
+    driven = {"passes": 1 + back, "dwell": dwell, "feed": feed, "program_more": program}
     bench_file.write_text(
-        BENCH.format(**common, **program, seed=seed, laser_more=laser_bench, transport=transport, faults=faults), encoding="utf-8"
+        BENCH.format(**common, **driven, seed=seed, laser_more=laser_bench, transport=transport, faults=faults), encoding="utf-8"
     )
     command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(bench_file), "--directory", str(folder / "devices"))
     with talking(command, errors=False) as bench:
@@ -145,6 +149,7 @@ def hall(
                 poll_hz=poll_hz,
                 window=window,
                 laser_more=laser_survey,
+                signals=signals,
                 exports=exports,
                 page=str(page).lower(),
                 page_port=page_port,

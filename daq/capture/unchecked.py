@@ -1,0 +1,57 @@
+"""What the machine does not say, and what therefore nobody can check: said before, during and after a survey."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from stepdiag.daq.capture.route import agrees, base_setup, make_route
+from stepdiag.daq.survey.models import Survey
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS
+
+POSITIONS = ("x_mm", "y_mm", "z_mm")
+WITHOUT = {
+    "stop_count": "without stop_count a stop that was not seen on Modbus is known by the laser alone",
+    "running": "without running an aborted program is known by where the laser says the machine is",
+    "heartbeat": "without heartbeat a control that no longer renews its signals is not noticed",
+    "alarm": "without alarm an alarm in a pass is not noticed",
+}
+
+
+def places_known(survey: Survey) -> bool:
+    """Tell whether the machine says where it is commanded to stand."""
+    return all(name in survey.plc.signals for name in POSITIONS)
+
+
+def unchecked(survey: Survey) -> tuple[Finding, ...]:
+    """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped."""
+    texts = list(_without_position(survey)) if not places_known(survey) else []
+    missing = [words for name, words in WITHOUT.items() if name not in survey.plc.signals]
+    findings = [Finding(code="position-unchecked", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
+    if "setup" not in survey.plc.signals and len(_diagonals(survey)) > 1:
+        text = "without setup the diagonal is believed to be the one asked for: for the laser all body diagonals are alike"
+        findings.append(Finding(code="setup-unchecked", severity="warning", text=text))
+    if missing:
+        findings.append(Finding(code="signals-absent", severity="info", text="; ".join(missing)))
+    return tuple(findings)
+
+
+def _without_position(survey: Survey) -> Iterator[str]:
+    yield "the commanded position is not read, so every stop is taken to be where the plan has it"
+    yield "a program that drives elsewhere is noticed only where a step is off by more than 2 % and 20 um"
+    alike = _alike(survey)
+    if alike:
+        yield f"{' and '.join(alike)} make the same step along the diagonal, so the laser cannot tell which of them moved"
+
+
+def _diagonals(survey: Survey) -> list[str]:
+    return [name for name in survey.plan.all_setups if base_setup(name) in BODY_DIAGONALS]
+
+
+def _alike(survey: Survey) -> list[str]:
+    """Return the axes whose steps along a diagonal are the same for the laser."""
+    if not _diagonals(survey):
+        return []
+    route = make_route(survey.volume, _diagonals(survey)[0], survey.axis_order, outward=True)
+    steps = {route.axis_to(stop).upper(): float(np.diff(route.nominal_mm)[stop - 1]) for stop in (1, 2, 3)}
+    return [axis for axis, step in steps.items() if any(agrees(step, other) for name, other in steps.items() if name != axis)]

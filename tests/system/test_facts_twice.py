@@ -1,0 +1,51 @@
+"""What was recorded twice must agree, or be named on its stop: over real processes, sockets and ptys."""
+
+import csv
+import json
+
+import pytest
+
+from testkit.cli import stepdiag
+from testkit.hall import daemon, hall, until
+from testkit.steady import on_a_steady_computer
+from testkit.verdict import nothing_silently_wrong
+
+pytestmark = pytest.mark.system
+
+COMPENSATED = {"laser_bench": "compensated = true\n", "laser_survey": "compensated = true\n"}
+
+
+def findings_of(said, code):
+    """Return what was said under a code."""
+    return [each["text"] for each in said if each["event"] == "finding" and each["code"] == code]
+
+
+@on_a_steady_computer
+def test_a_hand_written_program_is_measured_where_it_drives(tmp_path):
+    """Thirds of 200 and 100 mm written with one decimal: the readings stand at the positions commanded, and the difference is said."""
+    with hall(tmp_path, n=3, handshake=True, dwell=0.5, program="decimals = 1\n", **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "survey-complete")
+        assert said[-1]["exit_code"] == 0
+        nothing_silently_wrong(place)
+    rows = list(csv.DictReader((place.round / "readings.csv").read_text().splitlines()))
+    assert {row["y_mm"] for row in rows} == {"0", "66.7", "133.3", "200"}
+    assert "+33.3 um" in findings_of(said, "position-differs")[0]
+
+
+@on_a_steady_computer
+def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
+    """In the journal, in the result and in the report."""
+    signals = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n[plc.signals.setup]\naddress = 3\n'
+    with hall(tmp_path, n=1, dwell=6.0, signals=signals, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "survey-complete")
+        nothing_silently_wrong(place)
+        code, _, _ = stepdiag("report", place.round / "result.json", "--out", tmp_path / "report.html")
+    (text, *_) = findings_of(said, "position-unchecked")
+    result = json.loads((place.round / "result.json").read_text())
+    assert text in [each["text"] for each in result["findings"]]
+    assert code == 0
+    assert "every stop is taken to be where the plan has it" in (tmp_path / "report.html").read_text()
