@@ -20,6 +20,7 @@ from stepdiag.solver.model.priors import angular_effect_um, has_stated_u, make_p
 
 TILT_ROUNDS = 2
 COMMON_ROUNDS = 2
+SIZE_ROUNDS = 4
 MOST_TILT_MRAD = 200.0
 """A tenth of it sends the beam past the laser after a quarter of a metre."""
 
@@ -85,11 +86,15 @@ class _Task:
         self.chain = chain
         self.angles = angles
         self.estimates_angles = estimate_angles
-        self.model = Model(angles=estimate_angles or has_stated_u(angles), reversal=_both_ways(layout), lines=len(straightness))
+        self.model = Model(
+            angles=estimate_angles or has_stated_u(angles), reversal=_both_ways(layout), play=layout.joined, lines=len(straightness)
+        )
         self.design = build_design(layout, chain, self.model)
         lateral = lateral_rows(self.design, straightness, angles)
         prior = make_prior(self.design, angles, estimate_angles=estimate_angles)
         self.u = np.concatenate([starting_u_um(layout), lateral.u, prior.u])
+        self.usual_u = self.u.copy()
+        self.sized = [len(self.u) - len(prior.u) + rows for rows in prior.found]
         self.kept = np.ones(len(self.u))
         self.findings: list[Finding] = []
         self.rows = self.design.rows.followed_by(lateral.rows).followed_by(prior.rows)
@@ -102,7 +107,7 @@ class _Task:
         current = self._find_common_noise(current)
         for suspicious in self._suspicions(current):
             current = suspicious
-        current = self._find_noise_by_class(current)
+        current = self._find_noise_by_class(self._find_sizes(current))
         u = np.where(self.kept > 0, self.u / np.sqrt(np.where(self.kept > 0, self.kept, 1.0)), np.inf)
         return Adjustment(
             layout=self.layout,
@@ -133,8 +138,7 @@ class _Task:
         machine = np.where(np.arange(len(unknowns)) < self.design.columns.machine, unknowns, 0.0)
         seen_more = build_design(leaning, self.chain, self.model).rows.times(machine) - self.design.rows.times(machine)
         lean = np.sum(tilt_mrad**2, axis=1)[self.layout.setup_index]
-        first = np.searchsorted(self.layout.pass_index, self.layout.pass_index)
-        travel_um = (self.layout.reading_mm - self.layout.reading_mm[first]) * 1e3
+        travel_um = self.layout.since_zero_mm() * 1e3
         known = angular_effect_um(leaning, self.chain, self.angles)
         corrected: Vector = self.layout.deviation_um + 0.5e-6 * lean * travel_um - known - seen_more
         return corrected
@@ -160,6 +164,15 @@ class _Task:
         unknown = self._unstated()
         for _ in range(COMMON_ROUNDS if len(unknown) else 0):
             current = self._rescaled(current, {"readings": unknown}, {"readings": robust_scale(current, unknown)})
+        return current
+
+    def _find_sizes(self, current: Fit) -> Fit:
+        """Enlarge what reversal changes along an axis, and drift, to what the data show (variance components)."""
+        for _ in range(SIZE_ROUNDS if self.sized else 0):
+            for rows in self.sized:
+                scale = variance_scale(current, rows) or 1.0
+                self.u[rows] = np.maximum(self.u[rows] * scale, self.usual_u[rows])
+            current = fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse.null)
         return current
 
     def _find_noise_by_class(self, current: Fit) -> Fit:

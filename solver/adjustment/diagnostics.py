@@ -66,7 +66,7 @@ def _repeatability_um(layout: Layout, setup: str) -> float | None:
     squares, freedom = 0.0, 0
     for outward in (True, False):
         mine = [index for index, key in enumerate(layout.passes) if key.setup == setup and key.outward == outward]
-        passes = [layout.deviation_um[layout.pass_index == index] for index in mine]
+        passes = [layout.deviation_um[layout.pass_index == index] for index in mine if not _interrupted(layout, index)]
         if len(passes) < 2 or len({len(values) for values in passes}) > 1:
             continue
         table = np.array(passes)
@@ -76,12 +76,18 @@ def _repeatability_um(layout: Layout, setup: str) -> float | None:
     return float(np.sqrt(squares / freedom)) if freedom else None
 
 
+def _interrupted(layout: Layout, index: int) -> bool:
+    """Tell whether the count was lost within a pass: its parts have no common zero."""
+    return bool(np.ptp(layout.zero_index[layout.pass_index == index]))
+
+
 def closure_report(layout: Layout) -> dict[str, Vector] | None:
     """Return the closure residual by axis (um, node by node), None unless all four diagonals have the same stops."""
     names = {setup.name for setup in layout.setups}
     stops = 3 * layout.volume.increments + 1
     counts = np.bincount(layout.pass_index, minlength=len(layout.passes))
-    same = all(counts[index] == stops for index, key in enumerate(layout.passes) if key.setup in BODY_DIAGONALS)
+    ours = [index for index, key in enumerate(layout.passes) if key.setup in BODY_DIAGONALS]
+    same = all(counts[index] == stops and not _interrupted(layout, index) for index in ours)
     if not same or not names.issuperset(BODY_DIAGONALS):
         return None
     closure = closure_um(diagonal_data(layout))

@@ -11,14 +11,25 @@ from stepdiag.solver.adjustment.diagnostics import closure_report, inflation, se
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.methods.head_report import head_findings, head_report
-from stepdiag.solver.methods.standard_figures import standards_report
+from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
 from stepdiag.solver.model.design import Model
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.priors import UNKNOWN_ANGLE_URAD
 from stepdiag.solver.model.quantities import Quantities
-from stepdiag.solver.model.reported import POSITIONING, SCALE_SUM, identified, reported, reversal, shape, sloped, variance
+from stepdiag.solver.model.reported import (
+    POSITIONING,
+    REVERSAL_PART,
+    SCALE_SUM,
+    backlash,
+    identified,
+    reported,
+    reversal,
+    shape,
+    sloped,
+    variance,
+)
 from stepdiag.solver.planning.identifiability import cheapest_runs
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.solver.uncertainty.propagation import adjusted_uncertainty
@@ -98,7 +109,13 @@ def solve_estimate(
     """Return the result of the estimator; what the readings do not identify is None and named in a finding with its remedy."""
     done = estimate(layout, chain, angles=angles, estimate_angles=estimate_angles, straightness=straightness)
     reports = setup_reports(done.adjustment)
-    findings = (*layout.findings, *_missing(done), *done.adjustment.findings, *setup_findings(done.adjustment, reports))
+    findings = (
+        *layout.findings,
+        *_missing(done),
+        *done.adjustment.findings,
+        *setup_findings(done.adjustment, reports),
+        *standards_findings(layout),
+    )
     of_head = head_report(done.adjustment, straightness)
     return Result(
         volume=layout.volume,
@@ -166,10 +183,27 @@ def _known_angle(done: Estimate, name: str) -> Function:
 
 
 def _reversal(done: Estimate) -> dict[str, Function]:
-    if 2 not in done.adjustment.design.columns.parts:
+    """Return the reversal of every function: with its value at the low end where the data have it, else from zero there (u is zero too)."""
+    if REVERSAL_PART not in done.adjustment.design.columns.parts:
         return {}
-    functions = {name: _function(done, reversal(name), None) for name in DISPLACEMENTS}
+    whole = {name: done.known.get(backlash(name), False) for name in DISPLACEMENTS}
+    functions = {name: _function(done, backlash(name) if whole[name] else reversal(name), None) for name in DISPLACEMENTS}
     return {name: function for name, function in functions.items() if function.value is not None}
+
+
+def backlash_numbers(done: Estimate) -> dict[str, dict[str, object]]:
+    """Return the mean backlash of each axis (approach in + minus approach in -), in um with its u: the number for a control's parameter."""
+    columns, inverse = done.adjustment.design.columns, done.adjustment.fit.inverse
+    found: dict[str, dict[str, object]] = {}
+    for axis, letter in enumerate(AXIS_LETTERS):
+        if not done.known.get(backlash(POSITIONING[axis]), False):
+            continue
+        mean = np.zeros(columns.count)
+        mean[columns.of(REVERSAL_PART, axis, axis)] = 1.0 / (columns.nodes + 1)
+        mean[columns.play + 4 * axis] = 1.0
+        u = float(np.sqrt(max(float(mean @ inverse.solve(mean)), 0.0))) * inflation(done.adjustment)
+        found[letter] = {"value": float(mean @ done.adjustment.fit.unknowns), "u": u, "unit": "um"}
+    return found
 
 
 def _extra(done: Estimate) -> dict[str, Any]:
@@ -188,6 +222,9 @@ def _extra(done: Estimate) -> dict[str, Any]:
     extra: dict[str, Any] = {"fit": fit}
     if number is not None:
         extra["scale_sum_um"] = {"value": number[0], "u": number[1]}
+    numbers = backlash_numbers(done)
+    if numbers:
+        extra["backlash"] = numbers
     closure = closure_report(found.layout)
     return extra if closure is None else {**extra, "closure_um": closure}
 
@@ -217,7 +254,7 @@ def _advice(done: Estimate, missing: list[str]) -> str:
     advice = cheapest_runs(
         found.layout,
         found.design.chain,
-        Model(angles=1 in parts, reversal=2 in parts),
+        Model(angles=1 in parts, reversal=REVERSAL_PART in parts, play=found.layout.joined),
         missing,
         angles=found.angles,
         estimate_angles=found.estimates_angles,

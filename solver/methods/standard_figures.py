@@ -1,29 +1,48 @@
-"""The figures of the standards for what a survey has driven: ISO 230-2 and ASME B5.54 along axes, ISO 230-6 along diagonals.
+"""The figures of the standards for what a survey has driven: ISO 230-2, ASME B5.54 and VDI/DGQ 3441 along axes, ISO 230-6 along diagonals.
 
-A readings file restarts at zero with every pass, which loses the reversal value: what needs both directions (B, R, A, and all of
-VDI/DGQ 3441) is left out here; `solver.standards.iso230` has it for tables with one common zero.
+Both directions are evaluated where the runs share the zero of the laser's count (contract 4, column ``zero``). Passes that each restart at
+zero have lost the reversal value: what needs it (B, R, A, and all of VDI/DGQ 3441) is then left out, and said.
 """
 
-from dataclasses import fields
+from dataclasses import dataclass, fields, replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.setups import Kind
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 from stepdiag.solver.standards.iso230 import (
     COVERAGES,
     DiagonalFigures,
     PositioningFigures,
     PositioningRuns,
+    VdiFigures,
     arrange_runs,
     diagonal_figures,
     positioning_figures,
+    vdi_3441_figures,
 )
+from stepdiag.solver.standards.iso230_uncertainty import SOURCE_STATUS, RunSources, expanded_um
+from stepdiag.solver.uncertainty.sources import Assumptions
 
-STEPS_A_CYCLE = {"step": 3, "body": 1}
+STEPS_A_CYCLE: dict[Kind, int] = {"step": 3, "body": 1}
 """Stops from one point of the diagonal to the next, for the kinds of setup that run along a body diagonal."""
+DIAGONAL_STANDARD: dict[Kind, str] = {"body": "ISO 230-6:2002", "step": "as ISO 230-6:2002, on step diagonals (axes one after the other)"}
+DIAGONAL_ENTRY: dict[Kind, str] = {"body": "diagonals", "step": "step-diagonals"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SetupRuns:
+    """Targets by runs of one setup, the rows they come from, and what had to be left out."""
+
+    setup: str
+    rows: NDArray[np.int64]
+    runs: PositioningRuns
+    findings: tuple[Finding, ...]
 
 
 def way_mm(layout: Layout, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]]) -> Vector:
@@ -33,48 +52,136 @@ def way_mm(layout: Layout, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]])
     return way
 
 
-def linear_runs(layout: Layout) -> dict[str, PositioningRuns]:
-    """Return targets by runs of every run along an axis; readings restart with each pass, so only the outward runs count."""
-    return {
-        setup.name: _runs(layout, index, 1)[0] for index, setup in enumerate(layout.setups) if setup.kind == "linear" and setup.variant == 0
+def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
+    """Return targets by runs of every run along an axis."""
+    found = {
+        setup.name: _runs(layout, index, 1) for index, setup in enumerate(layout.setups) if setup.kind == "linear" and setup.variant == 0
     }
+    return {name: runs for name, runs in found.items() if runs is not None}
 
 
-def diagonals(layout: Layout) -> tuple[DiagonalFigures, tuple[Finding, ...]] | None:
-    """Return the ISO 230-6 figures from the points that lie on the body diagonals, None where fewer than four were driven.
+def diagonals(layout: Layout, kind: Kind) -> tuple[DiagonalFigures, dict[str, SetupRuns]] | None:
+    """Return the figures along the four diagonals of a kind (body, step), None where fewer were driven.
 
-    At these points the mirror's lean has no first-order effect: it sums to zero over X + Y + Z (theory 4.2).
+    Only points on the diagonal count: there the mirror's lean has no first-order effect, it sums to zero over X + Y + Z (theory 4.2).
+    ISO 230-6 moves all axes together; figures of step diagonals say in their name that they are none of the standard's.
     """
-    runs: dict[str, PositioningRuns] = {}
-    findings: dict[str, Finding] = {}
-    for index, setup in enumerate(layout.setups):
-        if setup.kind in STEPS_A_CYCLE and setup.variant == 0:
-            runs[setup.name], lost = _runs(layout, index, STEPS_A_CYCLE[setup.kind])
-            findings |= {finding.code: finding for finding in lost}
-    return (diagonal_figures(runs), tuple(findings.values())) if len(runs) >= 4 else None
+    found = {
+        setup.name: _runs(layout, index, STEPS_A_CYCLE[kind])
+        for index, setup in enumerate(layout.setups)
+        if setup.kind == kind and setup.variant == 0
+    }
+    runs = {name: one for name, one in found.items() if one is not None}
+    if len(runs) < 4:
+        return None
+    figures = diagonal_figures({name: one.runs for name, one in runs.items()})
+    return replace(figures, standard=DIAGONAL_STANDARD[kind]), runs
 
 
-def standards_report(layout: Layout) -> dict[str, Any]:
-    """Return every figure as plain JSON, in um: by setup, by standard, with how well the standard's text is known."""
+def standards_report(layout: Layout, assumed: Assumptions | None = None) -> dict[str, Any]:
+    """Return every figure as plain JSON, in um with ``U`` (k = 2): by setup, by standard, with how well the standard's text is known."""
+    sources = assumed or Assumptions()
     report: dict[str, Any] = {}
-    for name, runs in linear_runs(layout).items():
-        report[name] = [_plain(positioning_figures(runs, standard)) for standard in COVERAGES]
-    along = diagonals(layout)
-    if along is not None:
-        report["diagonals"] = [{name: value for name, value in _plain(along[0]).items() if name != "diagonals"}]
-        report |= {name: [_plain(each)] for name, each in along[0].diagonals.items()}
+    for name, found in linear_runs(layout).items():
+        report[name] = [_positioning(layout, found, sources, standard) for standard in COVERAGES] + _vdi(found)
+    for kind in STEPS_A_CYCLE:
+        along = diagonals(layout, kind)
+        if along is not None:
+            figures, runs = along
+            each = {name: _positioning(layout, one, sources) | {"standard": DIAGONAL_STANDARD[kind]} for name, one in runs.items()}
+            largest = {name: value for name, value in _plain(figures).items() if name != "diagonals"}
+            report[DIAGONAL_ENTRY[kind]] = [largest | {"U": _largest_u(each)}]
+            report |= {name: [one] for name, one in each.items()}
     return report
 
 
-def _runs(layout: Layout, index: int, cycle: int) -> tuple[PositioningRuns, tuple[Finding, ...]]:
-    """Return the stops of a setup that lie on its line: every ``cycle``-th."""
+def standards_findings(layout: Layout) -> list[Finding]:
+    """Return what the figures leave out, each once."""
+    along = [found for kind in STEPS_A_CYCLE if (found := diagonals(layout, kind)) is not None]
+    runs = [*linear_runs(layout).values(), *(one for _, each in along for one in each.values())]
+    lost = {finding: one.setup for one in reversed(runs) for finding in one.findings}
+    return [*reversed(lost)]
+
+
+def _runs(layout: Layout, index: int, cycle: int) -> SetupRuns | None:
+    """Return the stops of a setup that lie on its line, every ``cycle``-th, of passes that visited them all; None without such a pass."""
     rows = np.flatnonzero(layout.setup_index == index)
-    on_line = rows[layout.stop[rows] % cycle == 0]
-    numbers = np.array([layout.passes[number].number for number in layout.pass_index[on_line]])
-    return arrange_runs(way_mm(layout, on_line), numbers, layout.deviation_um[on_line], common_zero=False)
+    rows = rows[layout.stop[rows] % cycle == 0]
+    way = way_mm(layout, rows)
+    # a turn without a second dwell was not approached from both sides
+    rows = rows[~np.isin(way, way[np.any(layout.approach[rows] != _travel(layout, rows), axis=1)])]
+    targets = len(np.unique(way_mm(layout, rows)))
+    whole = [mine for number in np.unique(layout.pass_index[rows]) if len(mine := rows[layout.pass_index[rows] == number]) == targets]
+    unbroken = [mine for mine in whole if not np.ptp(layout.zero_index[mine])]
+    upward = [mine for mine in unbroken if _upward(layout, mine)]
+    if not upward:
+        return None
+    kept = _one_zero(layout, unbroken)
+    joined = len({_upward(layout, mine) for mine in kept}) > 1
+    used = kept if joined else unbroken
+    rows = np.concatenate(used)
+    # odd passes are those along the direction of the setup: a run may start at either end
+    numbers = np.concatenate([np.full(targets, 2 * place + _upward(layout, mine)) for place, mine in enumerate(used)])
+    runs, findings = arrange_runs(way_mm(layout, rows), numbers, layout.deviation_um[rows], common_zero=joined)
+    return SetupRuns(setup=layout.setups[index].name, rows=rows, runs=runs, findings=findings)
 
 
-def _plain(figures: PositioningFigures | DiagonalFigures) -> dict[str, Any]:
+def _one_zero(layout: Layout, passes: list[NDArray[np.int64]]) -> list[NDArray[np.int64]]:
+    """Return the passes of that stretch of unbroken count which holds most runs of both directions."""
+    zeros = [int(layout.zero_index[mine[0]]) for mine in passes]
+    ways = [(zero, _upward(layout, mine)) for zero, mine in zip(zeros, passes, strict=True)]
+    longest = max(dict.fromkeys(zeros), key=lambda zero: (min(ways.count((zero, way)) for way in (True, False)), zeros.count(zero)))
+    return [mine for mine, zero in zip(passes, zeros, strict=True) if zero == longest]
+
+
+def _travel(layout: Layout, rows: NDArray[np.int64]) -> Vector:
+    """Return the sign of every axis' travel in the pass of each row, as its last stop was approached, shape (rows, 3)."""
+    last = {int(number): row for row, number in enumerate(layout.pass_index.tolist())}
+    travel: Vector = layout.approach[[last[number] for number in layout.pass_index[rows].tolist()]]
+    return travel
+
+
+def _upward(layout: Layout, rows: NDArray[np.int64]) -> bool:
+    return float(layout.approach[rows[0]] @ layout.direction[rows[0]]) > 0
+
+
+def _positioning(layout: Layout, found: SetupRuns, assumed: Assumptions, standard: str = "iso-230-2") -> dict[str, Any]:
+    figures = positioning_figures(found.runs, standard)
+    length_mm = float(np.ptp(found.runs.target_mm))
+    u = expanded_um(figures.numbers(), length_mm, found.runs.up_um.shape[1], _sources(layout, found, assumed))
+    return _plain(figures) | {"runs": found.runs.up_um.shape[1], "U": u, "U_status": SOURCE_STATUS}
+
+
+def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:
+    """Return what is uncertain about the runs: lengths to ppm, readings and drift in um."""
+    direction = np.abs(layout.direction[found.rows[0]])
+    excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C
+    grown = 1e-6 * np.hypot(np.array(assumed.expansion_um_m_c) * assumed.u_material_c, excess * assumed.u_expansion_um_m_c)
+    cosine = (1e-3 * assumed.alignment_mrad) ** 2 / 2 / np.sqrt(3.0)
+    stated = layout.u_um[found.rows]
+    reading = float(np.sqrt(np.mean(np.where(np.isfinite(stated), stated, assumed.reading_um) ** 2)))
+    return RunSources(
+        relative=float(np.sqrt(assumed.index**2 + cosine**2 + np.sum((direction**2 * grown) ** 2))),
+        reading_um=reading,
+        environment_um=float(np.hypot(assumed.drift_um, assumed.wander_um)),
+    )
+
+
+def _vdi(found: SetupRuns) -> list[dict[str, Any]]:
+    """Return the figures of VDI/DGQ 3441, nothing without both directions and two runs of each."""
+    runs = found.runs
+    if runs.down_um is None or min(runs.up_um.shape[1], runs.down_um.shape[1]) < 2:
+        return []
+    return [_plain(vdi_3441_figures(runs))]
+
+
+def _largest_u(each: dict[str, dict[str, Any]]) -> dict[str, float]:
+    """Return for the machine's figures the U of the diagonals', the largest."""
+    names = {"E_d": "E", "B_d": "B", "R_d": "R", "A_d": "A"}
+    return {name: max(one["U"][of] for one in each.values()) for name, of in names.items() if all(of in one["U"] for one in each.values())}
+
+
+def _plain(figures: PositioningFigures | DiagonalFigures | VdiFigures) -> dict[str, Any]:
     """Return the named numbers of figures; what the runs do not give is left out."""
     values = {field.name: getattr(figures, field.name) for field in fields(figures)}
     return {name: value for name, value in values.items() if isinstance(value, float | str)}

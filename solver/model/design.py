@@ -1,8 +1,11 @@
 """The linear reading model: every reading as a sum over the machine's errors at the nodes and the nuisances of its setup.
 
     deviation = d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)     theory 4.3, first order exact for a rigid body
-              + approach_a / 2 * d . reversal_a(a)                                where out-and-back data separate the directions
-              + nu . (P - P_0) + offset of the pass + drift * time                mirror tilt: theory 4.2
+              + approach_a / 2 * d . (play_a + reversal_a(a))                     where out-and-back data separate the directions
+              + nu . (P - P_0) + offset of the count + drift * time               mirror tilt: theory 4.2
+
+``play_a`` is the reversal at the low end, an unknown where an outward pass and its return share the zero of the laser's count:
+otherwise the offset of each pass takes it.
 
 Units: um, urad, mm; tilts in mrad. Unknowns of the machine are node values, zero at the first node of each axis, linear
 between nodes. Rigid rotations are left free here: what the readings do not see is found by `solver.linear.least_squares`, not assumed.
@@ -27,6 +30,7 @@ class Model:
 
     angles: bool = False
     reversal: bool = False
+    play: bool = False
     lines: int = 0
 
 
@@ -34,11 +38,13 @@ class Model:
 class Columns:
     """Where each unknown stands. Functions are numbered by part (0 displacement, 1 rotation, 2 reversal), axis and component.
 
+    From ``play`` on stand the nine reversals at the low end, by axis and component; none where ``play == offset``.
     From ``line`` on stand offset and slope of every line that `solver.model.lateral` fits with.
     """
 
     nodes: int
     parts: tuple[int, ...]
+    play: int
     offset: int
     tilt: int
     tilt_setup: tuple[int, ...]
@@ -63,7 +69,7 @@ class Design:
     """The rows of all readings, and what the nuisance columns mean.
 
     ``tilt_direction`` (k, 3) is the direction in which each tilt column leans its mirror; ``drift_pairs`` names setup and out-and-back pair
-    of each drift column and whether it is per hour.
+    of each drift column and whether it is per hour, ``drift_spans`` how long each lasts (hours or stops).
     """
 
     volume: Volume
@@ -73,6 +79,7 @@ class Design:
     blocks: Blocks
     tilt_direction: Vector
     drift_pairs: tuple[tuple[str, int, bool], ...]
+    drift_spans: tuple[float, ...]
 
 
 def build_design(layout: Layout, chain: str, model: Model) -> Design:
@@ -81,13 +88,15 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
     pairs = _drift_pairs(layout)
     parts = tuple(part for part, wanted in enumerate((True, model.angles, model.reversal)) if wanted)
     nodes = layout.volume.increments
-    offset = 9 * nodes * len(parts)
-    tilt = offset + len(layout.passes)
+    play = 9 * nodes * len(parts)
+    offset = play + (9 if model.reversal and model.play else 0)
+    tilt = offset + int(layout.offset_index.max(initial=-1)) + 1
     drift = tilt + len(tilt_setup)
     line = drift + len(pairs)
     columns = Columns(
         nodes=nodes,
         parts=parts,
+        play=play,
         offset=offset,
         tilt=tilt,
         tilt_setup=tilt_setup,
@@ -95,7 +104,7 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
         line=line,
         count=line + 2 * model.lines,
     )
-    pieces = [_machine_entries(layout, chain, columns), _offset_entries(layout, columns)]
+    pieces = [_machine_entries(layout, chain, columns), _play_entries(layout, columns), _offset_entries(layout, columns)]
     pieces += [_tilt_entries(layout, columns, tilt_direction), _drift_entries(layout, columns, pairs)]
     rows = Rows(np.hstack([column for column, _ in pieces]), np.hstack([value for _, value in pieces]), columns.count)
     return Design(
@@ -106,6 +115,7 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
         blocks=order_blocks(_groups(layout, columns, rows)),
         tilt_direction=tilt_direction,
         drift_pairs=tuple((setup, pair, bool(np.all(layout.timed[rows]))) for setup, pair, rows in pairs),
+        drift_spans=tuple(float(np.max(layout.clock[rows])) for _, _, rows in pairs),
     )
 
 
@@ -161,9 +171,20 @@ def _function_entries(columns: Columns, part: int, node: NDArray[np.int64], valu
     return column.reshape(len(node), 9), (value * (node > 0)[:, :, None]).reshape(len(node), 9)
 
 
+def _play_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
+    """Return nine entries a row, none where constant backlash cannot be seen."""
+    count = columns.offset - columns.play
+    column = np.broadcast_to(columns.play + np.arange(count), (len(layout), count))
+    value = displacement_coefficients(layout) * layout.approach[:, :, None] / 2.0
+    return column, value.reshape(len(layout), 9)[:, :count]
+
+
 def _offset_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
-    """Every pass has an offset: its first stop is as uncertain as the others, and all are relative to it."""
-    return (columns.offset + layout.pass_index)[:, None], np.ones((len(layout), 1))
+    """Every count has an offset: its first stop is as uncertain as the others, and all are relative to it.
+
+    It is shared by an outward pass and its return, not by repetitions: what the count drifts between these is nobody's business.
+    """
+    return (columns.offset + layout.offset_index)[:, None], np.ones((len(layout), 1))
 
 
 def _tilts(layout: Layout) -> tuple[tuple[int, ...], Vector]:

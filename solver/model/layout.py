@@ -24,7 +24,9 @@ class Layout:
 
     ``direction`` is the unit vector of the setup's outward travel, ``beam_mm`` a point of its beam line, ``spot_mm`` the one under
     the mirror (theory 4.3), ``approach`` the sign in which every axis travels in the pass, ``deviation_um`` the reading minus its nominal
-    value. ``clock`` counts the drift within an out-and-back pair: hours where ``timed`` (every stop has a stamp), else stops.
+    value. Readings of one ``zero_index`` share the zero of the laser's count; of them, an outward pass and its return have one
+    ``offset_index``: what they do not explain together is reversal or drift. ``clock`` counts the drift within an out-and-back pair: hours
+    where ``timed`` (every stop has a stamp), else stops.
     """
 
     source: str
@@ -33,6 +35,8 @@ class Layout:
     passes: tuple[PassKey, ...]
     setup_index: NDArray[np.int64]
     pass_index: NDArray[np.int64]
+    zero_index: NDArray[np.int64]
+    offset_index: NDArray[np.int64]
     stop: NDArray[np.int64]
     position_mm: Vector
     direction: Vector
@@ -53,6 +57,18 @@ class Layout:
         """Return the name of a reading for a person: setup, pass and stop."""
         return f"{self.passes[int(self.pass_index[row])]}, stop {int(self.stop[row])}"
 
+    @property
+    def joined(self) -> bool:
+        """Tell whether any outward pass and its return share the zero of the count: then constant backlash shows."""
+        outward = np.array([key.outward for key in self.passes])[self.pass_index]
+        return bool(np.intersect1d(self.offset_index[outward], self.offset_index[~outward]).size)
+
+    def since_zero_mm(self) -> Vector:
+        """Return how far the laser has counted since its zero, shape (m,)."""
+        first = np.unique(self.zero_index, return_index=True)[1]
+        counted: Vector = self.reading_mm - self.reading_mm[first][np.searchsorted(self.zero_index[first], self.zero_index)]
+        return counted
+
     def select(self, rows: NDArray[np.int64] | NDArray[np.bool_]) -> "Layout":
         """Return the layout of some readings; setups and passes keep their numbers."""
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
@@ -69,7 +85,7 @@ class Layout:
 
 
 _COLUMNS = (
-    "setup_index", "pass_index", "stop", "position_mm", "direction", "beam_mm", "spot_mm", "approach",
+    "setup_index", "pass_index", "zero_index", "offset_index", "stop", "position_mm", "direction", "beam_mm", "spot_mm", "approach",
     "reading_mm", "deviation_um", "u_um", "clock", "timed",
 )  # fmt: skip
 
@@ -146,12 +162,12 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
     setup_index = np.array([place[key.setup] for key in keys])[pass_index]
     position = readings.position_mm[order]
     first = np.searchsorted(pass_index, np.arange(len(keys)))
-    start = position[first][pass_index]
-    beam = np.where(np.isfinite(readings.beam_mm[order]), readings.beam_mm[order], start)
+    zero_index, offset_index, origin = _zeros(readings.zero[order], keys, pass_index)
+    beam = np.where(np.isfinite(readings.beam_mm[order]), readings.beam_mm[order], position[first][pass_index])
     senses = np.array([laser_sense(readings, setup, passes) for setup in setups])
     direction = (senses[:, None] * np.array([_direction(setup, volume) for setup in setups]))[setup_index]
     reading = readings.reading_mm[order]
-    nominal = np.sum((position - start) * direction, axis=1)
+    nominal = np.sum((position - position[origin]) * direction, axis=1)
     clock, timed = _drift_clock(readings.time_s[order], keys, pass_index)
     travel = np.array([readings.position_mm[rows[-1]] - readings.position_mm[rows[0]] for rows in passes.values()])
     return Layout(
@@ -161,18 +177,48 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
         passes=keys,
         setup_index=setup_index,
         pass_index=pass_index,
+        zero_index=zero_index,
+        offset_index=offset_index,
         stop=readings.stop[order],
         position_mm=position,
         direction=direction,
         beam_mm=beam,
         spot_mm=_foot(beam, direction, position),
-        approach=np.sign(travel)[pass_index],
+        approach=_approach(np.sign(travel)[pass_index], zero_index, position, readings.time_s[order]),
         reading_mm=reading,
-        deviation_um=(reading - reading[first][pass_index] - nominal) * 1e3,
+        deviation_um=(reading - reading[origin] - nominal) * 1e3,
         u_um=readings.u_um[order],
         clock=clock,
         timed=timed,
     )
+
+
+def _zeros(
+    zero: NDArray[np.int64], keys: Sequence[PassKey], pass_index: NDArray[np.int64]
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.int64]]:
+    """Return for every row its stretch of unbroken count, its offset, and the row that its reading is relative to."""
+    stretches: dict[tuple[str, int, int], int] = {}
+    offsets: dict[tuple[int, int], int] = {}
+    rows = zip(zero.tolist(), (keys[index] for index in pass_index.tolist()), strict=True)
+    # a pass without a stretch is one of its own
+    named = [(number, key, (key.setup, number, 0 if number >= 0 else key.number)) for number, key in rows]
+    zero_index = np.array([stretches.setdefault(name, len(stretches)) for _, _, name in named], dtype=np.int64)
+    pairs = [(stretches[name], (key.number + 1) // 2) for _, key, name in named]
+    offset_index = np.array([offsets.setdefault(pair, len(offsets)) for pair in pairs], dtype=np.int64)
+    first = np.unique(zero_index, return_index=True)[1]
+    return zero_index, offset_index, first[zero_index]
+
+
+def _approach(travelled: Vector, zero_index: NDArray[np.int64], position_mm: Vector, time_s: Vector) -> Vector:
+    """Return the sign of every axis' approach, shape (m, 3): that of its pass.
+
+    Where the program turns round without dwelling again, the first stop of the return is the last one of the outward pass once more
+    (same time): the axes had come there from the other side.
+    """
+    again = (time_s[1:] == time_s[:-1]) & (zero_index[1:] == zero_index[:-1]) & np.all(position_mm[1:] == position_mm[:-1], axis=1)
+    approach = travelled.copy()
+    approach[1:][again] = travelled[:-1][again]
+    return approach
 
 
 def _foot(beam_mm: Vector, direction: Vector, position_mm: Vector) -> Vector:

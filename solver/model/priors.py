@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import AXES, Vector
+from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
 from stepdiag.solver.model.design import Columns, Design, rotation_coefficients
@@ -19,12 +19,23 @@ UNKNOWN_ANGLE_URAD = 5.0
 the rms of an ordinary machine's 10 urad (theory 5.3). Held at zero instead, it would bend what was measured."""
 
 
+DRIFT_UM = 1.0
+"""Standard uncertainty of the drift in an outward pass and its return before the data have told."""
+REVERSAL_CHANGE_UM = 2.0
+"""Standard uncertainty of what reversal changes from end to end of an axis before the data have told. Drift and a reversal that grows along
+the axis look alike between the outward pass and its return: neither is ever taken for smaller than this, or it would hide in the other."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prior:
-    """Rows whose target is zero, and their standard uncertainty."""
+    """Rows whose target is zero, and their standard uncertainty.
+
+    ``found`` names the places of those whose size the data may enlarge, group by group.
+    """
 
     rows: Rows
     u: Vector
+    found: tuple[NDArray[np.int64], ...] = ()
 
 
 def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
@@ -48,7 +59,7 @@ def has_stated_u(angles: Angles) -> bool:
 
 
 def make_prior(design: Design, angles: Angles, *, estimate_angles: bool) -> Prior:
-    """Return the rows for what angular functions may differ from those given, and for the convention on reversal.
+    """Return the rows for what angular functions may differ from those given, and for how much reversal changes along an axis.
 
     A function given with uncertainty may differ by it, one without may not; a function not given is free where angles are to be
     estimated, else zero within `UNKNOWN_ANGLE_URAD`. (Where no function has an uncertainty none is an unknown: all others are zero.)
@@ -60,8 +71,12 @@ def make_prior(design: Design, angles: Angles, *, estimate_angles: bool) -> Prio
             if name in angles or not estimate_angles:
                 nodes = columns.of(1, *divmod(index, 3))
                 pieces.append((nodes[:, None], np.ones((len(nodes), 1)), _difference_u(name, angles, design)))
-    if 2 in columns.parts:
-        pieces += [(*_common_reversal(columns, component), EXACT) for component in range(3)]
+    held = sum(len(column) for column, _, _ in pieces)
+    changes = [_reversal_changes(columns, *divmod(index, 3)) for index in range(9 if 2 in columns.parts else 0)]
+    pieces += [(*change, REVERSAL_CHANGE_UM / np.sqrt(columns.nodes)) for change in changes]
+    drifts = np.arange(columns.drift, columns.line)[:, None] if changes else np.zeros((0, 1), dtype=np.int64)
+    pieces.append((drifts, np.ones(drifts.shape), DRIFT_UM / np.array(design.drift_spans[: len(drifts)])))
+    groups = np.split(np.arange(held, held + len(changes) * columns.nodes + len(drifts)), [len(changes) * columns.nodes])
     width = max((column.shape[1] for column, _, _ in pieces), default=1)
     column = [np.pad(column, ((0, 0), (0, width - column.shape[1]))) for column, _, _ in pieces]
     value = [np.pad(value, ((0, 0), (0, width - value.shape[1]))) for _, value, _ in pieces]
@@ -71,7 +86,7 @@ def make_prior(design: Design, angles: Angles, *, estimate_angles: bool) -> Prio
         np.vstack([np.zeros((0, width)), *value]),
         columns.count,
     )
-    return Prior(rows=rows, u=np.concatenate([np.zeros(0), *u]))
+    return Prior(rows=rows, u=np.concatenate([np.zeros(0), *u]), found=tuple(group for group in groups if len(group)))
 
 
 def _difference_u(name: str, angles: Angles, design: Design) -> float | Vector:
@@ -82,10 +97,12 @@ def _difference_u(name: str, angles: Angles, design: Design) -> float | Vector:
     return floored
 
 
-def _common_reversal(columns: Columns, component: int) -> tuple[NDArray[np.int64], Vector]:
-    """Return the row that sets the sum over the axes of a component's end-to-end reversal to zero.
+def _reversal_changes(columns: Columns, axis: int, component: int) -> tuple[NDArray[np.int64], Vector]:
+    """Return the rows that set the change of a reversal function from node to node to zero.
 
-    A reversal that grows along all axes at once looks like linear drift between the outward and the return pass; it is called drift.
+    Backlash hardly depends on where the axis stands; and a reversal that grows along all axes at once looks like drift between the
+    outward and the return pass, which is the more likely of the two.
     """
-    column = np.array([[columns.of(2, axis, component)[-1] for axis in range(len(AXES))]])
-    return column, np.ones((1, len(AXES)))
+    at = columns.of(2, axis, component)
+    value = np.column_stack([np.ones(len(at)), -1.0 * (np.arange(len(at)) > 0)])
+    return np.column_stack([at, np.concatenate([at[:1], at[:-1]])]), value

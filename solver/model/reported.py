@@ -14,6 +14,7 @@ from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 
 SCALE_SUM = "scale sum"
 """The weighted sum S = sum L^2 scale / R that four diagonals see of the three scales (theory 3, E5), in um."""
+REVERSAL_PART = 2
 POSITIONING = ("EXX", "EYY", "EZZ")
 
 
@@ -32,6 +33,11 @@ def reversal(name: str) -> str:
     return f"reversal {name}"
 
 
+def backlash(name: str) -> str:
+    """Return the name under which the direction-dependent part of a function stands with its value at the low end."""
+    return f"backlash {name}"
+
+
 def reported(design: Design) -> Quantities:
     """Return the quantities of `solver.model.quantities.quantities` followed by those named above."""
     base = quantities(design.columns, design.volume)
@@ -44,6 +50,12 @@ def reported(design: Design) -> Quantities:
         node.append(nodes)
         column.append(_wide(np.column_stack([at, np.full(len(at), at[-1])])))
         value.append(_wide(np.column_stack([np.ones(len(at)), -factor * nodes / design.columns.nodes])))
+    for index, name in enumerate(DISPLACEMENTS if design.columns.play < design.columns.offset else ()):
+        at, play = design.columns.of(REVERSAL_PART, *divmod(index, 3)), design.columns.play + index
+        names += [backlash(name)] * (len(at) + 1)
+        node.append(np.arange(len(at) + 1))
+        column.append(np.column_stack([np.concatenate([at[:1], at]), np.full((len(at) + 1, 2), play)]))
+        value.append(np.column_stack([np.arange(len(at) + 1) > 0, np.ones(len(at) + 1), np.zeros(len(at) + 1)]).astype(np.float64))
     names.append(SCALE_SUM)
     node.append(np.zeros(1, dtype=np.int64))
     size = np.array(design.volume.size_mm)

@@ -85,6 +85,11 @@ def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
         raise DataError(
             f"{layout.source}: {layout.passes[index]}", expected=f"{3 * n + 1} stops as in the other diagonals", found=f"{len(rows)}"
         )
+    if np.any(np.diff(layout.zero_index[rows])):
+        lost = int(layout.stop[rows][int(np.argmax(np.diff(layout.zero_index[rows]) != 0)) + 1])
+        found = f"the count lost before stop {lost}"
+        where = f"{layout.source}: {layout.passes[index]}"
+        raise DataError(where, expected="one unbroken count", found=found, remedy="use the method `estimate`, or repeat the pass")
     lower, fraction = between_nodes(layout.volume, layout.position_mm[rows])
     node = lower + np.round(fraction).astype(np.int64)
     step = np.diff(node, axis=0)

@@ -16,6 +16,9 @@ from stepdiag.solver.readings.csv_table import number_in, read_table, whole_numb
 
 REQUIRED = ("setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "reading_mm")
 OPTIONAL = ("u_um", "temperature_c", "time_s")
+ZERO = "zero"
+NO_ZERO = -1
+"""A reading whose count is not known to reach beyond its pass: it is relative to the pass's first stop."""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
 
 
@@ -38,9 +41,10 @@ class PassKey(NamedTuple):
 class Readings:
     """Readings as columns of equal length N, one row a stop.
 
-    ``reading_mm`` is relative to the pass's first stop. ``u_um`` (standard uncertainty of the reading), ``temperature_c``
-    (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line in machine coordinates, NaN where the
-    beam runs through the pass's first commanded position.
+    ``zero`` numbers the stretches of one unbroken laser count: readings of a setup with the same ``zero`` share one origin and are
+    relative to its first row; where it is `NO_ZERO` they are relative to the pass's first stop. ``u_um`` (standard uncertainty of the
+    reading), ``temperature_c`` (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line in machine
+    coordinates, NaN where the beam runs through the pass's first commanded position.
     """
 
     setup: tuple[str, ...]
@@ -52,6 +56,7 @@ class Readings:
     temperature_c: Vector
     time_s: Vector
     beam_mm: Vector
+    zero: NDArray[np.int64]
 
     def __len__(self) -> int:
         return len(self.setup)
@@ -80,6 +85,7 @@ class Readings:
             temperature_c=self.temperature_c[index],
             time_s=self.time_s[index],
             beam_mm=self.beam_mm[index],
+            zero=self.zero[index],
         )
 
 
@@ -94,8 +100,9 @@ def make_readings(  # noqa: PLR0913 - one argument a column
     temperature_c: Sequence[float] | Vector | None = None,
     time_s: Sequence[float] | Vector | None = None,
     beam_mm: Sequence[Sequence[float]] | Vector | None = None,
+    zero: Sequence[int] | NDArray[np.int64] | None = None,
 ) -> Readings:
-    """Return readings from columns; what is left out is NaN. Raises ``ValueError`` where the lengths differ."""
+    """Return readings from columns; what is left out is NaN, or `NO_ZERO`. Raises ``ValueError`` where the lengths differ."""
     count = len(setup)
     return Readings(
         setup=tuple(setup),
@@ -107,6 +114,7 @@ def make_readings(  # noqa: PLR0913 - one argument a column
         temperature_c=_column(temperature_c, count),
         time_s=_column(time_s, count),
         beam_mm=np.full((count, 3), np.nan) if beam_mm is None else np.asarray(beam_mm, dtype=np.float64).reshape(count, 3),
+        zero=np.full(count, NO_ZERO, dtype=np.int64) if zero is None else np.asarray(zero, dtype=np.int64).reshape(count),
     )
 
 
@@ -130,10 +138,12 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
         position_mm=[row.position_mm for row in rows],
         reading_mm=[row.reading_mm for row in rows],
         beam_mm=[row.beam_mm for row in rows],
+        zero=[row.zero for row in rows],
         **{name: [row.optional[index] for row in rows] for index, name in enumerate(OPTIONAL)},
     )
     passes = readings.passes()
     _refuse_gaps(readings, passes, source)
+    _refuse_half_zeros(readings, passes, source)
     return readings.select(np.concatenate(list(passes.values())))
 
 
@@ -147,6 +157,7 @@ class _Row(NamedTuple):
     reading_mm: float
     optional: list[float]
     beam_mm: list[float]
+    zero: int
 
     @classmethod
     def parse(cls, where: str, fields: dict[str, str]) -> "_Row":
@@ -161,6 +172,7 @@ class _Row(NamedTuple):
             reading_mm=number_in(fields, "reading_mm", where),
             optional=[number_in(fields, name, where, optional=True, least=0.0 if name == "u_um" else -math.inf) for name in OPTIONAL],
             beam_mm=beam_mm,
+            zero=whole_number_in(fields, ZERO, where, least=0) if fields.get(ZERO, "") else NO_ZERO,
         )
 
 
@@ -186,6 +198,17 @@ def _refuse_gaps(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]]
             )
 
 
+def _refuse_half_zeros(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str) -> None:
+    """Refuse a pass whose stops belong to a stretch of the count in part only: nobody could say what the others are relative to."""
+    for key, rows in passes.items():
+        without = readings.zero[rows] == NO_ZERO
+        if without.any() and not without.all():
+            where = f"{source}: {key}, stop {int(readings.stop[rows[int(np.argmax(without))]])}"
+            remedy = "number the stretches of unbroken count of the whole pass, or leave the column empty in it"
+            expected = f"a number in the column {ZERO}, as at the other stops of the pass"
+            raise DataError(where, expected=expected, found="none", remedy=remedy)
+
+
 def render_readings(readings: Readings) -> str:
     """Return the CSV of contract 4: columns that hold nothing are left out, LF line ends, same bytes for the same readings.
 
@@ -193,13 +216,15 @@ def render_readings(readings: Readings) -> str:
     """
     optional = {name: getattr(readings, name) for name in OPTIONAL if np.isfinite(getattr(readings, name)).any()}
     beam = np.isfinite(readings.beam_mm).any()
+    zeros = bool(np.any(readings.zero != NO_ZERO))
     out = io.StringIO()
-    out.write(",".join((*REQUIRED, *optional, *(BEAM if beam else ()))) + "\n")
+    out.write(",".join((*REQUIRED, *optional, *((ZERO,) if zeros else ()), *(BEAM if beam else ()))) + "\n")
     for row in _ordered_rows(readings):
         fields = [readings.setup[row], str(readings.pass_number[row]), str(readings.stop[row])]
         fields += [_decimal(value, 7) for value in readings.position_mm[row]]
         fields.append(_decimal(readings.reading_mm[row], 9))
         fields += [_decimal(column[row], 6) for column in optional.values()]
+        fields += [str(readings.zero[row]) if readings.zero[row] != NO_ZERO else ""] if zeros else []
         fields += [_decimal(value, 7) for value in readings.beam_mm[row]] if beam else []
         out.write(",".join(fields) + "\n")
     return out.getvalue()

@@ -5,7 +5,7 @@ None of these standards is public: the formulae come from general knowledge and 
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -80,6 +80,11 @@ class PositioningFigures:
     A_down: float | None
     A: float | None
     findings: tuple[Finding, ...] = ()
+
+    def numbers(self) -> dict[str, float]:
+        """Return the figures that the runs give, by their symbols."""
+        named = {field.name: getattr(self, field.name) for field in fields(self)}
+        return {name: value for name, value in named.items() if isinstance(value, float)}
 
 
 def positioning_figures(runs: PositioningRuns, standard: str = "iso-230-2") -> PositioningFigures:

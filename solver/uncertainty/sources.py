@@ -89,14 +89,13 @@ def _drift(layout: Layout, assumed: Assumptions) -> Source:
 
 
 def _travel_mm(layout: Layout) -> Vector:
-    """Return the commanded travel since the first stop of each pass, shape (N, 3)."""
+    """Return the commanded travel since the zero of the count, shape (N, 3)."""
     return layout.position_mm - _at_first_stop(layout, layout.position_mm)
 
 
 def _at_first_stop(layout: Layout, values: Vector) -> Vector:
-    first = np.unique(layout.pass_index, return_index=True)[1]
-    passes = np.unique(layout.pass_index)
-    at_first: Vector = values[first][np.searchsorted(passes, layout.pass_index)]
+    zeros, first = np.unique(layout.zero_index, return_index=True)
+    at_first: Vector = values[first][np.searchsorted(zeros, layout.zero_index)]
     return at_first
 
 

@@ -19,6 +19,7 @@ from stepdiag.report.figures import (
     function_figures,
 )
 from stepdiag.solver.methods import standard_figures
+from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.result import Result
 from stepdiag.texts.texts import Language, catalogue
@@ -43,7 +44,7 @@ def build_report(
 ) -> Report:
     """Return the report of a result; ``source`` names the result file in it.
 
-    With the readings it also shows what was measured and the diagonals by ISO 230-6. The prediction is drawn for the first export
+    With the readings it also shows what was measured. The prediction is drawn for the first export
     whose tables are known. Same input, same bytes: nothing in it depends on the clock, the machine it runs on or the order of a set.
     """
     words = {**catalogue("common", language), **catalogue("report", language)}
@@ -63,7 +64,7 @@ def build_report(
         "setups": sections.setups_table(result, words),
         "squareness": sections.squareness_table(result, words),
         "scale": sections.scale_table(result, words),
-        "diagonals": sections.diagonals_table(standard_figures.diagonals(layout), words) if layout is not None else None,
+        "positioning": sections.positioning_table(_standards(result, layout), words),
         "head": sections.head_table(result, words),
         "fit": sections.fit_table(result),
         "assumptions": sections.assumptions_table(result),
@@ -74,6 +75,11 @@ def build_report(
         concluded=words_of(conclusion_document(known), language), titles=titles_of(language), predicted=correction is not None,
     )  # fmt: skip
     return Report(html=html, figures=tuple(figure for group in figures.values() for figure in group))
+
+
+def _standards(result: Result, layout: Layout | None) -> object:
+    """Return the figures of the standards as the result has them, else from the readings: the closed forms write none."""
+    return result.extra.get("standards") or (standard_figures.standards_report(layout) if layout is not None else {})
 
 
 def _page_parts() -> dict[str, str]:

@@ -19,19 +19,20 @@ def layout_of(readings: Readings, result: Result) -> Layout:
 
 
 def setup_figures(layout: Layout, words: Mapping[str, str]) -> list[Figure]:
-    """Return a figure a setup: deviation over the way along the beam, one line a pass, return passes hung onto the outward ones."""
+    """Return a figure a setup: deviation over the way along the beam, one line a pass; a return pass that starts at zero
+    again is hung onto the outward one."""
     return [_setup_figure(layout, index, setup.name, words) for index, setup in enumerate(layout.setups)]
 
 
 def _setup_figure(layout: Layout, index: int, name: str, words: Mapping[str, str]) -> Figure:
     rows = np.flatnonzero(layout.setup_index == index)
     way = way_mm(layout, rows)
-    lines, far = [], 0.0
+    lines, far, zero = [], 0.0, -1
     for number in np.unique(layout.pass_index[rows]).tolist():
         mine = rows[layout.pass_index[rows] == number]
         key = layout.passes[number]
-        deviation = layout.deviation_um[mine] + (0.0 if key.outward else far)
-        far = float(deviation[-1]) if key.outward else far
+        deviation = layout.deviation_um[mine] + (0.0 if key.outward or layout.zero_index[mine[0]] == zero else far)
+        far, zero = (float(deviation[-1]), int(layout.zero_index[mine[-1]])) if key.outward else (far, zero)
         label = f"{key.number}: {words['outward' if key.outward else 'return']}"
         lines.append(Series(label=label, x=way[np.isin(rows, mine)], y=deviation))
     drawing = charts.line_chart(lines, label=name, x_label=words["way"], y_label=words["deviation"])

@@ -6,17 +6,15 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
-from stepdiag.solver.standards.iso230 import DiagonalFigures
 from stepdiag.texts.texts import Language, finding_advice
 
 COVERAGE = 2.0
 SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
 SURVEY_FACTS = ("machine", "survey", "operator", "workpiece")
 """Entries of ``survey`` in the result that the report shows under these names."""
-DIAGONAL_FIGURES = {"E_up": "E↑", "R_up": "R↑", "A_up": "A↑", "E": "E", "B": "B", "M": "M", "R": "R", "A": "A"}
+POSITIONING_FIGURES = {"E_up": "E↑", "R_up": "R↑", "A_up": "A↑", "E": "E", "B": "B", "M": "M", "R": "R", "A": "A"}
 """The figures of ISO 230-2 by their names in `solver.standards.iso230`, as the standard writes them."""
 MOST_ROWS = 200
 """Rows of a table that a foreign result may fill at most."""
@@ -153,21 +151,36 @@ def scale_table(result: Result, words: Mapping[str, str]) -> Table:
     return Table(header=(words["axis"], words["value"], words["expanded"], words["unit"]), rows=rows)
 
 
-def diagonals_table(found: tuple[DiagonalFigures, tuple[Finding, ...]] | None, words: Mapping[str, str]) -> Table | None:
-    """Return the figures of ISO 230-6, one row a diagonal and the largest last, without the columns that nothing is known of."""
-    if found is None:
-        return None
-    figures, findings = found
+def positioning_table(standards: object, words: Mapping[str, str]) -> Table | None:
+    """Return the figures along the axes and along the diagonals, one row a setup, each with its U where that is known (k = 2).
+
+    ``standards`` is the entry of the result; columns that nothing is known of are left out.
+    """
+    entries = standards if isinstance(standards, dict) else {}
+    first = {name: found[0] for name, found in entries.items() if isinstance(found, list) and found and isinstance(found[0], dict)}
     known = {
-        name: symbol
-        for name, symbol in DIAGONAL_FIGURES.items()
-        if any(getattr(one, name) is not None for one in figures.diagonals.values())
+        name: symbol for name, symbol in POSITIONING_FIGURES.items() if any(_figure(facts, name) is not None for facts in first.values())
     }
-    rows = [(setup, *(shown(getattr(one, name), 2) for name in known)) for setup, one in figures.diagonals.items()]
-    largest = [max((v for one in figures.diagonals.values() if (v := getattr(one, name)) is not None), default=None) for name in known]
-    rows.append((words["largest"], *(shown(value, 2) for value in largest)))
-    rows += [(finding.text, *("" for _ in known)) for finding in findings]
-    return Table(header=(words["diagonal"], *(f"{symbol} / µm" for symbol in known.values())), rows=rows)
+    rows = [
+        (name, shown(facts.get("standard")), shown(facts.get("runs")), *(_with_u(facts, figure) for figure in known))
+        for name, facts in list(first.items())[:MOST_ROWS]
+    ]
+    return (
+        Table(header=(words["setup"], words["standard"], words["runs"], *(f"{symbol} / µm" for symbol in known.values())), rows=rows)
+        if known
+        else None
+    )
+
+
+def _figure(facts: Mapping[str, Any], name: str) -> Any:
+    """Return a figure of a setup, or the machine's over all diagonals, whose names end in _d."""
+    return facts.get(name, facts.get(f"{name}_d"))
+
+
+def _with_u(facts: Mapping[str, Any], name: str) -> str:
+    u = facts.get("U")
+    expanded = _figure(u, name) if isinstance(u, dict) else None
+    return shown(_figure(facts, name), 2) + (f" ± {shown(expanded, 2)}" if isinstance(expanded, int | float) else "")
 
 
 HEAD_FIGURES = ("passes", "end_point_um", "least_squares_um", "minimum_zone_um", "u_um", "residual_um", "misclosure")

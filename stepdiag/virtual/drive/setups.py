@@ -62,7 +62,10 @@ def _mirror(direction: Array, how: Alignment) -> Target:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedPass:
-    """The readings of one pass as columns: positions and readings in mm, relative to the pass's first stop."""
+    """The readings of one pass as columns: positions and readings in mm, relative to the pass's first stop.
+
+    ``first_mm`` is the count at that stop: passes of one set-up whose beam is not broken share its zero.
+    """
 
     setup: str
     number: int
@@ -72,6 +75,7 @@ class SimulatedPass:
     time_s: Array
     temperature_c: Array
     beam_mm: Array
+    first_mm: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -111,4 +115,5 @@ def simulate_pass(
         time_s=times,
         temperature_c=machine.environment.material_c.at(times),
         beam_mm=np.broadcast_to(placed.zero_mm + how.beam_offset_mm, driven.stop_mm.shape),
+        first_mm=float(noisy[0]),
     )

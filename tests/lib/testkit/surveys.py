@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.solver.model.angles import KnownAngle
-from stepdiag.solver.readings.readings import Readings, make_readings
+from stepdiag.solver.readings.readings import NO_ZERO, Readings, make_readings
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
 from stepdiag.virtual.physics.error_functions import AXES, Amplitudes, ErrorSet, random_errors
@@ -71,8 +71,16 @@ class Bench:
         """Return the errors in the form of a result."""
         return self.machine.truth(self.increments)
 
-    def survey(self, setups: Sequence[str] = (*DIAGONALS, *LINEAR), *, passes: Sequence[int] = (1,), axis_order: str = "xyz") -> Readings:
-        """Measure: mirror and beam of every setup lean ``tilt_mrad`` in directions of their own."""
+    def survey(
+        self,
+        setups: Sequence[str] = (*DIAGONALS, *LINEAR),
+        *,
+        passes: Sequence[int] = (1,),
+        axis_order: str = "xyz",
+        joined: bool = False,
+        linear_passes: Sequence[int] | None = None,
+    ) -> Readings:
+        """Measure: mirror and beam of every setup lean ``tilt_mrad`` in directions of their own. ``joined``: on one count a setup."""
         placing, rng = np.random.default_rng(1000 + self.seed), np.random.default_rng(2000 + self.seed)
         machine, box = self.machine, Box(origin_mm=self.origin_mm, size_mm=self.size_mm, increments=self.increments)
         columns: dict[str, list] = {
@@ -84,22 +92,27 @@ class Bench:
             "beam_mm": [],
             "time_s": [],
         }
+        zero: list[int] = []
         u_um: list[float] = []
         start_s = 0.0
         for setup in setups:
             linear = setup.startswith("linear")
             noise = self.linear_noise_um if linear else self.diagonal_noise_um
             how = self._alignment(placing, setup, linear=linear)
-            for number in passes:
+            count_from: float | None = None
+            for number in linear_passes if linear and linear_passes is not None else passes:
                 taken = Conditions(noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s)
                 one = simulate_pass(machine, box, setup, number, alignment=how, conditions=taken, axis_order=axis_order)
                 start_s = float(one.time_s[-1]) + 10.0
                 columns["setup"] += [setup] * len(one.stop)
                 columns["pass_number"] += [number] * len(one.stop)
-                for name in ("stop", "position_mm", "reading_mm", "beam_mm", "time_s"):
+                for name in ("stop", "position_mm", "beam_mm", "time_s"):
                     columns[name] += getattr(one, name).tolist()
+                count_from = one.first_mm if count_from is None or not joined else count_from
+                columns["reading_mm"] += (one.reading_mm + (one.first_mm - count_from)).tolist()
+                zero += [1 if joined else NO_ZERO] * len(one.stop)
                 u_um += [noise] * len(one.stop)
-        return make_readings(**columns, u_um=u_um if self.states_u else None)
+        return make_readings(**columns, u_um=u_um if self.states_u else None, zero=zero)
 
     def _alignment(self, rng: np.random.Generator, setup: str, *, linear: bool) -> Alignment:
         mirror, beam = (self.tilt_mrad * np.array([np.cos(angle), np.sin(angle)]) for angle in rng.uniform(0, 2 * np.pi, 2))

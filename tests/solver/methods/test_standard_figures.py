@@ -7,6 +7,7 @@ from stepdiag.solver.geometry.volume import Volume, linear_stops_mm
 from stepdiag.solver.methods.standard_figures import linear_runs, standards_report
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import make_readings
+from testkit.surveys import DIAGONALS, Bench
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 300.0, 200.0), increments=4)
 
@@ -26,7 +27,7 @@ def run_of(deviations_um):
 
 def test_linear_runs_are_targets_by_outward_runs():
     layout = lay_out(run_of([[0, 1, 2, 3, 4], [0, 2, 3, 4, 6]]), volume=BOX)
-    runs = linear_runs(layout)["linear-x"]
+    runs = linear_runs(layout)["linear-x"].runs
     assert runs.target_mm == pytest.approx([0, 100, 200, 300, 400])
     assert runs.up_um == pytest.approx(np.array([[0, 0], [1, 2], [2, 3], [3, 4], [4, 6]]), abs=1e-6)
     assert runs.down_um is None
@@ -40,3 +41,61 @@ def test_report_states_the_figures_and_how_well_the_standard_is_known():
     assert by_name["ISO 230-2:2014"]["R_up"] == pytest.approx(4 * np.sqrt(2.0))
     assert by_name["ISO 230-2:1988"]["R_up"] == pytest.approx(6 * np.sqrt(2.0))
     assert all("recalled" in figures["source_status"] for figures in report["linear-x"])
+
+
+def both_ways(backlash_um, *, stretches=(1, 1, 1, 1, 1), noise_um=0.0):
+    """Return five runs out and back along X whose ways differ by the backlash, each pair on the count named."""
+    stops = linear_stops_mm(BOX, "linear-x")
+    rng = np.random.default_rng(1)
+    columns = {name: [] for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm", "zero")}
+    for pair, zero in enumerate(stretches):
+        for way, points in enumerate((stops, stops[::-1])):
+            error_um = 0.01 * points[:, 0] + (0.5 - way) * backlash_um + rng.normal(0, noise_um, len(points))
+            columns["setup"] += ["linear-x"] * len(points)
+            columns["pass_number"] += [2 * pair + way + 1] * len(points)
+            columns["stop"] += range(len(points))
+            columns["position_mm"] += points.tolist()
+            columns["reading_mm"] += (points[:, 0] + 1e-3 * error_um).tolist()
+            columns["zero"] += [zero] * len(points)
+    return lay_out(make_readings(**columns), volume=BOX)
+
+
+def test_both_directions_on_one_count_give_the_bidirectional_figures():
+    """4 um over 400 mm and 3 um of backlash: E_up 4, B 3, E 7, M 4 (ISO 230-2); VDI 3441: Pa 4, U 3."""
+    report = standards_report(both_ways(3.0))["linear-x"]
+    iso = report[0]
+    found = {name: iso[name] for name in ("E_up", "E_down", "E", "B", "B_mean", "M", "R", "A")}
+    assert found == pytest.approx({"E_up": 4.0, "E_down": 4.0, "E": 7.0, "B": 3.0, "B_mean": 3.0, "M": 4.0, "R": 3.0, "A": 7.0})
+    vdi = next(figures for figures in report if figures["standard"].startswith("VDI"))
+    assert (vdi["Pa"], vdi["U_max"], vdi["P"]) == pytest.approx((4.0, 3.0, 7.0))
+
+
+def test_every_figure_comes_with_its_uncertainty_and_length_counts_in_none_of_backlash():
+    iso = standards_report(both_ways(3.0, noise_um=0.3))["linear-x"][0]
+    assert set(iso["U"]) == {"E_up", "E_down", "E", "M", "B", "B_mean", "R_up", "R_down", "R", "A_up", "A_down", "A"}
+    assert iso["U"]["B"] < iso["U"]["M"] < iso["U"]["E"] < iso["U"]["A"]
+    assert abs(iso["B_mean"] - 3.0) < iso["U"]["B_mean"]
+
+
+def test_runs_on_another_count_do_not_pretend_to_share_the_zero():
+    """Two of five pairs were driven after the count had been lost: the three that share one are evaluated."""
+    report = standards_report(both_ways(3.0, stretches=(1, 1, 1, 2, 2)))["linear-x"][0]
+    assert report["runs"] == 3
+    assert report["B"] == pytest.approx(3.0)
+
+
+def test_a_run_from_the_high_end_has_the_same_backlash():
+    """The laser at the far end: readings grow towards the low end, the approach in + is then the way back."""
+    stops = linear_stops_mm(BOX, "linear-x")
+    columns = {"position_mm": [*stops[::-1].tolist(), *stops.tolist()], "pass_number": [1] * 5 + [2] * 5, "stop": [*range(5)] * 2}
+    error_um = np.concatenate([np.full(5, -1.5), np.full(5, 1.5)])
+    along = 400.0 - np.array(columns["position_mm"])[:, 0]
+    layout = lay_out(make_readings(setup=["linear-x"] * 10, reading_mm=along - 1e-3 * error_um, zero=[1] * 10, **columns), volume=BOX)
+    assert standards_report(layout)["linear-x"][0]["B"] == pytest.approx(3.0)
+
+
+def test_step_diagonals_are_not_called_iso_230_6():
+    report = standards_report(lay_out(Bench(seed=1).survey()))
+    assert "diagonals" not in report
+    assert "step diagonals" in report["step-diagonals"][0]["standard"]
+    assert all("step diagonals" in report[name][0]["standard"] for name in DIAGONALS)

@@ -26,7 +26,7 @@ from stepdiag.report.space import lattice_mm, view_matrix
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.methods.standard_figures import diagonals
+from stepdiag.solver.methods.standard_figures import standards_report
 from stepdiag.solver.readings.readings import Readings, parse_readings
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import Result
@@ -165,19 +165,18 @@ def golden() -> tuple[Result, Readings]:
     return solve(readings, method="least-squares"), readings
 
 
-def test_diagonals_by_iso_230_6_come_from_the_readings() -> None:
-    """On the points of each diagonal, one run outward: E_up is the range of reading less way; the machine's figure is the largest."""
+def test_figures_of_the_standards_stand_in_the_report_with_their_uncertainty() -> None:
+    """On the points of each step diagonal, one run outward: E_up is the range of reading less way; the machine's figure is the largest."""
     result, readings = golden()
-    layout = layout_of(readings, result)
-    found = diagonals(layout)
-    assert found is not None
-    for name, figures in found[0].diagonals.items():
+    figures = standards_report(layout_of(readings, result))
+    for name in ("ppp", "npp", "pnp", "ppn"):
         rows = [row for row, setup in enumerate(readings.setup) if setup == name and readings.stop[row] % 3 == 0]
         way = np.linalg.norm(readings.position_mm[rows] - readings.position_mm[rows[0]], axis=1)
-        assert figures.E_up == pytest.approx(np.ptp(readings.reading_mm[rows] - way) * 1e3, abs=1e-6)
+        assert figures[name][0]["E_up"] == pytest.approx(np.ptp(readings.reading_mm[rows] - way) * 1e3, abs=1e-6)
     html = build_report(result, source="r", readings=readings).html
-    assert "Diagonals by ISO 230-6" in html
-    assert f"{max(one.E_up for one in found[0].diagonals.values()):.2f}" in html
+    for name in ("ppp", "npp", "pnp", "ppn"):
+        assert f"{figures[name][0]['E_up']:.2f} ± {figures[name][0]['U']['E_up']:.2f}" in html
+    assert "on step diagonals (axes one after the other)" in html
 
 
 def test_the_readings_are_drawn_with_the_return_hung_on() -> None:
@@ -192,7 +191,10 @@ def test_the_readings_are_drawn_with_the_return_hung_on() -> None:
         stop=np.concatenate([readings.stop, np.arange(len(back))]),
         position_mm=np.vstack([readings.position_mm, readings.position_mm[back]]),
         reading_mm=np.concatenate([readings.reading_mm, readings.reading_mm[back] - readings.reading_mm[rows[-1]]]),
-        **{name: np.concatenate([getattr(readings, name), getattr(readings, name)[back]]) for name in ("u_um", "temperature_c", "time_s")},
+        **{
+            name: np.concatenate([getattr(readings, name), getattr(readings, name)[back]])
+            for name in ("u_um", "temperature_c", "time_s", "zero")
+        },
         beam_mm=np.vstack([readings.beam_mm, readings.beam_mm[back]]),
     )
     figure = next(one for one in setup_figures(layout_of(returned, result), catalogue("report", "en")) if one.name == "setup-ppp")

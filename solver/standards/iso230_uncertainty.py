@@ -1,0 +1,45 @@
+"""The measurement uncertainty of positioning figures, from the sources that ISO/TR 230-9 names.
+
+The report is not public: which source acts on which figure is derived here (theory.md 8.7), and every result says so. What grows with
+length (laser, alignment, temperature) stretches all runs alike: it is in E, M and A and cancels in B and R. What changes from run to
+run (environment, noise of the reading) is averaged over the runs in E, M and B; R and A also carry how well few runs know a scatter.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+SOURCE_STATUS = "sources of ISO/TR 230-9, combined by derivation; k = 2"
+COVERAGE = 2.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RunSources:
+    """Standard uncertainties of one setup: ``relative`` of every length (wavelength, air, expansion, cosine), ``reading_um`` of one
+    reading, ``environment_um`` of what drifts within a run."""
+
+    relative: float
+    reading_um: float
+    environment_um: float
+
+
+def expanded_um(figures: Mapping[str, float], length_mm: float, runs: int, sources: RunSources) -> dict[str, float]:
+    """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` for ``runs`` runs a direction over a length."""
+    stretch = sources.relative * length_mm * 1e3
+    single = float(np.hypot(sources.reading_um, sources.environment_um))
+    mean = single / np.sqrt(runs)
+    # the scatter of few runs is itself known to one part in sqrt(2 (n - 1))
+    scatter = {name: figures[name] / np.sqrt(2.0 * (runs - 1)) for name in ("R_up", "R_down") if name in figures}
+    of_range = float(np.hypot(stretch, np.sqrt(2.0) * mean))
+    u = dict.fromkeys(("E_up", "E_down", "E"), of_range)
+    u["M"] = float(np.hypot(stretch, mean))
+    u["B"] = np.sqrt(2.0) * mean
+    u["B_mean"] = np.sqrt(2.0) * mean
+    u |= scatter
+    if len(scatter) == 2:
+        # R = 2 s_up + 2 s_down + |B|, each half of its R
+        u["R"] = float(np.hypot(np.hypot(scatter["R_up"], scatter["R_down"]) / 2.0, u["B"]))
+    widened = {"A_up": "R_up", "A_down": "R_down", "A": "R"}
+    u |= {name: float(np.hypot(of_range, u[by])) for name, by in widened.items() if name in figures and by in u}
+    return {name: COVERAGE * float(u[name]) for name in figures if name in u}

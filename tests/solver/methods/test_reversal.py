@@ -1,0 +1,99 @@
+"""Backlash and reversal from one unbroken count, against the exact machine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.methods.estimate import backlash_numbers, estimate
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from testkit.surveys import DIAGONALS, LINEAR, Bench
+
+FULL = (*DIAGONALS, *LINEAR)
+TRUE_UM = {"X": 8.0, "Y": 5.0, "Z": 3.0}
+
+
+def constant(value):
+    return lambda position_mm: np.full_like(position_mm, value, dtype=float)
+
+
+PLAY = {"EXX": constant(8.0), "EYY": constant(5.0), "EZZ": constant(3.0)}
+
+
+def remaining_um(bench, result):
+    points = bench.lattice_mm()
+    left = without_rigid_motion(result.volume, points, bench.machine.error_at(points) - error_field_um(result, points))
+    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+
+
+def test_constant_backlash_of_each_axis_is_found_within_its_uncertainty():
+    """Truth 8 / 5 / 3 um: of thirty values 90 % and more lie within U, and U says a micrometre."""
+    inside = []
+    for seed in range(10):
+        numbers = backlash_numbers(estimate(lay_out(Bench(seed=seed, reversal=PLAY).survey(passes=(1, 2), joined=True)), "FXYZ"))
+        assert set(numbers) == set("XYZ")
+        inside += [abs(numbers[axis]["value"] - true) <= 2 * numbers[axis]["u"] for axis, true in TRUE_UM.items()]
+        assert max(number["u"] for number in numbers.values()) < 0.6
+    assert np.mean(inside) >= 0.9
+
+
+def test_the_reversal_functions_hold_their_value_and_say_that_it_is_known():
+    reversal = solve(Bench(seed=3, reversal=PLAY).survey(passes=(1, 2), joined=True)).reversal
+    for name, true in zip(("EXX", "EYY", "EZZ"), TRUE_UM.values(), strict=True):
+        assert np.all(np.abs(reversal[name].value - true) < 3 * reversal[name].u)
+        assert reversal[name].u[0] > 0.0
+    # lateral: three diagonals' worth of sums, never one function by itself
+    assert reversal["EYX"].u[0] == 0.0
+
+
+def test_backlash_that_varies_is_followed():
+    """2 um at the low end, 6 at the high end: what reversal changes is found from the data, not held."""
+    bench = Bench(seed=1, reversal={"EXX": lambda p: 2.0 + 4.0 * p / 500.0})
+    result = solve(bench.survey(passes=(1, 2), joined=True))
+    assert np.all(np.abs(result.reversal["EXX"].value - np.linspace(2, 6, 11)) < 3 * result.reversal["EXX"].u)
+
+
+def test_without_a_common_zero_there_is_no_backlash_number():
+    result = solve(Bench(seed=1, reversal=PLAY).survey(passes=(1, 2)))
+    assert "backlash" not in result.extra
+    assert result.reversal["EXX"].value[0] == 0.0
+    assert "reversal-value-lost" in {finding.code for finding in result.findings}
+
+
+def test_without_linear_runs_the_backlash_of_one_axis_is_not_guessed():
+    """Each diagonal sees a sum over the axes."""
+    assert "backlash" not in solve(Bench(seed=1, reversal=PLAY).survey(DIAGONALS, passes=(1, 2), joined=True)).extra
+
+
+def test_a_common_zero_does_not_change_a_machine_without_reversal():
+    bench = Bench(seed=4, diagonal_noise_um=0.001, linear_noise_um=0.001)
+    apart, joined = (solve(bench.survey(passes=(1, 2), joined=one)) for one in (False, True))
+    for name, function in apart.errors.items():
+        assert joined.errors[name].value == pytest.approx(function.value, abs=0.02)
+    assert all(abs(number["value"]) < 0.02 for number in joined.extra["backlash"].values())
+
+
+def test_out_and_back_diagonals_beside_one_way_linear_runs_are_no_worse_than_one_way():
+    """Four machines with 8 / 5 / 3 um of backlash: more readings of the same machine bring no less."""
+    benches = [Bench(seed=seed, reversal=PLAY) for seed in range(4)]
+    one_way = [remaining_um(bench, solve(bench.survey())) for bench in benches]
+    both = [remaining_um(bench, solve(bench.survey(passes=(1, 2), linear_passes=(1,)))) for bench in benches]
+    assert np.sqrt(np.mean(np.square(both))) <= np.sqrt(np.mean(np.square(one_way)))
+
+
+def test_a_count_lost_in_the_middle_of_a_pass_costs_the_move_across_it_and_nothing_else():
+    bench = Bench(seed=2)
+    readings = bench.survey(passes=(1, 2), joined=True)
+    lost = (np.array(readings.setup) == "npp") & ((readings.pass_number > 1) | (readings.stop > 12))
+    off = replace(readings, reading_mm=readings.reading_mm + np.where(lost, 7.0, 0.0), zero=np.where(lost, 2, readings.zero))
+    whole, broken = solve(readings), solve(off)
+    assert remaining_um(bench, broken) < 1.2 * remaining_um(bench, whole)
+    assert not [finding for finding in broken.findings if finding.code.startswith(("stop-", "step-"))]
+
+
+def test_readings_of_a_stretch_are_relative_to_its_first_row_whatever_that_reads():
+    readings = Bench(seed=2).survey(passes=(1, 2), joined=True)
+    shifted = replace(readings, reading_mm=readings.reading_mm + 123.456)
+    assert lay_out(shifted).deviation_um == pytest.approx(lay_out(readings).deviation_um, abs=1e-6)
