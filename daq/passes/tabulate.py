@@ -1,9 +1,10 @@
-"""From passes to the solver's table of readings: zero at the pass's first stop, air and material put right, once."""
+"""From passes to the solver's table of readings: on one zero while the count is unbroken, air and material put right, once."""
 
 import numpy as np
 
 from stepdiag.daq.capture.route import base_setup
 from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.passes.counts import Counted, on_one_count
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Environment, Survey
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, FOURDOF_RUNS, Vector, diagonal_direction, travel_signs
@@ -17,11 +18,14 @@ AIR_FIELDS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percen
 def tabulate(survey: Survey, passes: list[Pass]) -> Readings:
     """Return the readings of whole laser passes, rows in the order of passes and stops.
 
-    An instrument that counts in vacuum wavelengths gets each stop's own air; where the survey file asks for it, each axis is reduced
-    to 20 C. Runs of the 4-DOF head carry no laser reading and are left out.
+    Readings are relative to the first stop of the setup while the laser's count is unbroken: ``zero`` numbers its stretches. An
+    instrument that counts in vacuum wavelengths gets each stop's own air; where the survey file asks for it, each axis is reduced to
+    20 C. Runs of the 4-DOF head carry no laser reading and are left out.
     """
     used = [each for each in passes if each.complete and base_setup(each.route.setup) not in FOURDOF_RUNS]
-    tables = [_rows(survey, each) for each in used]
+    counted = on_one_count(used)
+    first = {(one.driven.route.setup, one.zero): one for one in sorted(counted, key=lambda one: -one.driven.number)}
+    tables = [_rows(survey, one, first[one.driven.route.setup, one.zero]) for one in counted]
     begin = min((stop.time_s for each in used for stop, _ in each.chosen().values()), default=0.0)
     return make_readings(
         setup=[each.route.setup for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
@@ -33,23 +37,30 @@ def tabulate(survey: Survey, passes: list[Pass]) -> Readings:
         temperature_c=[_material_c(survey.environment, stop) for rows in tables for stop in rows[1]],
         time_s=[stop.time_s - begin for rows in tables for stop in rows[1]],
         beam_mm=np.vstack([_beam(survey, each) for each in used]) if used else None,
+        zero=[one.zero for one, rows in zip(counted, tables, strict=True) for _ in rows[0]],
     )
 
 
-def _rows(survey: Survey, each: Pass) -> tuple[Vector, list[CapturedStop]]:
-    """Return the corrected readings of a pass and the stops they come from."""
-    chosen = each.chosen()
-    stops = [chosen[index][0] for index in range(len(each.route))]
-    raw = np.array([(stop.reading_mm or 0.0) + offset for stop, offset in (chosen[index] for index in range(len(each.route)))])
-    readings = raw - raw[0]
+def _rows(survey: Survey, one: Counted, first: Counted) -> tuple[Vector, list[CapturedStop]]:
+    """Return the corrected readings of a pass, relative to the first stop of the ``first`` on its count, and the stops they come from."""
+    chosen = one.driven.chosen()
+    stops = [chosen[index][0] for index in range(len(one.driven.route))]
+    counts = np.array([_count_mm(*chosen[index]) for index in range(len(stops))]) + one.offset_mm
+    origin, offset_mm = first.driven.chosen()[0]
+    readings = counts - (_count_mm(origin, offset_mm) + first.offset_mm)
     if not survey.laser.compensated:
-        readings = _in_this_air(survey, each, stops, readings)
+        readings = _in_this_air(survey, first.driven, [origin, *stops], np.concatenate([[0.0], readings]))[1:]
     if survey.machine.apply_expansion:
-        readings = _at_20_c(survey, each, stops, readings)
+        readings = _at_20_c(survey, one.driven, origin, stops, readings)
     return readings, stops
 
 
-def _in_this_air(survey: Survey, each: Pass, stops: list[CapturedStop], readings: Vector) -> Vector:
+def _count_mm(stop: CapturedStop, offset_mm: float) -> float:
+    return (stop.reading_mm or 0.0) + offset_mm
+
+
+def _in_this_air(survey: Survey, first: Pass, stops: list[CapturedStop], readings: Vector) -> Vector:
+    """Return true displacements since the first of the stops, where the dead path begins."""
     values = {name: np.array([_environment(survey.environment, stop, name) for stop in stops]) for name in AIR_FIELDS}
     air = Air(
         temperature_c=values["air_temperature_c"],
@@ -57,16 +68,16 @@ def _in_this_air(survey: Survey, each: Pass, stops: list[CapturedStop], readings
         humidity_percent=values["relative_humidity_percent"],
     )
     index = refractive_index(air, survey.laser.wavelength_nm)
-    start_mm = 0.0 if each.route.outward else float(-each.route.nominal_mm[-1])
+    start_mm = 0.0 if first.route.outward else float(-first.route.nominal_mm[-1])
     dead_path = survey.laser.dead_path_mm + start_mm
     return displacement_mm(readings, index, zero_index=float(index[0]), dead_path_mm=dead_path, done=Done(0))
 
 
-def _at_20_c(survey: Survey, each: Pass, stops: list[CapturedStop], readings: Vector) -> Vector:
+def _at_20_c(survey: Survey, each: Pass, origin: CapturedStop, stops: list[CapturedStop], readings: Vector) -> Vector:
     base = base_setup(each.route.setup)
     along = diagonal_direction(survey.volume, base) if base in BODY_DIAGONALS else np.eye(3)["xyz".index(base[-1])]
     temperature = np.array([[_material_c(survey.environment, stop)] * 3 for stop in stops])
-    travel = np.array([np.subtract(stop.position_mm, stops[0].position_mm) for stop in stops])
+    travel = np.array([np.subtract(stop.position_mm, origin.position_mm) for stop in stops])
     grown = expansion_um(travel, along, survey.machine.expansion_um_m_c, temperature)
     return reading_at_20_c_mm(readings, grown, Done(0))
 
