@@ -1,5 +1,6 @@
 """What is in a log, and mending one that was cut off: into a new file, never in place."""
 
+import tomllib
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,6 +36,8 @@ class LogInfo:
     polls: int
     stops: int
     end: LogEnd
+    carries_token: bool = False
+    """Whether the survey file in it holds a token of the page, as those of older versions could."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -69,7 +72,16 @@ def log_info(path: Path) -> LogInfo:
         polls=polls,
         stops=end.messages.get(STOP_TOPIC, 0),
         end=end,
+        carries_token=_carries_token(log.header.survey_text),
     )
+
+
+def _carries_token(survey_text: str) -> bool:
+    try:
+        page = tomllib.loads(survey_text).get("page")
+    except (tomllib.TOMLDecodeError, RecursionError):
+        return False
+    return isinstance(page, dict) and bool(page.get("token"))
 
 
 def recovered_path(path: Path) -> Path:

@@ -28,6 +28,11 @@ def load_survey(path: Path) -> Survey:
     calibration of another head: better before the survey than after it.
     """
     survey = parse_survey(read_text(path), str(path.name))
+    if survey.page.token:
+        raise UsageError(
+            f"{path.name}: page.token", expected="no secret: every log carries the survey file", found="a token",
+            remedy="write another one into a file of mode 600 and name it: page.token_file (docs/security.md)",
+        )  # fmt: skip
     for field, name in _named_files(survey):
         if not (path.parent / name).is_file():
             found = f"no file {name} beside {path.name}"

@@ -23,11 +23,14 @@ PositiveTriple = tuple[Positive, Positive, Positive]
 FileName = Annotated[
     str,
     Meta(
-        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$",
+        pattern=r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}\Z",
         description="a name of letters, digits, dot, dash and underscore (at most 64, a letter or digit first)",
     ),
 ]
 """A name that is safe as a folder on any file system."""
+HostName = Annotated[
+    str, Meta(pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?\Z", description="a name of a computer, such as mill.example.org")
+]
 
 
 class Identity(msgspec.Struct, frozen=True, kw_only=True):
@@ -231,6 +234,11 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
     host: Text = "127.0.0.1"
     port: Port = 8420
     token: str = ""
+    """Only in logs of older versions; a survey file with a token is refused, as every log would carry it."""
+    token_file: str = ""
+    names: tuple[HostName, ...] = ()
+    certificate: str = ""
+    key: str = ""
     language: Literal["en", "de"] = "en"
 
 

@@ -186,3 +186,5 @@ def _page(survey: Survey, source: str) -> Iterator[UsageError]:
     ports = (survey.page.enabled, survey.metrics.enabled, survey.page.port == survey.metrics.port)
     if all(ports):
         yield refuse(source, "metrics.port", "another port than page.port", survey.metrics.port)
+    if bool(survey.page.certificate) != bool(survey.page.key):
+        yield refuse(source, "page.certificate", "certificate and key, or neither", survey.page.certificate)

@@ -66,6 +66,7 @@ def _as_json(found: "LogInfo") -> dict[str, object]:
         "run": found.run,
         "clock": found.clock,
         "run_stop": found.end.run_stop,
+        "carries_token": found.carries_token,
     }
 
 
@@ -79,6 +80,7 @@ def _as_text(found: "LogInfo") -> str:
         f"{found.path}: {state}{reason}{mended}",
         f"  began {_wall(found.begin_wall_ns)}, lasted {found.seconds:.1f} s",
         f"  {found.stops} stops, {found.polls} polls of the machine, {streams}",
+        *(["  carries a token of the page: change it, and take care who gets this log"] if found.carries_token else []),
         *(f"  {topic:<16} {count:>8} messages" for topic, count in sorted(end.messages.items())),
         *(f"  {name}: {_short(text)}" for name, text in (found.run | found.clock).items()),
     ]

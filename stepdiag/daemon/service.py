@@ -7,7 +7,7 @@ usual; and the collector of garbage, which holds everything up for 20 ms when it
 import gc
 import sys
 from collections.abc import AsyncIterator, Sequence
-from contextlib import AsyncExitStack, asynccontextmanager, suppress
+from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -54,17 +54,17 @@ async def _page_beside(daemon: "Daemon", survey_file: Path) -> AsyncIterator[Non
     import structlog
 
     from stepdiag.page.keeper import Listeners, address_of, page_kept
-    from stepdiag.page.messages import PageSettings
+    from stepdiag.page.settings import in_the_clear, page_settings
 
     log = structlog.get_logger("service")
     page, metrics = daemon.survey.page, daemon.survey.metrics
-    folder = daemon.survey.folder(survey_file).resolve()
-    with suppress(OSError):  # the daemon says why, in its turn; the page is shut out of what is not there when it starts
-        folder.mkdir(parents=True, exist_ok=True)
-    settings = PageSettings(folder=str(folder), token=page.token, language=page.language)
+    settings = page_settings(survey_file, daemon.survey)
     listeners = Listeners.opened(page, metrics)
     if listeners.page is not None:
-        log.info("page", address=address_of(listeners.page), commands="with token" if settings.token else "none: read only")
+        address = address_of(listeners.page, "https" if settings.certificate else "http")
+        log.info("page", address=address, commands="with token" if settings.token else "none: read only")
+        if in_the_clear(page, settings):
+            log.warning("page-in-the-clear", address=address, token="sent in the clear" if settings.token else "none")
     if listeners.metrics is not None:
         log.info("metrics", address=f"{address_of(listeners.metrics)}/metrics")
     async with page_kept(daemon.status_source, settings, listeners, daemon.status_source.figures):

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
+from structlog.contextvars import get_contextvars
 
 from stepdiag.daq.records.status import (
     CommandName,
@@ -36,6 +37,7 @@ class PlayedSurvey:
 
     def __init__(self, folder: Path) -> None:
         self.place = folder
+        self.addresses: list[str] = []
         self.guessed: list[tuple[str, int]] = []
         self.fields: dict[str, Any] = _beginning()
         self.ordered: list[tuple[str, dict[str, str]]] = []
@@ -86,6 +88,7 @@ class PlayedSurvey:
         if self.refusal is not None:
             raise self.refusal
         self.ordered.append((name, dict(arguments)))
+        self.addresses.append(str(get_contextvars()["address"]))
         if name == "name":
             self.publish(**arguments)
 
@@ -181,7 +184,7 @@ class Served:
 
 
 @contextmanager
-def served(folder: Path, *, port: int = 0, token: str = "", language: Language = "en") -> Iterator[Served]:
+def served(folder: Path, *, port: int = 0, token: str = "", language: Language = "en", **settings: Any) -> Iterator[Served]:
     """Serve a played survey while the block runs."""
     ready: list[Served] = []
     started, failed = threading.Event(), []
@@ -189,10 +192,10 @@ def served(folder: Path, *, port: int = 0, token: str = "", language: Language =
     async def main(stop: asyncio.Event) -> None:
         survey = PlayedSurvey(folder)
         listeners = Listeners(page=open_listener("127.0.0.1", port, "page"))
-        settings = PageSettings(folder=str(folder), token=token, language=language)
+        how = PageSettings(folder=str(folder), token=token, language=language, **settings)
         assert listeners.page is not None
         address = address_of(listeners.page)
-        async with page_kept(survey, settings, listeners):
+        async with page_kept(survey, how, listeners):
             ready.append(Served(survey, address, asyncio.get_running_loop()))
             started.set()
             await stop.wait()

@@ -1,0 +1,102 @@
+"""How the page of a survey is served, and its secrets: the token and the key of its certificate, which stand in no survey file and no log.
+
+A secret is a credential of the service (systemd's ``LoadCredential``), or a file beside the survey file that nobody but its owner may read.
+"""
+
+import ipaddress
+import os
+import ssl
+import stat
+from contextlib import suppress
+from pathlib import Path
+
+from stepdiag.daq.survey.models import Page, Survey
+from stepdiag.exporters.files.files import as_text, read_bytes
+from stepdiag.page.messages import PageSettings
+from stepdiag.solver.errors import UsageError
+
+TOKEN, CERTIFICATE, KEY = "page-token", "page-certificate", "page-key"
+"""The names of the credentials."""
+SHORTEST_TOKEN = 16
+"""Characters: fewer can be guessed."""
+LONGEST_TOKEN_BYTES = 1000
+
+
+def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
+    """Return how the page is served, and make the folder it shows.
+
+    Raises UsageError for a secret that others may read, a short token, a certificate that is none.
+    """
+    page = survey.page
+    token = _secret(survey_file, TOKEN, page.token_file, "page.token_file")
+    certificate = _file(survey_file, CERTIFICATE, page.certificate)
+    key = _secret(survey_file, KEY, page.key, "page.key")
+    if certificate is not None and key is not None:
+        _refuse_no_certificate(certificate, key, survey_file.name)
+    folder = survey.folder(survey_file).resolve()
+    with suppress(OSError):  # the daemon says why, in its turn; the page is shut out of what is not there when it starts
+        folder.mkdir(parents=True, exist_ok=True)
+    return PageSettings(
+        folder=str(folder),
+        token="" if token is None else _token_in(token),
+        names=page.names,
+        certificate="" if certificate is None or key is None else str(certificate.resolve()),
+        key="" if certificate is None or key is None else str(key.resolve()),
+        language=page.language,
+    )
+
+
+def in_the_clear(page: Page, settings: PageSettings) -> bool:
+    """Return whether others than this computer can reach the page, and what they send can be read on the way."""
+    return not settings.certificate and not is_loopback(page.host)
+
+
+def is_loopback(host: str) -> bool:
+    """Return whether a host is this computer itself, as seen from itself."""
+    try:
+        return ipaddress.ip_address(host).is_loopback
+    except ValueError:
+        return host == "localhost"
+
+
+def _file(survey_file: Path, credential: str, named: str) -> Path | None:
+    """Return the file of a credential: the service's own comes first; None where there is neither."""
+    given = Path(os.environ.get("CREDENTIALS_DIRECTORY", "")) / credential
+    if "CREDENTIALS_DIRECTORY" in os.environ and given.is_file():
+        return given
+    return survey_file.parent / named if named else None
+
+
+def _secret(survey_file: Path, credential: str, named: str, field: str) -> Path | None:
+    """Return the file of a secret. Raises UsageError where it is not there, or where others may read it."""
+    path = _file(survey_file, credential, named)
+    if path is None or path.name == credential:
+        return path
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+    except OSError as error:
+        raise UsageError(f"{survey_file.name}: {field}", expected=f"a readable file {named}", found=error.strerror or str(error)) from error
+    if mode & 0o077:
+        raise UsageError(
+            f"{survey_file.name}: {field}", expected=f"a file that nobody but its owner may read: chmod 600 {named}", found=f"mode {mode:o}"
+        )
+    return path
+
+
+def _token_in(path: Path) -> str:
+    token = as_text(read_bytes(path, largest=LONGEST_TOKEN_BYTES, blame=UsageError), path.name, UsageError).strip()
+    if len(token) < SHORTEST_TOKEN or not token.isprintable():
+        raise UsageError(
+            path.name, expected=f"a token of {SHORTEST_TOKEN} printable characters or more", found=f"{len(token)} characters",
+            remedy=f"head -c 18 /dev/urandom | base64 > {path.name}",
+        )  # fmt: skip
+    return token
+
+
+def _refuse_no_certificate(certificate: Path, key: Path, source: str) -> None:
+    try:
+        ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_cert_chain(certificate, key)
+    except (OSError, ValueError) as error:  # ssl.SSLError is an OSError
+        raise UsageError(
+            f"{source}: page.certificate, page.key", expected="a certificate and its key, in PEM, without a password", found=str(error)
+        ) from error
