@@ -13,7 +13,7 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.survey_folder import logs_in
 from stepdiag.daq.survey.bundle import bundle_from_run
-from stepdiag.daq.survey.file import parse_survey
+from stepdiag.daq.survey.file import parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
@@ -69,10 +69,10 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
     return logs
 
 
-def replay(paths: Sequence[Path]) -> Replayed:
-    """Return what the logs of one survey say, in the order given.
+def replay(paths: Sequence[Path], survey_file: Path | None = None) -> Replayed:
+    """Return what the logs of one survey say, in the order given; ``survey_file`` stands for the one in the logs where that cannot be used.
 
-    Raises DataError for a log that is not ours or that belongs to another survey file.
+    Raises DataError for a log that is not ours or that belongs to another survey file, UsageError for a survey file that cannot be used.
     """
     opened = [open_log(path) for path in paths]
     text = opened[0].header.survey_text
@@ -81,7 +81,9 @@ def replay(paths: Sequence[Path]) -> Replayed:
             raise DataError(
                 str(log.path), expected=f"the survey file of {opened[0].path.name}", found="another one", remedy="replay each survey alone"
             )
-    survey = parse_survey(text, f"{opened[0].path.name}: survey.toml")
+    if survey_file is not None:
+        text = read_text(survey_file)
+    survey = parse_survey(text, survey_file.name if survey_file is not None else f"{opened[0].path.name}: survey.toml")
     book = PassBook(survey)
     replayed = []
     for log in opened:

@@ -1,14 +1,17 @@
 """`line`: any instrument that sends one ASCII line a sample, described by its configuration.
 
 The route for instruments whose wire format is not public: a regular expression with the named groups ``position``,
-``counter`` and ``beam`` says where the numbers stand.
+``counter`` and ``beam`` says where the numbers stand. It is matched in time linear in the line (RE2), so that a line which
+lost a comma cannot hold up the recording for minutes; what RE2 does not know (looking ahead or behind, references to groups)
+is refused.
 """
 
 import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
+import re2
 
 from stepdiag.daq.formats.batch import NOTHING, Batch, judge_beam
 from stepdiag.daq.formats.checks import require, require_interferometer, require_sign
@@ -59,13 +62,14 @@ class LineSettings:
     def _groups(self) -> frozenset[str]:
         try:
             require("\n".encode(self.encoding) == b"\n", "laser.line.encoding", "an encoding that extends ASCII", self.encoding)
-            return frozenset(re.compile(self.pattern).groupindex)
-        except re.error as error:
-            raise UsageError("survey: laser.line.pattern", expected="a regular expression", found=f"{self.pattern!r} ({error})") from error
         except LookupError as error:
             raise UsageError("survey: laser.line.encoding", expected="an encoding such as ascii", found=self.encoding) from error
+        return frozenset(line_pattern(self.pattern, "survey: laser.line.pattern").groupindex)
 
 
+LONGEST_QUOTE = 200
+MOST_MEMORY_BYTES = 4_000_000
+"""That a pattern may take; one that needs more is refused."""
 LINE_CAP = 4096
 """Bytes; no instrument that sends a line a sample comes near."""
 
@@ -93,7 +97,9 @@ class LineDecoder:
 
     def __init__(self, settings: LineSettings) -> None:
         self._settings = settings
-        self._pattern = re.compile(settings.pattern)
+        self._pattern = line_pattern(settings.pattern, "survey: laser.line.pattern")
+        place = self._pattern.groupindex
+        self._places = [place["position"], place.get("counter"), place.get("beam")]
         self._mm = settings.sign * settings.scale * _mm_per_unit(settings)
         self._terminator = settings.terminator.encode()
         self._lines = LineBuffer(LINE_CAP, self._terminator)
@@ -102,7 +108,7 @@ class LineDecoder:
         self._first_line = True
         self._number = -1
         self.nominal_rate_hz = settings.rate_hz
-        self.gaps_visible = "counter" in self._pattern.groupindex
+        self.gaps_visible = "counter" in place
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
@@ -141,11 +147,9 @@ class LineDecoder:
         found = self._pattern.fullmatch(text) if len(line) <= LINE_CAP else None
         if found is None:
             return None
-        groups = found.groupdict()
-        count = self._count(groups.get("counter"))
-        if count is None:
-            return None
-        return _Row(_number(groups["position"]), count, _number(groups.get("beam")))
+        position, counter, beam = (None if place is None else found.group(place) for place in self._places)
+        count = self._count(counter)
+        return None if count is None else _Row(_number(position), count, _number(beam))
 
     def _count(self, text: str | None) -> int | None:
         if not self.gaps_visible:
@@ -168,6 +172,28 @@ class LineDecoder:
         flags = np.where(np.isnan(position_mm), Flag.DEVICE_ERROR, 0).astype(np.uint16)
         judge_beam(beam, self._settings.beam_threshold, flags)
         batch.add(followed.counter, position_mm, flags, beam=beam)
+
+
+def line_pattern(pattern: str, where: str) -> Any:
+    """Return a pattern ready to match. Raises UsageError for what RE2 cannot hold; ``where`` names the pattern."""
+    options = re2.Options()
+    options.log_errors = False
+    options.max_mem = MOST_MEMORY_BYTES
+    try:
+        return re2.compile(pattern, options)
+    except re2.error as error:
+        why = error.args[0].decode("utf-8", "replace") if error.args and isinstance(error.args[0], bytes) else str(error)
+        raise UsageError(
+            where,
+            expected="a regular expression of RE2, between single quotes",
+            found=f"{_shortened(pattern)} ({_shortened(why)})",
+            remedy="it knows no looking ahead or behind and no references to groups; the log of an older survey is read with another"
+            " pattern by `stepdiag replay --survey FILE`",
+        ) from error
+
+
+def _shortened(text: str) -> str:
+    return repr(text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}...")
 
 
 def _number(text: str | None) -> float:

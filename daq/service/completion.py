@@ -41,13 +41,15 @@ class Completed:
     refusals: dict[str, str]
 
 
-def complete(paths: Sequence[Path], out: Path) -> Completed:
+def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Completed:
     """Solve a survey from its logs and write readings, result and exports into ``out``, each file at once or not at all.
+
+    ``survey_file`` stands for the one in the logs where that cannot be used.
 
     Raises DataError where passes are missing or a file stands there with other bytes. A refused export does not cost the others nor
     the result: it leaves its reason in ``exports/<controller>/REFUSED.txt``.
     """
-    replayed = replay(find_logs(paths))
+    replayed = replay(find_logs(paths), survey_file)
     computed, readings = solve_logs(replayed)
     text = computed.to_json()
     # what follows uses the rounded numbers of the file: the last bits of a sum differ from processor to processor

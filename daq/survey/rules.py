@@ -1,9 +1,8 @@
 """What a survey file must fulfil beyond the limits of its single fields."""
 
-import re
-import warnings
 from collections.abc import Iterator
 
+from stepdiag.daq.formats.line import line_pattern
 from stepdiag.daq.formats.signals import SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
 from stepdiag.daq.survey.models import Plc, Survey
 from stepdiag.exporters.files.settings import refuse, unknown_key
@@ -59,16 +58,9 @@ def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
         yield refuse(source, "laser.line", 'a table for format = "line"', None, "add [laser.line] with the pattern of a line")
         return
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("error")
-            groups = re.compile(laser.line.pattern).groupindex
-    except (re.error, Warning, OverflowError, RecursionError) as error:
-        yield UsageError(
-            f"{source}: laser.line.pattern",
-            expected="a regular expression",
-            found=f"{laser.line.pattern!r} ({error})",
-            remedy="write it between single quotes, so that backslashes stay as they are",
-        )
+        groups = line_pattern(laser.line.pattern, f"{source}: laser.line.pattern").groupindex
+    except UsageError as refusal:
+        yield refusal
         return
     if "position" not in groups:
         yield refuse(source, "laser.line.pattern", "a named group (?P<position>...)", laser.line.pattern)

@@ -89,6 +89,9 @@ def _write_result(out: Path, result: "Result") -> None:
 def replay(
     logs: Annotated[list[Path], typer.Argument(help="The logs of one survey, or their folder.")],
     out: Annotated[Path | None, typer.Option(help="Where to write the results again; default a folder `replay` beside the logs.")] = None,
+    survey: Annotated[
+        Path | None, typer.Option("--survey", help="A survey file in place of the one in the logs, where that cannot be used any more.")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Make result and files again from the logs.
@@ -97,7 +100,7 @@ def replay(
     """
     from stepdiag.daemon.replay import replay_and_compare
 
-    compared = replay_and_compare(logs, out)
+    compared = replay_and_compare(logs, out, survey)
     if as_json:
         typer.echo(json.dumps(compared.as_json(), indent=2))
     else:

@@ -41,12 +41,15 @@ class Compared:
         return "\n".join(lines)
 
 
-def replay_and_compare(paths: Sequence[Path], out: Path | None) -> Compared:
-    """Complete a survey from its logs into ``out`` and compare every file with the one beside the logs."""
+def replay_and_compare(paths: Sequence[Path], out: Path | None, survey_file: Path | None = None) -> Compared:
+    """Complete a survey from its logs into ``out`` and compare every file with the one beside the logs.
+
+    ``survey_file`` stands for the one in the logs where that cannot be used.
+    """
     logs = find_logs(paths)
     live = logs[0].parent
     target = live / "replay" if out is None else out
-    done = complete(logs, target)
+    done = complete(logs, target, survey_file)
     write_completed_report(done)
     written = [target / RESULT, target / READINGS, target / CONCLUSION, target / "report.html", *sorted((target / EXPORTS).rglob("*"))]
     names = [path.relative_to(target) for path in written if path.is_file()]

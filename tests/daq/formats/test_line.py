@@ -134,3 +134,25 @@ class TestLine(DecoderContract):
 
     def make(self):
         return LineDecoder(LineSettings(pattern=PATTERN))
+
+
+EVIL = (r"(?P<position>([0-9]+)+),x", r"((a|aa)+)(?P<position>.*)x", r"(?P<position>([0-9.]*)*),(.*)*=")
+
+
+@pytest.mark.timeout(20)
+@pytest.mark.parametrize("pattern", EVIL)
+def test_a_line_that_lost_a_comma_costs_no_time(pattern: str) -> None:
+    """Each of these takes a backtracking engine longer than the sun will shine; a thousand such lines are read here."""
+    decoder = LineDecoder(LineSettings(pattern=pattern))
+    samples = decoder.feed(b"\n" + (b"a1" * 1000 + b"1" * 2000 + b"\n") * 1000, 1)
+    assert len(samples.position_mm) == 0
+    assert sum(notice.code == "garbage" for notice in samples.notices) > 0
+
+
+@pytest.mark.parametrize(
+    "pattern", [r"(?P<position>\d+)(?=x)", r"(?P<position>(\d)\1)", "(?P<position>((x{900}){900}){900})", "(?P<position>[0-9"]
+)
+def test_what_cannot_be_held_in_linear_time_is_refused_when_the_survey_is_read(pattern: str) -> None:
+    """With the reason, and with what to do about the log of an older survey."""
+    with pytest.raises(UsageError, match=r"laser\.line\.pattern: expected a regular expression of RE2.*replay --survey FILE"):
+        LineSettings(pattern=pattern)

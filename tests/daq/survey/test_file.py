@@ -198,7 +198,7 @@ type = "bit"
 @pytest.mark.parametrize(
     ("pattern", "message"),
     [
-        ("(?P<position>[", "laser.line.pattern: expected a regular expression, found '(?P<position>[' ("),
+        ("(?P<position>[", "laser.line.pattern: expected a regular expression of RE2, between single quotes, found '(?P<position>[' ("),
         ("[0-9]+", "laser.line.pattern: expected a named group (?P<position>...)"),
         ("(?P<position>.)(?P<bean>.)", "did you mean beam?"),
     ],
