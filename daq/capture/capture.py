@@ -46,7 +46,7 @@ class Capture:
         self.signals: Signals | None = None
         self.tracker = DwellTracker()
         self.ended: Ended | None = None
-        self._decoder = SignalDecoder(survey.plc.signals)
+        self._decoder = SignalDecoder(survey.plc.signals, survey.plc.parsed())
         self._pulse = Pulse()
         self._alarm = Alarm(start.wall_offset_ns)
         self._conditions = Conditions(survey, start.credible)

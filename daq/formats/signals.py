@@ -7,13 +7,15 @@ in order here by hand, tested against literal wire bytes.
 
 import math
 import struct
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, fields
+from types import MappingProxyType
 from typing import Annotated, Literal
 
 import msgspec
 import numpy as np
 
+from stepdiag.daq.formats.expressions import Expression, Memory
 from stepdiag.daq.records.events import ModbusBlock, ReadRange, Table
 from stepdiag.solver.errors import DataError
 
@@ -108,19 +110,19 @@ CONTRACT_SIGNALS: SignalMap = {
 """The contract's default block: holding registers 0 to 13, one request."""
 
 
-def plan_reads(signals: SignalMap) -> tuple[ReadRange, ...]:
-    """Return the fewest requests that read every signal.
+def plan_reads(signals: SignalMap, standing: Collection[str] = ("stopped",)) -> tuple[ReadRange, ...]:
+    """Return the fewest requests that read every signal; ``standing`` names those that tell whether the machine stands.
 
     Only addresses that touch are joined: a hole between two signals may be an address the control refuses. A range never exceeds what
-    one request may ask for, and no number is torn apart by its end. Where it takes more than one request, ``stopped`` is asked for
-    first and last: the machine may leave between two of them, and only what was read while it stood belongs to a stop.
+    one request may ask for, and no number is torn apart by its end. Where it takes more than one request, what tells of standing is asked
+    for first and last: the machine may leave between two of them, and only what was read while it stood belongs to a stop.
     """
     ranges = _joined(signals)
-    stopped = signals.get("stopped")
-    if stopped is None or len(ranges) < 2:
+    telling = {name: signals[name] for name in standing if name in signals}
+    if not telling or len(ranges) < 2:
         return tuple(ranges)
-    ranges.sort(key=lambda asked: not _holds(asked, stopped))
-    return (*ranges, ReadRange(stopped.table, stopped.address, stopped.width))
+    ranges.sort(key=lambda asked: not any(_holds(asked, spec) for spec in telling.values()))
+    return (*ranges, *_joined(telling))
 
 
 def _joined(signals: SignalMap) -> list[ReadRange]:
@@ -152,8 +154,11 @@ class SignalDecoder:
     Polls mostly repeat what the poll before said: an unchanged block gives the same object again.
     """
 
-    def __init__(self, signals: SignalMap) -> None:
+    def __init__(self, signals: SignalMap, expressions: Mapping[str, Expression] = MappingProxyType({})) -> None:
+        """``expressions`` make further signals out of the inputs, which are the members of ``signals`` that are none themselves."""
         self._signals = signals
+        self._expressions = expressions
+        self._memory = Memory()
         self._ranges: tuple[ReadRange, ...] = ()
         self._places: dict[str, tuple[tuple[int, int], ...]] = {}
         self._data: tuple[bytes, ...] | None = None
@@ -172,8 +177,9 @@ class SignalDecoder:
             self._ranges = block.ranges
         if block.data != self._data:
             _check_lengths(block)
-            values = {name: self._value(name, block.data) for name in self._signals}
-            self._decoded = Signals(**values)  # type: ignore[arg-type]  # _value types each by its name
+            said = {name: self._value(name, block.data) for name in self._signals if name in SIGNAL_NAMES}
+            made = {name: self._made(name, block.data) for name in self._expressions}
+            self._decoded = Signals(**said | made)  # type: ignore[arg-type]  # each is typed by its name
             self._data = block.data
         return self._decoded
 
@@ -185,10 +191,31 @@ class SignalDecoder:
             return None
         if name in SWITCHED:
             return all(numbers)
-        value = numbers[0] * spec.scale + spec.offset
-        if not math.isfinite(value):
+        return _typed(name, numbers[0] * spec.scale + spec.offset)
+
+    def _made(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
+        """Return the value of an expression; where its inputs were asked for twice in one poll, yes has to hold both times."""
+        expression = self._expressions[name]
+        first = expression.value({each: self._input(each, data, 0) for each in expression.names}, self._memory)
+        last = expression.value({each: self._input(each, data, -1) for each in expression.names}, self._memory)
+        if name in SWITCHED:
+            return None if first is None or last is None else bool(first and last)
+        return None if last is None else _typed(name, float(last))
+
+    def _input(self, name: str, data: tuple[bytes, ...], which: int) -> float | None:
+        spec = self._signals[name]
+        answer, place = self._places[name][which]
+        if not data[answer]:
             return None
-        return round(value) if name in COUNTED else float(value)
+        value = _number(spec, data[answer], place) * spec.scale + spec.offset
+        return value if math.isfinite(value) else None
+
+
+def _typed(name: str, value: float) -> int | float | None:
+    """Return a number as the signal wants it; None for one that is none."""
+    if not math.isfinite(value):
+        return None
+    return round(value) if name in COUNTED else float(value)
 
 
 def _check_lengths(block: ModbusBlock) -> None:

@@ -95,7 +95,7 @@ class Session:
         self._skip_dwell = False
         self._armed = armed
         self._last_setup: int | None = None
-        self._idle_decoder = SignalDecoder(survey.plc.signals)
+        self._idle_decoder = SignalDecoder(survey.plc.signals, survey.plc.parsed())
         self._left_ns: int | None = None
         self._noted_sample_ns = self._noted_signals_ns = 0
         self._idle_laser = StreamBuffer(laser_decoder(survey))

@@ -45,7 +45,9 @@ class SurveyLinks:
         if survey.head is not None:
             self._lines["head"] = self._line("head", survey.head, head_decoder(survey))
         plc = survey.plc
-        self._poller = ModbusPoller(modbus_settings(plc), plan_reads(plc.signals), 1.0 / plc.poll_hz, self._polled, on_written)
+        self._poller = ModbusPoller(
+            modbus_settings(plc), plan_reads(plc.signals, plc.standing), 1.0 / plc.poll_hz, self._polled, on_written
+        )
         self._lines["machine"] = Reconnector("machine", self._poller.session, self._reporter("machine"))
         self._tasks: list[asyncio.Task[None]] = []
 

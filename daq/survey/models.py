@@ -4,13 +4,15 @@ What each field means to a person stands in `daq.survey.template`, the commented
 that need more than one field stand in `daq.survey.rules`.
 """
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Annotated, Literal
 
 import msgspec
 from msgspec import Meta
 
-from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalMap, SignalSpec
+from stepdiag.daq.formats.expressions import Expression, Kind, parse_expression
+from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SIGNAL_NAMES, SignalMap, SignalSpec, describe
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, MOST_INCREMENTS, Volume
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -195,12 +197,33 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
     poll_hz: Positive = 50.0
     timeout_s: Positive = 0.3
     own_signals: dict[str, SignalSpec] = msgspec.field(name="signals", default_factory=dict)
+    inputs: dict[str, SignalSpec] = {}
+    expressions: dict[str, Text] = {}
     handshake: Handshake = Handshake()
 
     @property
     def signals(self) -> SignalMap:
-        """Return the signals to read: those of the file, or the contract's block where the file names none."""
-        return self.own_signals or CONTRACT_SIGNALS
+        """Return what is read: the signals and inputs of the file, or the contract's block where the file names none."""
+        return {**self.own_signals, **self.inputs} or CONTRACT_SIGNALS
+
+    @property
+    def said(self) -> tuple[str, ...]:
+        """Return the names of the signals that this machine says, outright or by an expression, in the order of the contract's block."""
+        return tuple(name for name in SIGNAL_NAMES if name in self.expressions or (name in self.signals and name not in self.inputs))
+
+    def parsed(self, source: str = "survey") -> Mapping[str, Expression]:
+        """Return the expressions, parsed. Raises UsageError that points at the character where one cannot go on."""
+        kinds: dict[str, Kind] = {name: "bit" if spec.type == "bit" else "word" for name, spec in self.inputs.items()}
+        return {name: parse_expression(text, kinds, f"{source}: plc.expressions.{name}") for name, text in self.expressions.items()}
+
+    def place(self, name: str) -> str:
+        """Return where a signal comes from, as a person writes it: ``holding 2 bit 0``, or its expression."""
+        return self.expressions[name] if name in self.expressions else describe(self.signals[name])
+
+    @property
+    def standing(self) -> frozenset[str]:
+        """Return the names of what is read and tells whether the machine stands."""
+        return self.parsed()["stopped"].names if "stopped" in self.expressions else frozenset(["stopped"])
 
 
 class StopRules(msgspec.Struct, frozen=True, kw_only=True):

@@ -1,15 +1,18 @@
 """What a survey file must fulfil beyond the limits of its single fields."""
 
-from collections.abc import Iterator
+import re
+from collections.abc import Collection, Iterator
 
+from stepdiag.daq.formats.expressions import Kind, parse_expression
 from stepdiag.daq.formats.line import line_pattern
-from stepdiag.daq.formats.signals import SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
+from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
 from stepdiag.daq.survey.models import Plc, Survey
 from stepdiag.exporters.files.settings import refuse, unknown_key
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
 
 _SETUP_NAMES = (*BODY_DIAGONALS, *LINEAR_RUNS, *FOURDOF_RUNS)
+_INPUT_NAME = re.compile(r"[A-Za-z]\w{0,31}\Z", re.ASCII)
 _LINE_GROUPS = ("position", "counter", "beam")
 _MAX_POLL_HZ = 1000.0
 _BITS_PER_CHARACTER = 11
@@ -97,29 +100,63 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
         yield refuse(source, "plc.serial_port", 'a serial port for transport = "rtu"', "", "such as /dev/ttyUSB1")
     if plc.poll_hz > _MAX_POLL_HZ:
         yield refuse(source, "plc.poll_hz", f"at most {_MAX_POLL_HZ:g}", plc.poll_hz)
-    if plc.own_signals and "stopped" not in plc.own_signals:
-        yield refuse(source, "plc.signals", "at least the signal stopped", list(plc.own_signals), "every other signal may be absent")
     for name, spec in plc.own_signals.items():
         yield from _signal(name, spec, source)
-    yield from _overlaps(plc.signals, source)
+    if wrong := list(_expressions(plc, source)):
+        yield from wrong
+        return
+    if "stopped" not in plc.said:
+        remedy = "every other signal may be absent; it may be made of others in [plc.expressions]"
+        yield refuse(source, "plc.signals", "at least the signal stopped", list(plc.said), remedy)
+    yield from _overlaps({name: spec for name, spec in plc.signals.items() if name not in plc.inputs}, source)
     yield from _handshake(plc, source)
     if plc.transport == "rtu":
         yield from _line_time(plc, source)
+
+
+def _expressions(plc: Plc, source: str) -> Iterator[UsageError]:
+    for name, spec in plc.inputs.items():
+        if not _INPUT_NAME.match(name):
+            yield refuse(source, f"plc.inputs.{name}", "a name of letters, digits and underscore, a letter first, at most 32", name)
+        if name in SIGNAL_NAMES:
+            yield refuse(source, f"plc.inputs.{name}", "a name that is no signal's", name, "signals stand in [plc.signals]")
+        yield from _place(f"plc.inputs.{name}", spec, source)
+    for name, text in plc.expressions.items():
+        field, wanted = f"plc.expressions.{name}", "bit" if name in SWITCHED else "word"
+        if name not in (*SWITCHED, *COUNTED):
+            yield unknown_key(source, field, name, [*SWITCHED, *COUNTED])
+        if name in plc.own_signals:
+            yield refuse(source, field, f"either an expression or [plc.signals.{name}]", "both")
+        kinds: dict[str, Kind] = {each: "bit" if spec.type == "bit" else "word" for each, spec in plc.inputs.items()}
+        try:
+            found = parse_expression(text, kinds, f"{source}: {field}")
+        except UsageError as error:
+            yield error
+            continue
+        if found.kind != wanted:
+            yield refuse(source, field, "yes or no (a comparison)" if wanted == "bit" else "a number", text)
 
 
 def _signal(name: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
     field = f"plc.signals.{name}"
     if name not in SIGNAL_NAMES:
         yield unknown_key(source, field, name, list(SIGNAL_NAMES))
+    yield from _place(field, spec, source)
+    if spec.type == "bit" and name not in (*SWITCHED, "heartbeat"):
+        yield refuse(source, f"{field}.type", "a number", spec.type, f"only {', '.join(SWITCHED)} and heartbeat may be bits")
+    if name in SWITCHED and spec.type != "bit" and (spec.scale != 1 or spec.offset != 0):
+        yield refuse(source, f"{field}.scale", "1 and offset 0: the signal is yes or no", spec.scale)
+
+
+def _place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
+    """Judge where a signal or an input lies and how it is read."""
     if spec.in_bit_table and spec.type != "bit":
         yield refuse(source, f"{field}.type", f'"bit" in table {spec.table}', spec.type)
     if spec.in_bit_table and spec.bit:
         yield refuse(source, f"{field}.bit", f"0 in table {spec.table}, where an address is one bit", spec.bit)
-    if spec.type == "bit" and name not in (*SWITCHED, "heartbeat"):
-        yield refuse(source, f"{field}.type", "a number", spec.type, f"only {', '.join(SWITCHED)} and heartbeat may be bits")
     if spec.scale == 0:
         yield refuse(source, f"{field}.scale", "a number other than 0", spec.scale)
-    if (name in SWITCHED or spec.type == "bit") and (spec.scale != 1 or spec.offset != 0):
+    if spec.type == "bit" and (spec.scale != 1 or spec.offset != 0):
         yield refuse(source, f"{field}.scale", "1 and offset 0: the signal is yes or no", spec.scale)
     if spec.address + spec.width > 65536:
         yield refuse(source, f"{field}.address", "at most 65534 for a number of two registers", spec.address)
@@ -140,24 +177,24 @@ def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
 def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
     if not plc.handshake.enabled:
         return
-    if "stop_count" not in plc.signals:
+    if "stop_count" not in plc.said:
         yield refuse(source, "plc.handshake.enabled", "the signal stop_count, which is what is written back", True)
     for name, spec in plc.signals.items():
         if (plc.handshake.table, plc.handshake.address) in registers([spec]):
             yield refuse(source, "plc.handshake.address", f"a register that is not read: {name} is there", plc.handshake.address)
 
 
-def rtu_poll_s(signals: SignalMap, baud: int) -> float:
+def rtu_poll_s(signals: SignalMap, baud: int, standing: Collection[str] = ("stopped",)) -> float:
     """Return the time one poll takes on the wire in seconds, device's own time not counted (instruments.md 4.2).
 
     A request is 8 characters, an answer 5 and its data; 3.5 characters of silence before each.
     """
-    characters = sum(8 + 5 + asked.byte_count + 2 * 3.5 for asked in plan_reads(signals))
+    characters = sum(8 + 5 + asked.byte_count + 2 * 3.5 for asked in plan_reads(signals, standing))
     return characters * _BITS_PER_CHARACTER / baud
 
 
 def _line_time(plc: Plc, source: str) -> Iterator[UsageError]:
-    wire_s = rtu_poll_s(plc.signals, plc.baud)
+    wire_s = rtu_poll_s(plc.signals, plc.baud, plc.standing)
     if plc.poll_hz * wire_s > 1:
         limit = int(1 / wire_s)
         yield refuse(source, "plc.poll_hz", f"at most {limit} at {plc.baud} baud: one poll takes {wire_s * 1e3:.1f} ms", plc.poll_hz)

@@ -125,7 +125,7 @@ class Observation:
         self.survey = survey
         self.laser = StreamSeen(LinkSeen("laser"), laser_decoder(survey))
         self.head = None if survey.head is None else StreamSeen(LinkSeen("head"), head_decoder(survey))
-        self.machine = MachineSeen(LinkSeen("machine"), SignalDecoder(survey.plc.signals))
+        self.machine = MachineSeen(LinkSeen("machine"), SignalDecoder(survey.plc.signals, survey.plc.parsed()))
         self.seconds = 0.0
 
     @property

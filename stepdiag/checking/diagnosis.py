@@ -127,10 +127,11 @@ def _machine(machine: MachineSeen, plc: Plc, seconds: float) -> Iterator[Finding
 
 def _map(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
     """Yield what speaks against the register map, and what an absent signal takes away."""
-    for name, spec in plc.signals.items():
+    for name in plc.said:
         if getattr(machine.signals, name) is None:
             severity: Literal["error", "warning"] = "error" if name == "stopped" else "warning"
-            text = f"{name} at {describe(spec)} is not served by the control ({machine.link.detail}): check plc.signals.{name}"
+            field = f"plc.expressions.{name}" if name in plc.expressions else f"plc.signals.{name}"
+            text = f"{name} at {plc.place(name)} is not served by the control ({machine.link.detail}): check {field}"
             yield _finding("signal-refused", severity, text)
     for name, (low, high) in PLAUSIBLE.items():
         value = getattr(machine.signals, name)
@@ -145,17 +146,17 @@ def _map(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
         )
         yield _finding("signal-implausible", "warning", text)
     for name, lost in WITHOUT.items():
-        if name not in plc.signals:
+        if name not in plc.said:
             yield _finding("signal-not-mapped", "info", f"{name} is not mapped: {lost}")
 
 
 def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
     """Yield what is wrong with the heartbeat."""
-    if "heartbeat" not in plc.signals or machine.signals.heartbeat is None or machine.heard_s < JUDGED_AFTER_S:
+    if "heartbeat" not in plc.said or machine.signals.heartbeat is None or machine.heard_s < JUDGED_AFTER_S:
         return
     expected = machine.heard_s / HEARTBEAT_S
     if machine.changes["heartbeat"] == 0:
-        where = f"{describe(plc.signals['heartbeat'])} stays at {machine.signals.heartbeat}"
+        where = f"{plc.place('heartbeat')} stays at {machine.signals.heartbeat}"
         text = f"the heartbeat does not change ({where} for {machine.heard_s:.0f} s)"
         yield _finding("heartbeat-still", "error", f"{text}: the PLC's program does not run, or it is another register")
     elif machine.changes["heartbeat"] < expected / 2:

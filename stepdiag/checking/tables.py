@@ -6,7 +6,6 @@ from rich.table import Table
 from rich.text import Text
 
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
-from stepdiag.daq.formats.signals import describe
 
 STYLES = {"connected": "green", "silent": "yellow", "lost": "red", "connecting": "yellow"}
 DECIMALS = {"x_mm": 4, "y_mm": 4, "z_mm": 4, "air_pressure_hpa": 1, "relative_humidity_percent": 1}
@@ -42,9 +41,9 @@ def _add_machine(table: Table, machine: MachineSeen, seen: Observation) -> None:
     _add_link(table, machine.link)
     rate = "-" if machine.rate_hz is None else f"{machine.rate_hz:.0f} / s"
     table.add_row("  polls", f"{machine.polls} answered, slowest {1e3 * machine.slowest_s:.0f} ms", rate, "")
-    for name, spec in seen.survey.plc.signals.items():
+    for name in seen.survey.plc.said:
         value = getattr(machine.signals, name)
-        table.add_row(f"  {name}", describe(spec), _value(name, value), str(machine.changes[name]))
+        table.add_row(f"  {name}", Text(seen.survey.plc.place(name)), _value(name, value), str(machine.changes[name]))
 
 
 def _value(name: str, value: bool | float | None) -> str:
@@ -67,8 +66,8 @@ def check_json(seen: Observation) -> dict[str, Any]:
             "polls": seen.machine.polls,
             "polls_per_s": seen.machine.rate_hz,
             "slowest_s": seen.machine.slowest_s,
-            "signals": {name: getattr(seen.machine.signals, name) for name in seen.survey.plc.signals},
-            "changes": {name: seen.machine.changes[name] for name in seen.survey.plc.signals},
+            "signals": {name: getattr(seen.machine.signals, name) for name in seen.survey.plc.said},
+            "changes": {name: seen.machine.changes[name] for name in seen.survey.plc.said},
         },
     }
 
