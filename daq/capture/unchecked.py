@@ -26,9 +26,9 @@ def places_known(survey: Survey) -> bool:
 def unchecked(survey: Survey) -> tuple[Finding, ...]:
     """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped."""
     texts = list(_without_position(survey)) if not places_known(survey) else []
-    missing = [words for name, words in WITHOUT.items() if name not in survey.plc.signals]
+    missing = [words for name, words in WITHOUT.items() if name not in survey.plc.said]
     findings = [Finding(code="position-unchecked", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
-    if "setup" not in survey.plc.signals and len(_diagonals(survey)) > 1:
+    if "setup" not in survey.plc.said and len(_diagonals(survey)) > 1:
         text = "without setup the diagonal is believed to be the one asked for: for the laser all body diagonals are alike"
         findings.append(Finding(code="setup-unchecked", severity="warning", text=text))
     if missing:
