@@ -29,6 +29,9 @@ class QdView:
     def __init__(self, head: StreamBuffer) -> None:
         self._head = head
 
+    resolution_um = math.inf
+    """Not known: the quotient of two signals has no least step."""
+
     @property
     def breaks(self) -> list[Break]:
         """Return the losses of light: what comes before one in a dwell is not used."""

@@ -10,7 +10,8 @@ import numpy as np
 from stepdiag.daq.capture.dwell import Dwell
 from stepdiag.daq.capture.plateau import find_plateaus
 from stepdiag.daq.capture.route import Route, agrees
-from stepdiag.daq.capture.window import Window, summarise
+from stepdiag.daq.capture.steadiness import against_itself
+from stepdiag.daq.capture.window import RESOLUTION_FLOOR_UM, Window, summarise
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import StopRules
 from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Break, Span, StreamBuffer
@@ -76,6 +77,8 @@ class Placing(Protocol):
 
     @property
     def breaks(self) -> list[Break]: ...
+    @property
+    def resolution_um(self) -> float: ...
 
     def newest_ns(self) -> float: ...
     def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span: ...
@@ -90,6 +93,7 @@ class Taken:
     to_ns: float
     beam: float
     doubtful: str = ""
+    codes: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -141,20 +145,34 @@ def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Tak
 def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | None:
     """Return the stream's mean over a part of a dwell, or None where no usable sample lies in it.
 
-    The first ``settle_s`` are left out. If the rest is not yet steady, later parts of it are tried while they are long enough.
+    The first ``settle_s`` are left out. If the rest is not yet steady, later parts of it are tried while they are long enough. A step in
+    the rest, or a value that is frozen, makes the stop doubtful whichever part is taken.
     """
     start = part.from_ns + rules.settle_s * 1e9
-    best: Taken | None = None
-    length = part.to_ns - start
+    span = part.span(stream, start)
+    whole = _take(span, start, part.to_ns, rules, stream.resolution_um)
+    if whole is None:
+        return None
+    return _doubted(_steadiest(stream, part, whole, rules), against_itself(span.position_mm, whole.window, stream.resolution_um))
+
+
+def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
+    """Return the longest steady end of a part of a dwell; all of it where none is long enough."""
+    length = part.to_ns - whole.from_ns
     for left_out in (0.0, 0.25, 0.5, 0.75):
-        begin = start + left_out * length
-        if best is not None and part.to_ns - begin < rules.min_window_s * 1e9:
+        begin = whole.from_ns + left_out * length
+        if left_out and part.to_ns - begin < rules.min_window_s * 1e9:
             break
-        taken = _take(part.span(stream, begin), begin, part.to_ns, rules)
+        taken = _take(part.span(stream, begin), begin, part.to_ns, rules, stream.resolution_um) if left_out else whole
         if taken is None or not _unsteady(taken.window, rules):
-            return taken or best
-        best = best or taken
-    return best
+            return taken or whole
+    return whole
+
+
+def _doubted(taken: Taken, doubts: list[tuple[str, str]]) -> Taken:
+    words = [text for text in (taken.doubtful, *(text for _, text in doubts)) if text]
+    codes = (*(("stop-doubtful",) if taken.doubtful else ()), *(code for code, _ in doubts))
+    return replace(taken, doubtful="; ".join(words), codes=tuple(dict.fromkeys(codes)))
 
 
 def plateau_window(stream: StreamBuffer, from_ns: float, to_ns: float, expected_mm: float, rules: StopRules) -> Taken | None:
@@ -164,7 +182,7 @@ def plateau_window(stream: StreamBuffer, from_ns: float, to_ns: float, expected_
         if agrees(plateau.level_mm - expected_mm, 0.0):
             end = plateau.to_ns - PLATEAU_MARGIN_NS
             begin = min(plateau.from_ns + rules.settle_s * 1e9, (plateau.from_ns + end) / 2)
-            return _take(stream.span(begin, end), begin, end, rules)
+            return _take(stream.span(begin, end), begin, end, rules, stream.resolution_um)
     return None
 
 
@@ -189,6 +207,7 @@ def make_stop(route: Route, stop: int, signals: Signals, taken: Taken, head: Str
         time_s=round((0.5 * (taken.from_ns + taken.to_ns) + wall_offset_ns) * 1e-9, 6),
         beam=taken.beam if math.isfinite(taken.beam) else None,
         doubtful=taken.doubtful,
+        doubt_codes=taken.codes,
         channels=channels,
         u_channels=u_channels,
         material_temperature_c=signals.material_temperature_c,
@@ -208,10 +227,11 @@ def make_head_stop(
     return msgspec.structs.replace(made, reading_mm=reading)
 
 
-def _take(span: Span, from_ns: float, to_ns: float, rules: StopRules) -> Taken | None:
+def _take(span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_um: float) -> Taken | None:
     if len(span.time_ns) < MIN_SAMPLES:
         return None
-    window = summarise((span.time_ns - span.time_ns[0]) * 1e-9, span.position_mm)
+    least_um = resolution_um if math.isfinite(resolution_um) else RESOLUTION_FLOOR_UM
+    window = summarise((span.time_ns - span.time_ns[0]) * 1e-9, span.position_mm, least_um)
     beam = float(np.nanmean(span.beam)) if np.isfinite(span.beam).any() else math.nan
     doubts = [_unsteady(window, rules)]
     if (to_ns - from_ns) < 0.5 * rules.min_window_s * 1e9:

@@ -120,7 +120,9 @@ class StopTaker:
             text = f"{unwatched} before this stop: where the beam was cut meanwhile, this stop and those after it are off"
             outcomes.append(walk.finding("laser-unwatched", "warning", stop.stop, text))
         if stop.doubtful and not stop.recovered:
-            outcomes.append(walk.finding("stop-doubtful", "warning", stop.stop, stop.doubtful))
+            outcomes += _doubts(walk, stop)
+        if "window-step" in stop.doubt_codes:
+            unwatched = unwatched or "the reading is not of one piece"
         stop = msgspec.structs.replace(stop, broken=broken, unwatched=unwatched)
         outcomes.append(stop)
         walk.advance(stop)
@@ -136,6 +138,11 @@ class StopTaker:
     def left_over(self) -> tuple[Break, ...]:
         """Return the breaks after the last stop: they count for the log that goes on with the pass."""
         return (*self._before, *self._laser.breaks[self._breaks_seen :])
+
+
+def _doubts(walk: Walk, stop: CapturedStop) -> list[Finding]:
+    codes = stop.doubt_codes or ("stop-doubtful",)
+    return [walk.finding(code, "warning", stop.stop, stop.doubtful) for code in codes]
 
 
 def _joined(walk: Walk, index: int, broken: str, unwatched: str) -> Finding:

@@ -34,10 +34,11 @@ class Window:
     duration_s: float
 
 
-def summarise(time_s: NDArray[np.float64], position_mm: NDArray[np.float64]) -> Window:
+def summarise(time_s: NDArray[np.float64], position_mm: NDArray[np.float64], resolution_um: float = RESOLUTION_FLOOR_UM) -> Window:
     """Return the statistics of samples taken at ``time_s`` (seconds, ascending), both shape (n,), n at least 1.
 
-    Samples further than five robust standard deviations from the median are left out: single wrong lines must not move a stop.
+    ``resolution_um`` is the least step that the instrument is known to show: where all samples agree, that is how sure they are. Samples
+    further than five robust standard deviations from the median are left out: single wrong lines must not move a stop.
     """
     centre = float(np.median(position_mm))
     deviation_um = (position_mm - centre) * 1e3
@@ -47,7 +48,7 @@ def summarise(time_s: NDArray[np.float64], position_mm: NDArray[np.float64]) -> 
     scatter = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
     slope, u_slope = _trend(times, values)
     inflation = _variance_inflation(values - mean)
-    resolution = _resolution_um(values)
+    resolution = _resolution_um(values) if np.ptp(values) > 0.0 else max(resolution_um, RESOLUTION_FLOOR_UM)
     return Window(
         mean_mm=centre + mean * 1e-3,
         u_um=float(np.hypot(scatter * np.sqrt(inflation / len(values)), resolution / np.sqrt(12.0))),

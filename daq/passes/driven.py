@@ -51,7 +51,8 @@ class Pass:
         """Take a stop, unless it was refused. ``slip_um``: its stretch begins with it because it reads by so much otherwise than before."""
         self._zeros = self._chosen = None
         if stop.unwatched and not stop.broken and self._stretch is not None:
-            self._stretches.unwatched[stretch] = self._stretch, f"{stop.unwatched} before stop {stop.stop}"
+            code = "window-step" if "window-step" in stop.doubt_codes else "laser-unwatched"
+            self._stretches.unwatched[stretch] = self._stretch, f"{stop.unwatched} before stop {stop.stop}", code
         if slip_um is not None:
             self._stretches.slips[stretch] = Slip(stop.stop, slip_um)
         self._stretch = stretch
@@ -113,10 +114,12 @@ class Pass:
                 of_zeros[zero.doubt] = self._doubt(
                     stop, zero.code, f"from this stop on the readings may be off: {zero.doubt}", zero.size_um
                 )
+        said = {(each.stop, each.code) for each in of_stops}
+        of_stops += [each for each in of_zeros.values() if (each.stop, each.code) not in said]
         taken_ns = {index: stop.window_from_ns for index, (stop, _) in self.chosen().items()}
         newest_ns = max(taken_ns.values(), default=0)
         held = [each for each in self.suspected if each.taken_ns == (newest_ns if each.stop is None else taken_ns.get(each.stop))]
-        return (*sorted((*of_stops, *of_zeros.values()), key=lambda each: each.stop or 0), *self.against, *held)
+        return (*sorted(of_stops, key=lambda each: each.stop or 0), *self.against, *held)
 
     def open_doubts(self) -> tuple[Doubt, ...]:
         """Return the doubts that nobody has accepted."""

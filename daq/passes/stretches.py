@@ -57,8 +57,8 @@ class Stretches:
     """What is known of the count of one pass: measurements by stop, in the order of their capture."""
 
     measured: dict[int, list[Measured]] = field(default_factory=dict)
-    unwatched: dict[int, tuple[int, str]] = field(default_factory=dict)
-    """Of a stretch before which nobody watched the laser: the stretch before it, and why."""
+    unwatched: dict[int, tuple[int, str, str]] = field(default_factory=dict)
+    """Of a stretch before which the count may have been lost: the stretch before it, why, and the finding's code."""
     slips: dict[int, Slip] = field(default_factory=dict)
     """Of a stretch that began with a stop that reads otherwise than before: which, and by how much."""
 
@@ -124,10 +124,10 @@ class Stretches:
 
     def _presume(self, zeros: Zeros) -> bool:
         """Take one more stretch to have kept the count of the one before it; return whether there was one."""
-        for stretch, (before, why) in self.unwatched.items():
+        for stretch, (before, why, code) in self.unwatched.items():
             if stretch not in zeros and before in zeros:
                 known = zeros[before]
-                zeros[stretch] = Zero(known.offset_mm, known.doubt or why, known.code or "laser-unwatched", known.size_um)
+                zeros[stretch] = Zero(known.offset_mm, known.doubt or why, known.code or code, known.size_um)
                 return True
         return False
 

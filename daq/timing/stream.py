@@ -31,6 +31,8 @@ LOSS_AT_START = Flag.BEAM_LOST | Flag.SLEW
 UNUSABLE = CONTINUITY | Flag.DEVICE_ERROR | Flag.PHASE_ERROR | Flag.SATURATED | Flag.OUT_OF_RANGE
 
 
+LEAST_STEP_MM = 1e-9
+"""A picometre: what is less comes from the arithmetic, not from the instrument."""
 UNWATCHED_NS = 500_000_000
 UNWATCHED_PERIODS = 3.0
 """A beam that is cut and comes back while no sample is seen for so long leaves no trace; a shorter gap is remarked as such."""
@@ -73,6 +75,8 @@ class StreamBuffer:
         self._ever_good = False
         self._breaks: list[Break] = []
         self._samples = 0
+        self._least_step_mm = math.inf
+        self._last_mm = math.nan
         self._garbage = 0
         self._last: Samples | None = None
         self._end: tuple[int, int] | None = None
@@ -88,6 +92,12 @@ class StreamBuffer:
         """Return the number of samples so far."""
         self._settle()
         return self._samples
+
+    @property
+    def resolution_um(self) -> float:
+        """Return the least step between two samples so far: the instrument's resolution, once it has moved; infinite before."""
+        self._settle()
+        return self._least_step_mm * 1e3
 
     @property
     def garbage(self) -> int:
@@ -214,9 +224,15 @@ class StreamBuffer:
         self._batches.append((batch, self._clock))
         self._last = batch
         self._samples += len(batch)
+        self._learn_resolution(batch)
         self._kept += len(batch)
         self._forget(arrival_ns - MEMORY_NS)
         self._watch_continuity(batch, arrival_ns)
+
+    def _learn_resolution(self, batch: Samples) -> None:
+        steps = np.abs(np.diff(batch.position_mm, prepend=self._last_mm))
+        self._last_mm = float(batch.position_mm[-1])
+        self._least_step_mm = float(np.min(steps, where=steps > LEAST_STEP_MM, initial=self._least_step_mm))
 
     def _forget(self, before_ns: int) -> None:
         """Let go of chunks that came before, and of those beyond what is remembered."""

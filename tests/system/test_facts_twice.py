@@ -49,3 +49,31 @@ def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
     assert text in [each["text"] for each in result["findings"]]
     assert code == 0
     assert "every stop is taken to be where the plan has it" in (tmp_path / "report.html").read_text()
+
+
+def fault(**fields):
+    """Return a fault of the bench as its file has it."""
+    return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize(
+    ("code", "trouble"),
+    [
+        ("window-step", {"kind": "laser-jump", "value": 5.0, "delay_s": 0.3}),
+        ("laser-frozen", {"kind": "laser-frozen", "delay_s": 0.02, "duration_s": 0.55}),
+    ],
+)
+def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, trouble):
+    """A step inside the dwell, a frozen value: named on the stop, and the pass waits to be driven again."""
+    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=fault(setup="ppp", stop=2, **trouble), **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended")
+        book = nothing_silently_wrong(place)
+        told = stepdiag("status", place.survey).out
+    assert "stop 2 of 3" in findings_of(said, code)[0]
+    assert [(each.setup, each.pass_number, each.stop, each.code) for each in book.doubts()] == [("ppp", 1, 2, code)]
+    assert not book.complete()
+    assert "may be off" in told
+    assert "drive again from stop 1 on" in told

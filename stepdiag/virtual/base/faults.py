@@ -1,6 +1,7 @@
 """Scripted faults: what goes wrong, and when.
 
-    laser     beam-lost, laser-reset, laser-jump (value um), laser-silent, laser-unplug, laser-garbage (value bytes), laser-baud
+    laser     beam-lost, laser-reset, laser-jump (value um), laser-frozen, laser-silent, laser-unplug, laser-garbage (value bytes),
+              laser-baud
     head      head-blocked, head-silent, head-unplug, head-garbage (value bytes), head-baud
     PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen, plc-reboot
     program   stop-skipped, stop-unsignalled, count-missed, count-doubled, axis-order (text such as "yxz"),
@@ -18,6 +19,7 @@ FaultKind = Literal[
     "beam-lost",
     "laser-reset",
     "laser-jump",
+    "laser-frozen",
     "laser-silent",
     "laser-unplug",
     "laser-garbage",

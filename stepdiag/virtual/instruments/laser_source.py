@@ -79,6 +79,8 @@ class _Sampler:
         self._clock = clock
         self._faults = faults
         self._latency_s = latency_s
+        self._sent_mm = 0.0
+        self._was_frozen = False
 
     def sample(self, wall_s: Array) -> tuple[Array, Flags]:
         """Return the readings that the instrument has at these wall times, and whether it saw the beam."""
@@ -90,7 +92,23 @@ class _Sampler:
         indicated, beam = self._read(then_s * self._clock.scale)
         for start_s, end_s in self._faults.spans("beam-lost"):
             beam &= (then_s < start_s) | (then_s >= end_s)
-        return self._counter.count(indicated, beam), beam
+        return self._as_sent(self._counter.count(indicated, beam), then_s), beam
+
+    def _as_sent(self, reading: Array, then_s: Array) -> Array:
+        """Return what the instrument sends: while it is frozen, the value it froze at."""
+        frozen = np.zeros(len(then_s), dtype=np.bool_)
+        for start_s, end_s in self._faults.spans("laser-frozen"):
+            frozen |= (then_s >= start_s) & (then_s < end_s)
+        if not frozen.any():
+            self._sent_mm, self._was_frozen = float(reading[-1]), False
+            return reading
+        before = np.concatenate(([self._sent_mm], reading[:-1]))
+        begins = frozen & ~np.concatenate(([self._was_frozen], frozen[:-1]))
+        last = np.maximum.accumulate(np.where(begins, np.arange(len(reading)), -1))
+        held = np.where(last >= 0, before[last], self._sent_mm)
+        sent: Array = np.where(frozen, held, reading)
+        self._sent_mm, self._was_frozen = float(sent[-1]), bool(frozen[-1])
+        return sent
 
 
 class TalkingLaser(_Sampler):
