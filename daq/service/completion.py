@@ -9,13 +9,14 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
+from typing import Any
 
 from stepdiag.daq.capture.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
-from stepdiag.daq.survey.bundle import tables_for
+from stepdiag.daq.survey.bundle import compensation_findings, compensation_of, tables_for
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.files import as_text, write_once
@@ -75,13 +76,13 @@ def solve_logs(replayed: Replayed, method: str | None = None) -> tuple[Result, s
     head = evaluate_head(survey, replayed.book.passes, replayed.files, level) if chosen == "estimate" else HeadMeasured(angles={})
     angles, twice = merge_angles(level, head.angles)
     result = solve(readings, chain=survey.machine.chain, method=chosen, angles=angles or None, straightness=head.straightness)
-    findings = (*unchecked(survey), *replayed.findings, *head.findings, *twice, *result.findings)
+    findings = (*compensation_findings(survey), *unchecked(survey), *replayed.findings, *head.findings, *twice, *result.findings)
     about = {"survey": _facts(replayed), "conditions": _conditions(replayed)}
     # the same remark from every log of a survey says no more than once
     return replace(result, findings=tuple(dict.fromkeys(findings)), extra={**about, **result.extra}), render_readings(readings)
 
 
-def _facts(replayed: Replayed) -> dict[str, str]:
+def _facts(replayed: Replayed) -> dict[str, Any]:
     """Return who measured what, as the survey file and the logs say."""
     identity, run = replayed.survey.identity, replayed.run
     return {
@@ -90,6 +91,7 @@ def _facts(replayed: Replayed) -> dict[str, str]:
         "operator": run.get("operator", identity.operator),
         "workpiece": run.get("workpiece", identity.workpiece),
         "date": survey_date(replayed).isoformat(),
+        **compensation_of(replayed.survey, replayed.files).as_json(),
     }
 
 

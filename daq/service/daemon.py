@@ -26,7 +26,7 @@ from stepdiag.daq.service.metrics import Tally
 from stepdiag.daq.service.notify import Notifier
 from stepdiag.daq.service.status_source import DaemonStatusSource, Working
 from stepdiag.daq.service.supervision import Supervisor
-from stepdiag.daq.survey.bundle import bundle_to_run, read_bundle
+from stepdiag.daq.survey.bundle import bundle_to_run, compensation_findings, compensation_of, read_bundle
 from stepdiag.daq.survey.file import load_survey, read_text
 from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
 from stepdiag.solver.errors import DeviceError
@@ -50,7 +50,8 @@ class Daemon:
         self.survey = load_survey(survey_file)
         self.status_source = DaemonStatusSource()
         self._text = read_text(survey_file)
-        self._run_record = bundle_to_run(read_bundle(survey_file, self.survey))
+        bundle = read_bundle(survey_file, self.survey)
+        self._run_record = {"compensation": compensation_of(self.survey, bundle).words(), **bundle_to_run(bundle)}
         self._folder = self.survey.folder(survey_file)
         self._commands = Commands(completion=completion, archiving=archiving, max_gb=self.survey.recording.max_gb)
         self._programs = programs or {}
@@ -202,7 +203,10 @@ class Daemon:
     # survey after survey
 
     def _session(self, recorder: Recorder, begun: Round, *, armed: bool = True) -> Session:
-        return Session(self.survey, self._text, begun, recorder, on_outcome=self._heed, wall_offset_ns=wall_offset_ns, armed=armed)
+        session = Session(self.survey, self._text, begun, recorder, on_outcome=self._heed, wall_offset_ns=wall_offset_ns, armed=armed)
+        for finding in compensation_findings(self.survey):
+            session.found(finding)
+        return session
 
     def _complete_if_whole(self) -> None:
         """Solve a survey whose last pass came in just before the daemon before ended."""

@@ -10,7 +10,9 @@ from pathlib import Path
 from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.files.files import LARGEST_TABLE_BYTES, as_text, read_bytes
 from stepdiag.exporters.files.settings import read_toml
+from stepdiag.exporters.safety.compensation import Statement, stated
 from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.findings import Finding
 
 PREFIX = "file:"
 """Marks a file among the entries of a log's ``stepdiag.run``."""
@@ -25,8 +27,9 @@ def read_bundle(survey_file: Path, survey: Survey) -> dict[str, bytes]:
     """
     here = survey_file.parent
     names = [export.profile for export in survey.exports] + [survey.solver.angles]
-    names.append(survey.head.calibration if survey.head is not None else "")
+    names += [survey.head.calibration if survey.head is not None else "", *survey.machine.active]
     bundle = {name: _read(here / name, survey_file.name) for name in dict.fromkeys(names) if name}
+    _refuse_too_much(bundle, survey_file.name)
     for export in survey.exports:
         for table in _tables_of(bundle[export.profile]):
             bundle[f"{export.profile}//{table}"] = _read((here / export.profile).parent / table, export.profile)
@@ -38,6 +41,29 @@ def tables_for(bundle: Mapping[str, bytes], profile: str) -> dict[str, bytes]:
     """Return the table files of a profile by the names that the profile uses."""
     prefix = f"{profile}//"
     return {name.removeprefix(prefix): data for name, data in bundle.items() if name.startswith(prefix)}
+
+
+def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
+    """Return what the survey says about the compensation while measuring, with the hashes of the files in its ``bundle``.
+
+    Raises DataError for a bundle without a file that the survey names.
+    """
+    machine = survey.machine
+    missing = [name for name in machine.active if name not in bundle]
+    if missing:
+        raise DataError(missing[0], expected="a file that the survey names, in the log", found="nothing")
+    return stated(machine.compensation, {name: bundle[name] for name in machine.active}, machine.active_date, machine.active_source)
+
+
+def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
+    """Return ``compensation-unanswered`` where nobody has said what is active in the control; to be said before the first pass."""
+    if survey.machine.compensation in ("off", "on"):
+        return ()
+    text = (
+        "nobody has said whether a compensation is active in the control: answer machine.compensation in the survey file before the first "
+        'pass ("off", or "on" with the files that are active); while "?" stands there, no compensation file is made of what is measured'
+    )
+    return (Finding(code="compensation-unanswered", severity="warning", text=text),)
 
 
 def bundle_to_run(bundle: Mapping[str, bytes]) -> dict[str, str]:

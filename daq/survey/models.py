@@ -5,6 +5,7 @@ that need more than one field stand in `daq.survey.rules`.
 """
 
 from collections.abc import Mapping
+from datetime import date
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -33,6 +34,7 @@ FileName = Annotated[
 HostName = Annotated[
     str, Meta(pattern=r"^[A-Za-z0-9]([A-Za-z0-9.-]{0,251}[A-Za-z0-9])?\Z", description="a name of a computer, such as mill.example.org")
 ]
+BesideFile = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="the name of a file, of at most 100 characters")]
 
 
 class Identity(msgspec.Struct, frozen=True, kw_only=True):
@@ -86,6 +88,11 @@ class Machine(msgspec.Struct, frozen=True, kw_only=True):
     expansion_um_m_c: Triple = (11.7, 11.7, 11.7)
     apply_expansion: bool = False
     laser_on: Literal["table", "spindle"] = "table"
+    compensation: Literal["off", "on", "?"] | None = None
+    """None in a file that was written before the question was asked; ``"?"`` where it stands unanswered."""
+    active: tuple[BesideFile, ...] = ()
+    active_date: date | None = None
+    active_source: str = ""
 
 
 class SerialSection(msgspec.Struct, frozen=True, kw_only=True):

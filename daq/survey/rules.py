@@ -51,6 +51,17 @@ def _machine(survey: Survey, source: str) -> Iterator[UsageError]:
     letters = survey.machine.chain.upper().replace("F", "", 1)
     if "F" not in survey.machine.chain.upper() or sorted(letters.lower()) != sorted(AXES):
         yield refuse(source, "machine.chain", "F, X, Y and Z once each, from workpiece to tool, such as FXYZ", survey.machine.chain)
+    machine = survey.machine
+    if machine.compensation == "on":
+        remedy = "back the active tables up from the control, or measure with the compensation off"
+        if not machine.active:
+            yield refuse(source, "machine.active", 'the files that are active, for compensation = "on"', [], remedy)
+        if machine.active_date is None:
+            yield refuse(source, "machine.active_date", "the day on which the active files were read out, such as 2026-01-31", None)
+        if not machine.active_source.strip():
+            yield refuse(source, "machine.active_source", "how the active files were read out of the control", machine.active_source)
+    elif machine.compensation == "off" and machine.active:
+        yield refuse(source, "machine.active", 'no file for compensation = "off"', list(machine.active))
 
 
 def _laser(survey: Survey, source: str) -> Iterator[UsageError]:

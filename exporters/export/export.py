@@ -22,6 +22,8 @@ from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
+from stepdiag.exporters.safety.compensation import remarks as compensation_remarks
+from stepdiag.exporters.safety.compensation import require_agreement
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.verify import predict
@@ -57,12 +59,13 @@ def export(
         return export_lattice(result, _step(step_mm, profile), out_dir)
     control = controller_named(controller)
     settled = _settled(profile, control, result, step_mm)
+    require_agreement(result, settled)
     if isinstance(settled.options, LinuxCncOptions) and settled.options.way == "kinematics":
         return export_kinematics(result, settled, accept, out_dir)
     case, plan = _planned(result, control, settled, today or datetime.now(tz=UTC).date())
     findings = run_checks(case)
     refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
-    said = (*findings, *plan.findings, *remarks(case))
+    said = (*findings, *plan.findings, *compensation_remarks(result, case.profile), *remarks(case))
     prediction = predict(result, case.tables, case.previous if case.profile.machine.measured_with == "on" else ())
     text = report_text(case, plan, said, prediction)
     try:

@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Iterator, Sequence
 
 from stepdiag.exporters.safety.checks import Case, movement_um
+from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.controller import Plan
 from stepdiag.exporters.tables.tables import Table
@@ -23,11 +24,16 @@ def _head(case: Case) -> Iterator[str]:
     yield f"machine: {machine.name}; profile: {case.profile.source}"
     yield f"result: sha256 {hashlib.sha256(result.to_json().encode()).hexdigest()}, method {result.method}, chain {result.chain}"
     yield f"written by {result.software['name']} {result.software['version']}; lengths in mm, errors in um, e = actual - commanded"
-    yield f"compensation while measuring: {machine.measured_with}; directions: {machine.direction}"
+    yield f"directions: {machine.direction}; compensation while measuring: {_state(case)}"
     for letter, axis in case.profile.axes.items():
         yield f"axis {letter}: {axis.name}, {axis.start_mm:g} to {axis.end_mm:g} mm, step {axis.step_mm:g}, zero at {axis.reference_mm:g}"
     for curve in case.curves:
         yield f"{curve.name} = {' + '.join(curve.parts)}"
+
+
+def _state(case: Case) -> str:
+    statement = stated_in(case.result)
+    return statement.words() if statement.state else f"{case.profile.machine.measured_with} (as the profile says)"
 
 
 def _findings(findings: Sequence[Finding]) -> Iterator[str]:

@@ -13,6 +13,7 @@ from stepdiag.exporters.files.sets import write_set
 from stepdiag.exporters.linuxcnc import kinematics
 from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
 from stepdiag.exporters.safety.checks import refuse
+from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.verify import Prediction, predict_moved
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.lattice import Lattice
@@ -27,6 +28,7 @@ def export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportRepor
     """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
     file = lattice.render(lattice.lattice_of(result, step_mm))
     text = f"{file.name}: what has to be added to the command at each vertex, in um; step {step_mm:g} mm\n"
+    text += f"compensation while measuring: {stated_in(result).words()}; where it was on, the vectors come on top of what was active\n"
     names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
 

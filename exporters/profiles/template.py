@@ -12,12 +12,12 @@ _COMMON = """\
 [machine]
 name = "?"                    # how this machine is called in your shop
 controller = "{name}"
-measured_with = "?"           # "off" or "on": was a compensation active while measuring? (if you do not know: measure again with it off)
+measured_with = "?"           # "off" or "on": was a compensation active while measuring? As the survey says, or the export is refused
 # units = "mm"                # length unit of the control: "mm" or "inch"
 # direction = "mean"          # "mean": one table for both directions and a reversal value in the report; "both": a table for each
 # functions = [{functions}]
 # existing = []               # files of the control, beside this profile: its tables now (restored from, merged with, used as template)
-# active_sha256 = []          # measured_with = "on": SHA-256 of those files as they were active while measuring
+# active_sha256 = []          # only for readings that do not say what was active: SHA-256 of those files, noted when they were read out
 [machine.squareness_into]     # into which straightness of its pair each squareness goes: exactly one of the two
 C0Y = "EXY"                   # EXY or EYX
 B0Z = "EXZ"                   # EXZ or EZX

@@ -8,6 +8,7 @@ from typing import Literal
 
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 from stepdiag.daq.formats.signals import describe
+from stepdiag.daq.survey.bundle import compensation_findings
 from stepdiag.daq.survey.models import Plc
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.findings import Finding
@@ -52,8 +53,9 @@ _FLAG_WORDS = {
 
 
 def diagnose(seen: Observation) -> tuple[Finding, ...]:
-    """Return everything that is to be said, in the order laser, head, machine."""
-    found = [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
+    """Return everything that is to be said, in the order compensation, laser, head, machine."""
+    found = list(compensation_findings(seen.survey))
+    found += [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
     found += _machine(seen.machine, seen.survey.plc, seen.seconds)
     if seen.laser.samples:
         text = "which way the laser counts (laser.sign) and its fold (laser.optics) show only when the machine moves: at the first step"

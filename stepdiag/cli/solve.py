@@ -1,6 +1,7 @@
 """``stepdiag solve``, ``replay`` and ``plan``: from readings or logs to a result, and what a survey will be able to say."""
 
 import json
+from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -27,6 +28,12 @@ def solve(
     method: Annotated[str, typer.Option(help="estimate, least-squares or wang2000.")] = "estimate",
     chain: Annotated[str, typer.Option(help="Kinematic chain from workpiece to tool; logs bring their own.")] = "FXYZ",
     angles: Annotated[Path | None, typer.Option(help="Angular functions of the axes (CSV), from a 4-DOF head or a level.")] = None,
+    compensation: Annotated[
+        str | None, typer.Option(help="off or on: whether a compensation was active while readings were taken; logs say it themselves.")
+    ] = None,
+    active: Annotated[list[Path] | None, typer.Option(help="With on: a file that was active, as read out; may be given again.")] = None,
+    active_date: Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"], help="The day on which they were read out.")] = None,
+    active_source: Annotated[str, typer.Option(help="How they were read out of the control.")] = "",
     as_json: AsJson = False,
 ) -> None:
     """Solve readings or logs.
@@ -37,6 +44,10 @@ def solve(
 
     if len(sources) == 1 and sources[0].suffix.lower() == ".csv":
         result = _solve_csv(sources[0], method, chain, angles)
+        if compensation is not None:
+            result = _with_compensation(result, compensation, active or [], active_date, active_source)
+    elif compensation is not None:
+        raise UsageError("--compensation", expected="nothing for logs: their survey file says it", found=compensation)
     else:
         result = _solve_logs(sources, method)
     if out is not None:
@@ -65,6 +76,24 @@ def _solve_csv(path: Path, method: str, chain: str, angles: Path | None) -> "Res
 
     known = parse_angles(read_text(angles), angles.name) if angles is not None else None
     return solve_readings(parse_readings(read_text(path), path.name), chain=chain, method=method, angles=known, source=path.name)
+
+
+def _with_compensation(result: "Result", state: str, active: list[Path], day: "datetime | None", source: str) -> "Result":
+    """Return the result with what a person says was active, and the hashes of the files that he hands over."""
+    from dataclasses import replace
+
+    from stepdiag.exporters.files.files import LARGEST_TABLE_BYTES, read_bytes
+    from stepdiag.exporters.safety.compensation import stated
+
+    if state not in ("off", "on"):
+        raise UsageError("--compensation", expected="off or on", found=state)
+    if (state == "on") != bool(active):
+        raise UsageError("--active", expected="the files that were active, exactly with --compensation on", found=f"{len(active)} files")
+    if state == "on" and (day is None or not source.strip()):
+        raise UsageError("--active-date, --active-source", expected="when and how the files were read out of the control", found="nothing")
+    files = {path.name: read_bytes(path, largest=LARGEST_TABLE_BYTES) for path in active}
+    statement = stated(state, files, None if day is None else day.date(), source)  # type: ignore[arg-type]  # checked above
+    return replace(result, extra={**result.extra, "survey": {**result.extra.get("survey", {}), **statement.as_json()}})
 
 
 def _solve_logs(paths: list[Path], method: str) -> "Result":

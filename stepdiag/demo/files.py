@@ -64,6 +64,7 @@ overrun_mm = 2.0
 
 [machine]
 chain = "FXYZ"
+compensation = "off"
 
 [laser]
 format = "umd"

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.texts.texts import Language, finding_advice
@@ -60,6 +61,7 @@ def machine_table(result: Result, words: Mapping[str, str]) -> Table:
     facts = result.extra.get("survey")
     known = facts if isinstance(facts, dict) else {}
     rows = [(words[name], shown(known[name])) for name in SURVEY_FACTS if known.get(name)]
+    rows.append((words["compensation"], stated_in(result).words()))
     volume = result.volume
     rows += [
         (words["chain"], result.chain),

@@ -45,6 +45,8 @@ setups = {setups}
 return_pass = false
 feed_mm_min = 12000.0
 dwell_s = 0.6
+[machine]
+compensation = "off"
 [laser]
 format = "umd"
 port = "{laser}"

@@ -2,6 +2,7 @@
 
 import re
 import tomllib
+from hashlib import sha256
 from pathlib import Path
 
 import msgspec
@@ -12,6 +13,7 @@ from hypothesis import strategies as st
 from stepdiag.daq.formats.line import LineSettings
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
+from stepdiag.daq.survey.bundle import compensation_of, read_bundle
 from stepdiag.daq.survey.file import head_decoder, laser_decoder, load_survey, parse_survey
 from stepdiag.daq.survey.formats import laser_settings
 from stepdiag.daq.survey.models import Survey
@@ -295,3 +297,33 @@ def test_a_counter_that_never_repeats_is_said_with_nought() -> None:
     assert settings.counter_modulus is None
     with pytest.raises(UsageError, match=r"laser\.line\.counter_modulus: expected 0 \(it never repeats\) or 2 and more, found 1"):
         parse_survey(text.replace("counter_modulus = 65536", "counter_modulus = 1"), "s")
+
+
+class TestCompensation:
+    """What is active in the control while measuring: asked by the template, with files, day and way where it is on."""
+
+    ON = '[machine]\ncompensation = "on"\nactive = ["A.INI"]\nactive_date = 2026-01-31\nactive_source = "archive"\n'
+
+    def test_the_template_asks(self) -> None:
+        assert parse_survey(template(), "template").machine.compensation == "?"
+
+    @pytest.mark.parametrize(
+        ("left_out", "field"),
+        [("active = ", "machine.active"), ("active_date", "machine.active_date"), ("active_source", "machine.active_source")],
+    )
+    def test_on_needs_the_files_with_day_and_way(self, left_out: str, field: str) -> None:
+        text = "".join(line for line in self.ON.splitlines(keepends=True) if not line.startswith(left_out))
+        assert refusal(text).startswith(f"survey.toml: {field}: expected")
+
+    def test_off_has_no_active_files(self) -> None:
+        assert "machine.active" in refusal(self.ON.replace('"on"', '"off"'))
+
+    def test_the_files_go_into_the_log_with_their_hashes(self, tmp_path: Path) -> None:
+        (tmp_path / "A.INI").write_bytes(b"table")
+        survey = parse_survey(SMALLEST + self.ON, "survey.toml")
+        bundle = read_bundle(tmp_path / "survey.toml", survey)
+        assert bundle == {"A.INI": b"table"}
+        assert compensation_of(survey, bundle).as_json() == {
+            "compensation": "on",
+            "active_files": [{"name": "A.INI", "sha256": sha256(b"table").hexdigest(), "date": "2026-01-31", "source": "archive"}],
+        }

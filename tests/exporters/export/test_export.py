@@ -1,6 +1,7 @@
 """The one door: what is written, under which names, and what stops it; every safety check by its own code."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import replace
 from datetime import date
 
@@ -13,6 +14,7 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, run_checks
+from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.controller import Limits
@@ -273,19 +275,39 @@ M17
 """An EEC table of X that is a straight line from 0 to 20 um."""
 
 
+def measured_with(result: Result, active: Sequence[ControlFile]) -> Result:
+    """The result of a survey that says what was active in the control."""
+    statement = stated("on", {file.name: file.data for file in active}, date(2026, 5, 30), "archive")
+    return replace(result, extra={"survey": statement.as_json()})
+
+
 class TestActiveTables:
     def active(self, state: str) -> Profile:
         return replace(machine(measured_with=state), existing=(ControlFile(name="AX_EEC.INI", data=OLD_TABLE),))
 
     def test_merging_adds_the_residual_to_an_as_error_table(self, tmp_path):
         """controllers.md 9: T_new = T_old + r, on the new grid, zero at the reference."""
-        report = export(RESULT, "siemens", self.active("on"), out_dir=tmp_path, accept=["change-large"], today=TODAY)
+        report = export(
+            measured_with(RESULT, self.active("on").existing),
+            "siemens",
+            self.active("on"),
+            out_dir=tmp_path,
+            accept=["change-large"],
+            today=TODAY,
+        )
         table = next(table for table in report.tables if table.name == "EXX")
         np.testing.assert_allclose(table.value_um, [0, 3 + 5, 8 + 10, 12 + 15, 20 + 20], atol=0.05)
 
     def test_prediction_counts_the_change_only(self, tmp_path):
         """The residual was measured with the old table on: replacing it by old + residual leaves nothing."""
-        report = export(RESULT, "siemens", self.active("on"), out_dir=tmp_path, accept=["change-large"], today=TODAY)
+        report = export(
+            measured_with(RESULT, self.active("on").existing),
+            "siemens",
+            self.active("on"),
+            out_dir=tmp_path,
+            accept=["change-large"],
+            today=TODAY,
+        )
         assert report.prediction is not None
         assert report.prediction.figures(rigid_motion=True)[1].largest_um < 0.2
 
@@ -314,7 +336,7 @@ class TestActiveTables:
             b"$AN_CEC_MIN[%d]=-200\n$AN_CEC_MAX[%d]=200\n$AN_CEC_DIRECTION[%d]=%d\n" % (*[n] * 8, way) for n, way in ((0, 1), (1, -1))
         ) + b"M17\n"  # fmt: skip
         profile = replace(machine(measured_with="on"), existing=(ControlFile(name="CEC.INI", data=old),))
-        assert refusal_of(RESULT, profile, tmp_path).code == "merge-direction"
+        assert refusal_of(measured_with(RESULT, profile.existing), profile, tmp_path).code == "merge-direction"
 
     def test_a_truncated_old_table_is_refused_with_its_place(self, tmp_path):
         profile = replace(machine(), existing=(ControlFile(name="AX_EEC.INI", data=OLD_TABLE[:90]),))
@@ -334,7 +356,7 @@ class TestMergingAnyController:
         old = control.render(plan.tables, settled)
         machine_now = msgspec.structs.replace(profile.machine, measured_with="on")
         now = replace(settled, machine=machine_now, existing=tuple(file for file in old if file.role == "data"))
-        residual = made_result({"EXX": [0, 2, 2, 3, 4]})
+        residual = measured_with(made_result({"EXX": [0, 2, 2, 3, 4]}), now.existing)
         accept = ["change-large", "slope-steep", "correction-within-uncertainty"]
         report = export(residual, name, now, out_dir=tmp_path, accept=accept, today=TODAY)
         wanted = -np.array(both.errors["EXX"].value)

@@ -1,6 +1,7 @@
 """LinuxCNC files: the worked example, what the control's reader would make of a file, squareness, inches."""
 
 from dataclasses import replace
+from datetime import date
 
 import msgspec
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
+from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import correction_um, total_correction_um
@@ -164,7 +166,9 @@ class TestBacklash:
         files = LINUXCNC.render(LINUXCNC.plan(curves_of(made_result({"EXX": [0, 3, 8, 12, 20]}), ["EXX"]), first).tables, first)
         again = self.with_backlash(8.0, direction="both", measured_with="on")
         again = replace(again, existing=tuple(file for file in files if file.role == "data"))
-        report = export(made_result({"EXX": [0, 1, 1, 1, 1]}), "linuxcnc", again, out_dir=tmp_path / "out")
+        statement = stated("on", {file.name: file.data for file in again.existing}, date(2026, 5, 30), "copied from the machine")
+        residual = replace(made_result({"EXX": [0, 1, 1, 1, 1]}), extra={"survey": statement.as_json()})
+        report = export(residual, "linuxcnc", again, out_dir=tmp_path / "out")
         points = np.column_stack([VOLUME.nodes_mm(0), np.zeros((5, 2))])
         forward, reverse = (total_correction_um(report.tables, points, way)[:, 0] for way in (1, -1))
         np.testing.assert_allclose(forward, [4, 0, -5, -9, -17], atol=1e-6)

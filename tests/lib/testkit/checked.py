@@ -10,6 +10,8 @@ machine = "test"
 [volume]
 size_mm = [300.0, 200.0, 100.0]
 increments = 2
+[machine]
+compensation = "off"
 [laser]
 format = "line"
 port = "laser"

@@ -52,6 +52,12 @@ def test_all_is_well(seen):
     assert told(seen).keys() == {"sign-untold"}
 
 
+@pytest.mark.parametrize("answer", ['compensation = "?"', ""])
+def test_whether_a_compensation_is_active_is_asked_until_it_is_answered(answer):
+    seen = seen_of(LINE_SURVEY.replace('compensation = "off"', answer))
+    assert "machine.compensation" in told(seen, "warning")["compensation-unanswered"]
+
+
 class TestLaser:
     def test_what_cannot_be_opened_is_told_as_the_port_says_it(self, seen):
         seen.take(LinkEvent(0, "laser", "lost", "serial port laser: found No such file or directory"))

@@ -1,0 +1,152 @@
+"""What was active in the control while a machine was measured: part of the measurement, as `survey` in the result says it.
+
+A table made from what a compensated machine still shows, loaded in place of the table that was active, makes the machine worse; one made
+from the bare machine and added to it as well. So the survey says it before the first pass, with the very files, and an export whose
+profile or files say otherwise is refused. The hashes are those of files that a person read out of the control, with date and way.
+"""
+
+import hashlib
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
+from datetime import date
+from typing import Any, Literal
+
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.solver.errors import DataError, SafetyError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import Result
+
+State = Literal["off", "on"]
+UNANSWERED = "?"
+_SECTION = "survey"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActiveFile:
+    """One file that was active: its name, what it was, when and how it was read out of the control."""
+
+    name: str
+    sha256: str
+    date: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Statement:
+    """What a survey says of the compensation: ``state`` is None where it says nothing, ``"?"`` where the question stands unanswered."""
+
+    state: Literal["off", "on", "?"] | None = None
+    files: tuple[ActiveFile, ...] = ()
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the entries of ``survey`` in a result."""
+        rows = [{"name": file.name, "sha256": file.sha256, "date": file.date, "source": file.source} for file in self.files]
+        return {"compensation": None if self.state == UNANSWERED else self.state, "active_files": rows} if self.state else {}
+
+    def words(self) -> str:
+        """Return the statement in one line, for log and report."""
+        if self.state not in ("off", "on"):
+            return "not stated"
+        named = "; ".join(f"{file.name} sha256 {file.sha256} ({file.source}, {file.date})" for file in self.files)
+        return f"{self.state}: {named}" if named else self.state
+
+
+def stated(state: Literal["off", "on", "?"] | None, files: Mapping[str, bytes], day: date | None, source: str) -> Statement:
+    """Return the statement of a person who hands ``files`` over, as they were active, read out on ``day`` in the way ``source`` says."""
+    rows = tuple(
+        ActiveFile(name=name, sha256=hashlib.sha256(data).hexdigest(), date="" if day is None else day.isoformat(), source=source)
+        for name, data in sorted(files.items())
+    )
+    return Statement(state=state, files=rows)
+
+
+def stated_in(result: Result) -> Statement:
+    """Return what a result says. Raises ``DataError`` where that is damaged."""
+    survey = result.extra.get(_SECTION)
+    if not isinstance(survey, Mapping) or "compensation" not in survey:
+        return Statement()
+    state, rows = survey["compensation"], survey.get("active_files", [])
+    if state is None:
+        return Statement(state="?")
+    if state not in ("off", "on") or not isinstance(rows, list) or (state == "on") != bool(rows):
+        where = f"{result.source}: {_SECTION}.compensation"
+        raise DataError(where, expected='"off", or "on" with active_files', found=f"{state!r} with {rows!r:.60}")
+    return Statement(state=state, files=tuple(_active_file(row, result.source) for row in rows))
+
+
+def _active_file(row: Any, source: str) -> ActiveFile:
+    names = ("name", "sha256", "date", "source")
+    if not isinstance(row, Mapping) or not all(isinstance(row.get(name), str) for name in names):
+        raise DataError(f"{source}: {_SECTION}.active_files", expected="name, sha256, date and source", found=f"{row!r:.60}")
+    return ActiveFile(name=row["name"], sha256=row["sha256"], date=row["date"], source=row["source"])
+
+
+def require_agreement(result: Result, profile: Profile) -> None:
+    """Raise ``SafetyError`` unless survey, profile and files agree about what was active while the result was measured.
+
+    Codes: ``compensation-unanswered`` (the survey left the question open), ``compensation-differs`` (one says on, the other off),
+    ``active-table-differs`` (other files).
+    """
+    statement = stated_in(result)
+    if statement.state == UNANSWERED:
+        raise SafetyError(
+            f"{result.source}: {_SECTION}.compensation",
+            code="compensation-unanswered",
+            expected='"off" or "on": whether a compensation was active while measuring',
+            found="a question that nobody answered",
+            remedy="answer machine.compensation in the survey file before the first pass, and measure again",
+        )
+    if statement.state is None:
+        _require_noted(profile)
+        return
+    if statement.state != profile.machine.measured_with:
+        raise SafetyError(
+            f"{profile.source}: machine.measured_with",
+            code="compensation-differs",
+            expected=f'"{statement.state}", as the survey says',
+            found=f'"{profile.machine.measured_with}"' + (" (assumed)" if profile.assumed else ""),
+            remedy="a profile of this survey, with the files that were active in machine.existing" if statement.state == "on" else "",
+        )
+    if statement.state == "on":
+        _require_same_files(statement, profile)
+
+
+def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
+    """Yield ``compensation-unstated`` where nothing but the profile says what was active."""
+    if stated_in(result).state is None and not profile.assumed:
+        text = f"only the profile says that the compensation was {profile.machine.measured_with} while measuring: the readings do not"
+        yield Finding(code="compensation-unstated", severity="warning", text=text)
+
+
+def _require_same_files(statement: Statement, profile: Profile) -> None:
+    wanted = {file.sha256: file.name for file in statement.files}
+    given = {hashlib.sha256(file.data).hexdigest(): file.name for file in profile.existing}
+    if set(wanted) != set(given):
+        missing = [name for digest, name in wanted.items() if digest not in given]
+        other = [name for digest, name in given.items() if digest not in wanted]
+        raise _differs(profile, f"{_listed(statement.files)}, as they were active", missing, other)
+
+
+def _require_noted(profile: Profile) -> None:
+    """Check the files of a profile against the hashes that somebody noted when the files were read out of the control."""
+    if profile.machine.measured_with == "off":
+        return
+    noted = {digest.lower() for digest in profile.machine.active_sha256}
+    other = [file.name for file in profile.existing if hashlib.sha256(file.data).hexdigest() not in noted]
+    if other or len(noted) != len(profile.existing):
+        raise _differs(profile, "files whose SHA-256, noted when they were active, stand in machine.active_sha256", [], other)
+
+
+def _differs(profile: Profile, expected: str, missing: Iterable[str], other: Iterable[str]) -> SafetyError:
+    found = [*(f"no {name}" for name in missing), *(f"another {name}" for name in other)]
+    return SafetyError(
+        f"{profile.source}: machine.existing",
+        code="active-table-differs",
+        expected=expected,
+        found=", ".join(found) or "other files",
+        remedy="give the very tables that were active while measuring, or measure again with the compensation off",
+    )
+
+
+def _listed(files: Iterable[ActiveFile]) -> str:
+    return ", ".join(file.name for file in files)
