@@ -1,4 +1,19 @@
 """One module a group of commands; each offers ``register(app)``. Heavy imports stay inside the functions."""
 
-MODULES = ("demo", "survey", "check", "run", "status", "solve", "logs", "report", "control", "sign_test", "program", "plan", "fourdof")
+MODULES = (
+    "demo",
+    "survey",
+    "check",
+    "run",
+    "status",
+    "solve",
+    "logs",
+    "report",
+    "control",
+    "sign_test",
+    "program",
+    "plan",
+    "fourdof",
+    "service",
+)
 """The groups, in the order in which the help shows them."""

@@ -74,7 +74,8 @@ def _own_output() -> BinaryIO:
 
 def _readable(settings: PageSettings) -> Sequence[Path]:
     """Return what of the disk is read: the program, its libraries, and the survey's files."""
-    return (Path(settings.folder), PROGRAM, Path(sys.prefix), Path(sys.base_prefix), Path("/usr"), Path("/lib"), Path("/etc/localtime"))
+    libraries = [Path(place) for place in (*sys.path, sys.prefix, sys.base_prefix, "/usr", "/lib", "/etc/localtime") if place]
+    return (Path(settings.folder), PROGRAM, *libraries)
 
 
 def _server(app: Starlette, settings: PageSettings | None = None) -> uvicorn.Server:

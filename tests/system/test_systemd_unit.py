@@ -17,8 +17,8 @@ def analyze(*arguments):
     return done.returncode, done.stdout, done.stderr
 
 
-def test_the_exposure_is_at_most_one_and_a_half():
-    code, said, _ = analyze("security", "--offline=true", "--threshold=15", UNIT)
+def test_the_exposure_is_at_most_one_point_two():
+    code, said, _ = analyze("security", "--offline=true", "--threshold=12", UNIT)
     assert code == 0, said.splitlines()[-1]
 
 

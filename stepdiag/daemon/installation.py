@@ -1,0 +1,161 @@
+"""The service of one survey as files of systemd: unit, rules, token, and a drop-in that opens what this survey needs and no more.
+
+Everything is made from the survey file, so installing again changes nothing that is right, and removing finds what was installed.
+"""
+
+import ipaddress
+import os
+import secrets
+import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
+from importlib.resources import files
+from pathlib import Path
+from typing import Literal
+
+from stepdiag.daq.survey.file import load_survey
+from stepdiag.daq.survey.models import Survey
+from stepdiag.exporters.files.files import write_atomically
+from stepdiag.page.settings import CERTIFICATE, KEY, TOKEN, is_loopback
+from stepdiag.solver.errors import UsageError
+
+SURVEYS = Path("etc/stepdiag")
+UNITS = Path("etc/systemd/system")
+SHARED = {
+    "stepdiag@.service": UNITS / "stepdiag@.service",
+    "90-stepdiag.rules": Path("etc/udev/rules.d/90-stepdiag.rules"),
+    "stepdiag.modules.conf": Path("etc/modules-load.d/stepdiag.conf"),
+}
+"""What all surveys of a computer share, by its name in the package and its place."""
+DROP_IN = "50-survey.conf"
+PRIVATE_NETWORKS = ("link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7")
+"""From where people look at a page that is bound beyond this computer."""
+TOKEN_BYTES = 18
+WRITTEN = "# Written by `stepdiag service install`; lines of your own go into another drop-in.\n"
+
+
+@dataclass(frozen=True, slots=True)
+class Step:
+    """One file: what is, or would be, done with it. A secret's text is never shown."""
+
+    path: Path
+    does: Literal["write", "keep", "remove", "make secret"]
+    text: str = ""
+
+
+def plan_install(survey_file: Path, root: Path) -> list[Step]:
+    """Return what an installation below ``root`` does. Raises UsageError for a survey file that is wrong or stands elsewhere."""
+    survey = load_survey(survey_file)
+    name = _name(survey_file, root)
+    steps = [_written(root / place, _shared(source)) for source, place in SHARED.items()]
+    token = survey_file.parent / survey.page.token_file
+    if survey.page.token_file:
+        steps.append(Step(token, "keep" if token.exists() else "make secret"))
+    return [*steps, _written(root / _drop_in(name), drop_in(survey, Path("/") / SURVEYS))]
+
+
+def plan_removal(survey_file: Path, root: Path) -> list[Step]:
+    """Return what is removed: the drop-in, and what all surveys share once no other is installed. Survey, token and data stay."""
+    own = root / _drop_in(_name(survey_file, root))
+    others = [path for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}") if path != own]
+    places = [own, *([] if others else [root / place for place in SHARED.values()])]
+    return [Step(path, "remove") for path in places if path.exists()]
+
+
+def carry_out(steps: list[Step]) -> None:
+    """Do it. Raises UsageError where a place cannot be written."""
+    for step in steps:
+        try:
+            _do(step)
+        except OSError as error:
+            raise UsageError(
+                str(step.path), expected="a place that can be written (as root)", found=error.strerror or str(error)
+            ) from error
+
+
+def drop_in(survey: Survey, folder: Path) -> str:
+    """Return the drop-in of a survey: its PLC, its ports, its credentials in ``folder``, nothing else. Raises UsageError."""
+    return WRITTEN + "[Service]\n" + "".join(f"{line}\n" for line in (*_network(survey), *_ports(survey), *_credentials(survey, folder)))
+
+
+def _do(step: Step) -> None:
+    match step.does:
+        case "write":
+            step.path.parent.mkdir(parents=True, exist_ok=True)
+            write_atomically(step.path, step.text.encode())
+            step.path.chmod(0o644)
+        case "make secret":
+            with os.fdopen(os.open(step.path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="utf-8") as file:
+                file.write(secrets.token_urlsafe(TOKEN_BYTES) + "\n")
+        case "remove":
+            step.path.unlink()
+            if step.path.name == DROP_IN and not any(step.path.parent.iterdir()):
+                step.path.parent.rmdir()
+
+
+def _written(path: Path, text: str) -> Step:
+    try:
+        same = path.read_text(encoding="utf-8") == text
+    except (OSError, UnicodeDecodeError):
+        same = False
+    return Step(path, "keep" if same else "write", text)
+
+
+def _name(survey_file: Path, root: Path) -> str:
+    """Return the name of the instance. Raises UsageError for a file that the unit would not find."""
+    expected = root / SURVEYS
+    name = survey_file.stem
+    plain = name.isascii() and all(letter.isalnum() or letter in "._-" for letter in name)
+    if survey_file.suffix != ".toml" or survey_file.absolute().parent != expected.absolute() or not plain:
+        raise UsageError(
+            str(survey_file), expected=f"a survey file in {expected}, named with letters, digits, dot, dash and underscore",
+            found=f"{survey_file.name} in {survey_file.absolute().parent}", remedy="copy it there, with the files that it names",
+        )  # fmt: skip
+    return name
+
+
+def _drop_in(name: str) -> Path:
+    return UNITS / f"stepdiag@{name}.service.d" / DROP_IN
+
+
+def _shared(source: str) -> str:
+    """Return a file for systemd as it came with this program, the unit with the command of this installation."""
+    for folder in (Path(sys.prefix) / "share/stepdiag/systemd", Path(str(files("stepdiag"))).parent / "systemd"):
+        if (folder / source).is_file():
+            return (folder / source).read_text(encoding="utf-8").replace("/opt/stepdiag/bin/", f"{sys.prefix}/bin/")
+    raise UsageError(source, expected="the files for systemd that come with the program", found="none", remedy="install the wheel again")
+
+
+def _network(survey: Survey) -> Iterator[str]:
+    """Allow the PLC alone, or private networks where it has a name instead of an address; and who looks at the page."""
+    plc, page = survey.plc, survey.page
+    allowed = []
+    if plc.transport == "tcp" and not is_loopback(plc.host):
+        allowed = _address(plc.host) or list(PRIVATE_NETWORKS)
+    if (page.enabled and not is_loopback(page.host)) or (survey.metrics.enabled and not is_loopback(survey.metrics.host)):
+        allowed += PRIVATE_NETWORKS
+    yield "IPAddressAllow="
+    yield from (f"IPAddressAllow={each}" for each in ("localhost", *dict.fromkeys(allowed)))
+
+
+def _ports(survey: Survey) -> Iterator[str]:
+    yield "SocketBindAllow="
+    yield from (f"SocketBindAllow=tcp:{each.port}" for each in (survey.page, survey.metrics) if each.enabled)
+
+
+def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
+    page = survey.page
+    for name, file in ((TOKEN, page.token_file), (CERTIFICATE, page.certificate), (KEY, page.key)):
+        if not file:
+            continue
+        if not all(letter.isalnum() or letter in "._-/" for letter in file):
+            raise UsageError(f"the file of {name}", expected="a name of letters, digits, dot, dash and underscore", found=repr(file))
+        yield f"LoadCredential={name}:{folder / file}"
+
+
+def _address(host: str) -> list[str]:
+    """Return the address that a host is, without the name of an interface; nothing where it is a name."""
+    try:
+        return [str(ipaddress.ip_address(host.partition("%")[0]))]
+    except ValueError:
+        return []
