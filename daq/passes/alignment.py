@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.daq.capture.route import Route, base_setup
 from stepdiag.daq.capture.stop import CapturedStop
@@ -24,20 +25,33 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[CapturedStop]) -> tuple[float
     """
     if base_setup(route.setup) not in BODY_DIAGONALS or len(stops) < 4:
         return None
-    along = (route.stops_mm[-1] - route.stops_mm[0]) / abs(route.nominal_mm[-1])
-    along = along if route.nominal_mm[-1] > 0 else -along
-    sideways = np.cross([0.0, 0.0, 1.0], along)
-    sideways /= np.linalg.norm(sideways)
-    upwards = np.cross(along, sideways)
+    sideways, upwards = _across(route)
     rows, wrong = [], []
     for before, after in pairwise(stops):
         if after.stop != before.stop + 1 or after.broken or after.refused or after.reading_mm is None or before.reading_mm is None:
             continue
         step = np.subtract(after.position_mm, before.position_mm)
         rows.append([step @ sideways, step @ upwards])
-        wrong.append(after.reading_mm - before.reading_mm - float(step @ along))
+        nominal = route.nominal_at_mm(after.position_mm) - route.nominal_at_mm(before.position_mm)
+        wrong.append(after.reading_mm - before.reading_mm - nominal)
     moved = {stop.axis for stop in stops[1:]}
     if len(moved) < 3 or len(rows) < 3:
         return None
     tilt = np.linalg.lstsq(np.array(rows), np.array(wrong), rcond=None)[0] * 1e3
     return float(tilt[0]), float(tilt[1])
+
+
+def tilt_effect_um(route: Route, tilt_mrad: tuple[float, float], stops: Sequence[int]) -> NDArray[np.float64]:
+    """Return what a tilt of the mirror does to the reading at some stops of a route, relative to its first stop, in um, shape (k,)."""
+    way = route.stops_mm[list(stops)] - route.stops_mm[0]
+    effect: NDArray[np.float64] = way @ np.column_stack(_across(route)) @ np.array(tilt_mrad)
+    return effect
+
+
+def _across(route: Route) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return the unit vectors sideways and upwards as seen along the beam of a body diagonal; they are those of the outward way."""
+    along = (route.stops_mm[-1] - route.stops_mm[0]) / abs(route.nominal_mm[-1])
+    along = along if route.nominal_mm[-1] > 0 else -along
+    sideways = np.cross([0.0, 0.0, 1.0], along)
+    sideways /= np.linalg.norm(sideways)
+    return sideways, np.cross(along, sideways)

@@ -185,6 +185,11 @@ class Pass:
             return f"stops {listed} do not reach back to the start ({why}): {again}"
         return f"stops {listed} are missing: {again}"
 
+    def again_from(self) -> int:
+        """Return the stop from which to drive again; 0: the whole pass."""
+        off = self.missing or [each.stop or 0 for each in self.open_doubts()]
+        return max(min(off) - 1, 0) if off and self._may_go_on() else 0
+
     def _may_go_on(self) -> bool:
         """Tell whether the machine may go on in the middle: its position, or the laser's unbroken count, says where it stands."""
         return self.placed or len(self.zeros()) <= 1

@@ -49,7 +49,7 @@ def _rows(survey: Survey, one: Counted, first: Counted) -> tuple[Vector, list[Ca
     origin, offset_mm = first.driven.chosen()[0]
     readings = counts - (_count_mm(origin, offset_mm) + first.offset_mm)
     if not survey.laser.compensated:
-        readings = _in_this_air(survey, first.driven, [origin, *stops], np.concatenate([[0.0], readings]))[1:]
+        readings = in_this_air(survey, first.driven, [origin, *stops], np.concatenate([[0.0], readings]))[1:]
     if survey.machine.apply_expansion:
         readings = _at_20_c(survey, one.driven, origin, stops, readings)
     return readings, stops
@@ -59,7 +59,7 @@ def _count_mm(stop: CapturedStop, offset_mm: float) -> float:
     return (stop.reading_mm or 0.0) + offset_mm
 
 
-def _in_this_air(survey: Survey, first: Pass, stops: list[CapturedStop], readings: Vector) -> Vector:
+def in_this_air(survey: Survey, first: Pass, stops: list[CapturedStop], readings: Vector) -> Vector:
     """Return true displacements since the first of the stops, where the dead path begins."""
     values = {name: np.array([_environment(survey.environment, stop, name) for stop in stops]) for name in AIR_FIELDS}
     air = Air(

@@ -18,6 +18,7 @@ from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.log.topics import Note, finding_note, log_note, sample_note, signals_note, stop_note
 from stepdiag.daq.log.writer import ExitStatus, LogHeader
+from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import Chunk, Event, ModbusBlock
 from stepdiag.daq.survey.file import laser_decoder
@@ -25,6 +26,7 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
 from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.daq.timing.strip import Strip
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import SETUP_NUMBERS
 
@@ -101,6 +103,8 @@ class Session:
         self._idle_laser = StreamBuffer(laser_decoder(survey))
         self.capture: Capture | None = None
         self._samples = 0
+        self.strip = Strip()
+        self.recent = RecentStops()
         self.signals: Signals | None = None
         self.book = PassBook(survey)
         self.book.add_all(begun.stops)
@@ -129,6 +133,11 @@ class Session:
 
     def consume(self, event: Event) -> None:
         """Take the next event: into the log first, then into the capture; or keep it until a log begins."""
+        self._take(event)
+        if isinstance(event, Chunk) and event.stream == "laser" and (last := self.laser_samples()) is not None:
+            self.strip.add(last)
+
+    def _take(self, event: Event) -> None:
         if self.capture is None:
             self._wait(event)
             return

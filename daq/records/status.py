@@ -35,10 +35,17 @@ class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
     reason: str = ""
     doubt: str = ""
     """Which stops are kept although they may be off, and why."""
+    again_pass: int = 1
+    again_from: int = 0
+    """Where the state is ``again``: the pass to repeat, and the stop from which to repeat it (0: all of it)."""
 
 
 class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """A captured stop: deviation = reading - nominal along the beam, relative to the first stop of the pass."""
+    """A captured stop. ``deviation_um`` is reading - nominal along the beam, put right for air, dead path and the mirror's tilt.
+
+    Both ways of a setup count from the first stop of the way out where one unbroken count joins them (else the way back is hung onto the
+    far end), with one sign; ``place`` is the number of the stop on the way out.
+    """
 
     setup: str
     pass_number: int
@@ -48,12 +55,25 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
     deviation_um: float
     u_um: float
     doubtful: str = ""
+    place: int = 0
 
 
 class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
     code: str
     severity: str
     text: str
+
+
+class StripStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """The newest second and a half of the laser at full rate: lowest and highest sample of every bin, None where it saw nothing.
+
+    ``first`` numbers the first bin since the daemon began, so that a reader can put strips together and sees what it missed.
+    """
+
+    first: int
+    bin_s: float
+    low_mm: tuple[float | None, ...]
+    high_mm: tuple[float | None, ...]
 
 
 class PredictionStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -102,7 +122,10 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     relative_humidity_percent: float | None
     material_temperature_c: float | None
     tilt_mrad: tuple[float, float] | None
-    """Mirror tilt of the running pass, estimated from its first steps; None before three steps of each axis."""
+    """Mirror tilt of the pass driven last, estimated from its first steps; None before three steps of each axis."""
+    tilt_setup: str = ""
+    tilt_live: bool = False
+    """Whose tilt it is, and whether that pass is being driven now: between setups the mirror has been moved."""
     setups: tuple[SetupStatus, ...]
     stops: tuple[StopStatus, ...]
     """The stops of the running pass and of the pass before it in the same setup."""
@@ -111,6 +134,10 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     origin_mm: tuple[float, float, float]
     size_mm: tuple[float, float, float]
     increments: int
+    axis_order: str = "xyz"
+    counts_to: int | None = None
+    """Where the count is lost in the pass being driven: the last stop to which it still counts; None while nothing is lost."""
+    strip: StripStatus | None = None
     result_ready: bool
     prediction: PredictionStatus | None = None
     recording: bool
@@ -118,14 +145,18 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Download(msgspec.Struct, frozen=True, kw_only=True):
-    """A finished file that a person may fetch. ``name`` is unique, without ``/``, and is what the page shows."""
+    """A finished file that a person may fetch. ``name`` is unique, without ``/``, and is what the page shows.
+
+    ``bundle`` and ``restore`` are the folder of an export, packed when it is fetched; ``group`` is its control.
+    """
 
     name: str
     path: Path
-    kind: Literal["report", "result", "export", "log", "figure"]
+    kind: Literal["report", "result", "export", "log", "figure", "bundle", "restore"]
     size_bytes: int
     sha256: str = ""
     """Empty where it is not known without reading the file."""
+    group: str = ""
 
 
 class StatusSource(Protocol):

@@ -4,6 +4,7 @@ from pathlib import Path
 
 RESULT = "result.json"
 READINGS = "readings.csv"
+CONCLUSION = "conclusion.json"
 EXPORTS = "exports"
 PREDICTION = "prediction.json"
 

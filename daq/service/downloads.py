@@ -1,9 +1,10 @@
 """The finished files of a survey that a person may fetch from the page."""
 
+from collections.abc import Iterator
 from pathlib import Path
 
 from stepdiag.daq.records.status import Download
-from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, RESULT, logs_in
+from stepdiag.daq.records.survey_folder import CONCLUSION, EXPORTS, READINGS, RESULT, logs_in
 from stepdiag.exporters.files.sets import whole
 
 
@@ -11,11 +12,11 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
     """Return result, report, readings, controller files and logs of a survey's folder; empty before there are any."""
     if not folder.is_dir():
         return ()
-    found = [(path, "result") for name in (RESULT, READINGS) if (path := folder / name).is_file()]
+    found = [(path, "result") for name in (RESULT, READINGS, CONCLUSION) if (path := folder / name).is_file()]
     found += [(path, "report") for path in sorted(folder.glob("report.*")) if path.is_file()]
     found += [(path, "export") for path in _exported(folder / EXPORTS)]
     found += [(path, "log") for path in logs_in(folder) if path.suffix == ".mcap"]
-    return tuple(
+    files = tuple(
         Download(
             name="-".join(path.relative_to(folder).parts),
             path=path,
@@ -24,6 +25,16 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
         )
         for path, kind in found
     )
+    return (*files, *_bundles(folder / EXPORTS))
+
+
+def _bundles(exports: Path) -> Iterator[Download]:
+    """Yield two bundles a control that has files: what is loaded, and what brings it back."""
+    for folder in sorted(exports.iterdir()) if exports.is_dir() else ():
+        if folder.is_dir() and not folder.name.startswith(".") and whole(folder):
+            size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
+            for kind, name in (("bundle", f"{folder.name}.zip"), ("restore", f"{folder.name}-restore.zip")):
+                yield Download(name=name, path=folder, kind=kind, size_bytes=size, group=folder.name)  # type: ignore[arg-type]
 
 
 def _exported(folder: Path) -> list[Path]:

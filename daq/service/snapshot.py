@@ -2,23 +2,21 @@
 
 import math
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from datetime import UTC, datetime
 
 from stepdiag.daq.capture.route import make_route
-from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad
-from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.session import Session
-from stepdiag.daq.records.status import FindingStatus, LinkStatus, Phase, PredictionStatus, SetupStatus, Snapshot, StopStatus
+from stepdiag.daq.records.status import FindingStatus, LinkStatus, Phase, PredictionStatus, SetupStatus, Snapshot, StripStatus
+from stepdiag.daq.service.time_left import seconds_left
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import CONTINUITY
+from stepdiag.daq.timing.strip import BIN_S, KEEP_BINS
 
 SHOWN_FINDINGS = 50
-PACE_STOPS = 10
-"""The time left is told from the pace of this many stops."""
 
 
 def snapshot(
@@ -67,15 +65,20 @@ def snapshot(
         relative_humidity_percent=signals.relative_humidity_percent,
         material_temperature_c=signals.material_temperature_c,
         tilt_mrad=_tilt(session),
+        tilt_setup=session.book.driven.route.setup if session.book.driven is not None else "",
+        tilt_live=session.book.driven is not None and _runs(session, session.book.driven.route.setup),
         setups=tuple(setup_status(survey, session.book, name, running=_runs(session, name)) for name in survey.plan.all_setups),
-        stops=_recent_stops(session.book),
+        stops=session.recent.of(survey, session.book),
         findings=tuple(
             FindingStatus(code=each.code, severity=each.severity, text=each.text) for each in session.findings[-SHOWN_FINDINGS:]
         ),
-        seconds_left=seconds_left(session.book, survey.plan.all_setups, len(session.book.wanted())),
+        seconds_left=seconds_left(survey, session.book),
         origin_mm=survey.volume.origin_mm,
         size_mm=survey.volume.size_mm,
         increments=survey.volume.increments,
+        axis_order=survey.axis_order,
+        counts_to=_counts_to(session, lost),
+        strip=_strip(session),
         result_ready=result_ready,
         recording=session.recording,
         prediction=prediction,
@@ -118,51 +121,37 @@ def setup_status(survey: Survey, book: PassBook, setup: str, *, running: bool = 
         stops_done=sum(len(each.chosen()) for each in passes if each.number in book.wanted()),
         state=state,  # type: ignore[arg-type]
         reason="; ".join(f"pass {each.number}: {each.why_incomplete()}" for each in broken),
+        again_pass=broken[0].number if broken else 1,
+        again_from=broken[0].again_from() if broken else 0,
         doubt="; ".join(f"pass {each.number}: {why}" for each in passes if (why := each.why_doubtful())),
     )
 
 
-def seconds_left(book: PassBook, setups: Sequence[str], passes: int) -> float | None:
-    """Return the time the stops still missing will take at the pace of the last stops; None before there is a pace."""
-    stops = sorted(stop.time_s for each in book.passes for stop, _ in each.chosen().values())[-PACE_STOPS:]
-    if len(stops) < 3:
+def _counts_to(session: Session, lost: bool) -> int | None:
+    """Return the last stop to which the running pass counts where its count is lost; None while it counts, and before its first stop."""
+    walk, driven = (session.capture.walk if session.capture is not None else None), session.book.driven
+    if walk is None or driven is None or not walk.started or driven.route.setup != walk.route.setup:
         return None
-    pace = (stops[-1] - stops[0]) / (len(stops) - 1)
-    missing = sum(len(each.missing) for each in book.passes)
-    begun = len(book.passes)
-    per_pass = len(book.passes[0].route)
-    return pace * (missing + per_pass * max(len(setups) * passes - begun, 0))
+    chosen = driven.chosen()
+    off = [stop for stop in driven.measured if stop not in chosen]
+    if off:
+        return max((stop for stop in chosen if stop < min(off)), default=0)
+    return max(chosen) if lost and chosen else None
 
 
-def stop_status(each: Pass, stop: CapturedStop, offset_mm: float, first_mm: float) -> StopStatus:
-    """Return a stop with its deviation from the geometry."""
-    reading = (stop.reading_mm if stop.reading_mm is not None else math.nan) + offset_mm - first_mm
-    return StopStatus(
-        setup=each.route.setup,
-        pass_number=each.number,
-        stop=stop.stop,
-        position_mm=stop.position_mm,
-        reading_mm=reading,
-        deviation_um=(reading - each.route.nominal_at_mm(stop.position_mm)) * 1e3,
-        u_um=stop.u_um,
-        doubtful=stop.refused or stop.doubtful or each.doubt(stop.stop),
-    )
-
-
-def _recent_stops(book: PassBook) -> tuple[StopStatus, ...]:
-    """Return the stops of the pass last driven and of the pass before it in the same setup."""
-    driven = book.driven
-    if driven is None:
-        return ()
-    both = [each for each in book.of(driven.route.setup) if each is driven or each.number == driven.number - 1]
-    shown = []
-    for each in both:
-        chosen = each.chosen()
-        first = next(iter(chosen.values()), None)
-        if first is not None:
-            zero = (first[0].reading_mm or 0.0) + first[1] - each.route.nominal_at_mm(first[0].position_mm)
-            shown += [stop_status(each, stop, offset, zero) for stop, offset in chosen.values()]
-    return tuple(shown)
+def _strip(session: Session) -> StripStatus | None:
+    bins = session.strip.bins
+    if not bins:
+        return None
+    first, last = bins[0][0], bins[-1][0]
+    low: list[float | None] = [None] * (last - first + 1)
+    high = list(low)
+    for number, least, most in bins:
+        if not math.isnan(least):
+            low[number - first] = round(least - session.shown_zero_mm, 6)
+            high[number - first] = round(most - session.shown_zero_mm, 6)
+    keep = min(len(low), KEEP_BINS)
+    return StripStatus(first=last - keep + 1, bin_s=BIN_S, low_mm=tuple(low[-keep:]), high_mm=tuple(high[-keep:]))
 
 
 def _reading(session: Session) -> tuple[float | None, float | None, bool]:

@@ -94,10 +94,10 @@ def run_minutes(plan: Plan, run: Run) -> float:
     back_mm = float(np.linalg.norm(stops[-1] - stops[0]))
     # without return passes the machine still has to go back before it can start again
     idle = 0.0 if run.return_pass else (run.repeats - 1) * back_mm / pace.feed_mm_min
-    return _setup_minutes(pace, run) + len(run.pass_numbers) * one_pass + idle
+    return setup_minutes(pace, run) + len(run.pass_numbers) * one_pass + idle
 
 
-def _setup_minutes(pace: Pace, run: Run) -> float:
+def setup_minutes(pace: Pace, run: Run) -> float:
     """Return the minutes to set up: a beam shifted on a setup that stands needs no new alignment of the mirror."""
     if run.is_fourdof:
         return pace.fourdof_setup_min

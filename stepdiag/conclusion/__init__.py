@@ -7,12 +7,11 @@ Imported by `report`, `page`, `daemon` and `cli`.
 
 from stepdiag.conclusion.concluding import Conclusion, Export, conclude, export_of, loadable
 from stepdiag.conclusion.contributions import Contribution, contributions_of
-from stepdiag.conclusion.file import CONCLUSION, conclusion_document, conclusion_in, conclusion_json, titles_of, words_of
+from stepdiag.conclusion.file import conclusion_document, conclusion_in, conclusion_json, titles_of, words_of
 from stepdiag.conclusion.intervals import Reach, reach_of
 from stepdiag.conclusion.sentences import Sentence, render
 
 __all__ = [
-    "CONCLUSION",
     "Conclusion",
     "Contribution",
     "Export",

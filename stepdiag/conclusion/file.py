@@ -8,10 +8,10 @@ from typing import Any
 
 from stepdiag.conclusion.concluding import Conclusion
 from stepdiag.conclusion.sentences import SECTION, Sentence, render
+from stepdiag.daq.records.survey_folder import CONCLUSION
 from stepdiag.solver.result.rounding import steady
 from stepdiag.texts import LANGUAGES, Language, catalogue
 
-CONCLUSION = "conclusion.json"
 FORMAT, FORMAT_VERSION = "stepdiag-conclusion", 1
 SECTIONS = ("reached", "wrong", "unknown", "load", "next_step")
 """The order in which a conclusion is read."""

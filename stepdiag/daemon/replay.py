@@ -4,8 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepdiag.conclusion import CONCLUSION
-from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, RESULT
+from stepdiag.daq.records.survey_folder import CONCLUSION, EXPORTS, READINGS, RESULT
 from stepdiag.daq.replay import find_logs
 from stepdiag.daq.service.completion import complete
 from stepdiag.report.completed import write_completed_report

@@ -25,6 +25,7 @@ from starlette.types import Receive, Scope, Send
 from stepdiag.daq.records.status import CommandName, Download
 from stepdiag.daq.service.downloads import downloads_of
 from stepdiag.page.broadcast import Broadcaster
+from stepdiag.page.bundle import bundle_of
 from stepdiag.page.messages import PageSettings, Picture
 from stepdiag.page.security import REPORT_POLICY, SEND_S, Access, Guard, address_of, refused
 from stepdiag.solver.errors import DeviceError
@@ -90,7 +91,7 @@ class Page:
         language = next((known for known in LANGUAGES if known == request.path_params["language"]), None)
         if language is None:
             return refused(404, f"no texts in this language; known are {', '.join(LANGUAGES)}")
-        words = {section: catalogue(section, language) for section in ("common", "page", "finding")}
+        words = {section: catalogue(section, language) for section in ("common", "page")}
         return JSONResponse(words)
 
     async def stream(self, request: Request) -> Response:
@@ -113,7 +114,7 @@ class Page:
         """Answer the list of files that may be fetched."""
         if not await self.access.reads(request):
             return _locked()
-        fields = ("name", "kind", "size_bytes", "sha256")
+        fields = ("name", "kind", "size_bytes", "sha256", "group")
         return JSONResponse([{field: getattr(one, field) for field in fields} for one in await self._listed()])
 
     async def download(self, request: Request) -> Response:
@@ -122,6 +123,8 @@ class Page:
             return _locked()
         wanted = request.path_params["name"]
         found = next((one for one in await self._listed() if one.name == wanted), None)
+        if found is not None and found.kind in ("bundle", "restore"):
+            return await run_in_threadpool(_packed, found)
         if found is None or not found.path.is_file():
             return refused(404, "no such file in the list of downloads")
         return _file(found)
@@ -196,6 +199,12 @@ def _on_fault(daemon: Daemon) -> Callable[[Request, Exception], Awaitable[Respon
 
 async def _silent(_request: Request, why: Exception) -> Response:
     return refused(503, str(why))
+
+
+def _packed(found: Download) -> Response:
+    data = bundle_of(found.path, restore=found.kind == "restore")
+    headers = {"Content-Disposition": f'attachment; filename="{found.name}"', "Cache-Control": "no-store"}
+    return Response(data, media_type="application/zip", headers=headers)
 
 
 def _file(found: Download) -> Response:

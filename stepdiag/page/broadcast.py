@@ -2,35 +2,20 @@
 
 import asyncio
 from collections.abc import AsyncIterator, Callable
+from typing import Any
 
 import msgspec
 
 from stepdiag.daq.records.status import Snapshot
+from stepdiag.page.view import SLOW_FIELDS, now_view, survey_view
 
 RETRY_MS = 500
 """How soon a browser knocks again after the line broke."""
-SLOW_FIELDS = (
-    "survey",
-    "machine",
-    "operator",
-    "workpiece",
-    "setups",
-    "stops",
-    "findings",
-    "origin_mm",
-    "size_mm",
-    "increments",
-    "result_ready",
-    "prediction",
-)
-"""What changes with a stop or a setup; all the rest goes out with every picture."""
-FAST_FIELDS = tuple(name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS)
 
 
-def encode_event(name: str, snapshot: Snapshot, fields: tuple[str, ...]) -> bytes:
-    """Return some fields of a snapshot as one server-sent event."""
-    body = msgspec.json.encode({field: getattr(snapshot, field) for field in fields})
-    return b"event: " + name.encode() + b"\ndata: " + body + b"\n\n"
+def encode_event(name: str, content: dict[str, Any]) -> bytes:
+    """Return plain data as one server-sent event."""
+    return b"event: " + name.encode() + b"\ndata: " + msgspec.json.encode(content) + b"\n\n"
 
 
 class Mailbox:
@@ -98,7 +83,7 @@ class Broadcaster:
     def show(self, snapshot: Snapshot) -> None:
         """Give a picture to everybody: what changes seldom only where it has changed, or to those who have not seen it yet."""
         changed = self._refresh(snapshot)
-        now = encode_event("now", snapshot, FAST_FIELDS)
+        now = encode_event("now", now_view(snapshot))
         for mailbox in self._newcomers:
             mailbox.put("retry", b"retry: %d\n\n" % RETRY_MS)
         for mailbox in self._mailboxes if changed else self._newcomers:
@@ -118,5 +103,5 @@ class Broadcaster:
         if slow == self._slow and self._slow_event:
             return False
         self._slow = slow
-        self._slow_event = encode_event("survey", snapshot, SLOW_FIELDS)
+        self._slow_event = encode_event("survey", survey_view(snapshot))
         return True

@@ -2,8 +2,8 @@
 
 from pathlib import Path
 
-from stepdiag.conclusion import CONCLUSION, Conclusion, Export, conclude, conclusion_json, export_of
-from stepdiag.daq.records.survey_folder import READINGS, RESULT
+from stepdiag.conclusion import Conclusion, Export, conclude, conclusion_json, export_of
+from stepdiag.daq.records.survey_folder import CONCLUSION, READINGS, RESULT
 from stepdiag.daq.service.completion import Completed
 from stepdiag.exporters.files.files import write_once
 from stepdiag.report.document import build_report

@@ -7,7 +7,7 @@ from pathlib import Path
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.page.broadcast import FAST_FIELDS, SLOW_FIELDS, Broadcaster, Mailbox
+from stepdiag.page.broadcast import Broadcaster, Mailbox
 from testkit.played import PlayedSurvey
 
 
@@ -30,12 +30,6 @@ def test_a_mailbox_holds_the_newest_of_each_kind(puts: list[tuple[str, int]]) ->
 
     fetched = asyncio.run(fetch()).decode().strip(";").split(";")
     assert sorted(fetched) == sorted(f"{kind}{number}" for kind, number in dict(puts).items())
-
-
-def test_every_field_of_the_snapshot_is_sent_once() -> None:
-    """The two events together hold the whole snapshot."""
-    assert not set(FAST_FIELDS) & set(SLOW_FIELDS)
-    assert "reading_mm" in FAST_FIELDS
 
 
 def test_the_first_piece_shows_the_whole_survey(tmp_path: Path) -> None:

@@ -44,12 +44,17 @@ def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
     """Start, pause, zero, abort (pressed twice), choose the next setup, name operator and workpiece."""
     unlock(page)
     answer = page.locator("#answer")
-    for name in ("start", "pause", "zero"):
-        page.locator(f"#{name}").click()
-        expect(answer).to_have_text("Done.")
+    page.locator("#pause").click()
+    expect(answer).to_have_text("Done.")
+    daemon.do(lambda: daemon.survey.publish(phase="paused"))
+    page.locator("#start").click()
+    expect(page.locator("#pause")).to_be_hidden()
+    daemon.do(lambda: daemon.survey.publish(phase="waiting-program"))
     page.locator("#abort").click()
     expect(page.locator("#abort")).to_have_text("Press again to abort diagonal npp")
     page.locator("#abort").click()
+    page.locator("#more").click()
+    page.locator("#zero").click()
     page.locator("#choose-setup").select_option("pnp")
     page.locator("#choose button").click()
     page.locator("#operator").fill("Night shift")
@@ -57,10 +62,10 @@ def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
     page.locator("#name button").click()
     expect(page.locator("#people")).to_have_text("Night shift · none")
     assert daemon.do(lambda: list(daemon.survey.ordered)) == [
-        ("start", {}),
         ("pause", {}),
-        ("zero", {}),
+        ("start", {}),
         ("abort-setup", {}),
+        ("zero", {}),
         ("choose-setup", {"setup": "pnp"}),
         ("name", {"operator": "Night shift", "workpiece": "none"}),
     ]
@@ -72,6 +77,7 @@ def test_a_refusal_says_why(watched: Watched, daemon: Served) -> None:
     unlock(page)
     refusal = UsageError("start", expected="a survey that is paused", found="one that runs")
     daemon.do(lambda: setattr(daemon.survey, "refusal", refusal))
+    daemon.do(lambda: daemon.survey.publish(phase="paused"))
     page.locator("#start").click()
     expect(page.locator("#answer")).to_have_text("Refused: start: expected a survey that is paused, found one that runs")
     watched.complaints = [one for one in watched.complaints if "409" not in one]
@@ -139,7 +145,7 @@ def test_downloads_are_whole(daemon: Served) -> None:
     assert ask(daemon, "GET", "/result.json", token=TOKEN)[0] == 404
     daemon.do(daemon.survey.complete)
     listed = json.loads(ask(daemon, "GET", "/downloads.json", token=TOKEN)[2])
-    assert [one["kind"] for one in listed] == ["result", "report"]
+    assert [one["kind"] for one in listed] == ["result", "result", "report"]
     status, headers, body = ask(daemon, "GET", "/download/result.json", token=TOKEN)
     assert (status, len(body)) == (200, listed[0]["size_bytes"])
     assert headers["content-disposition"].startswith("attachment")

@@ -13,7 +13,7 @@ from testkit.played import Served, served
 pytestmark = pytest.mark.page
 
 
-@pytest.mark.parametrize(("link", "place"), [("laser", ".big"), ("plc", ".air")])
+@pytest.mark.parametrize(("link", "place"), [("laser", ".figures"), ("plc", ".air")])
 def test_a_silent_link_is_old_within_a_second(page: Page, daemon: Served, link: str, place: str) -> None:
     """Laser unplugged, PLC silent: what came from it is struck through within a second, the other stays."""
     old = page.locator(f"{place}.stale")

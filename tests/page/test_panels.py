@@ -1,6 +1,7 @@
 """What a person sees in a real browser while a survey is played."""
 
 import pytest
+from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from stepdiag.daq.records.status import FindingStatus, LinkStatus
@@ -15,8 +16,8 @@ HOSTILE = '<img src=x onerror="document.title=1"><b>bold</b>'
 
 def test_it_says_what_to_do_next(page: Page) -> None:
     """Before a pass: which way to turn the laser, what to align, which program to start."""
-    expect(page.locator("#phase")).to_have_text("Waiting for the NC program of diagonal npp")
-    expect(page.locator("#instruction")).to_have_text(
+    expect(page.locator("#lead")).to_have_text("Align, then start program O8002")
+    expect(page.locator("#advice")).to_have_text(
         "Turn the laser to diagonal npp (from X high, Y low, Z low), align the mirror, then start program O8002."
     )
 
@@ -27,83 +28,64 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
     for stop in range(11):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 2, stop))
-    expect(page.locator("#phase")).to_have_text("Waiting for the machine to reach stop 11 of 30, Y move")
+    expect(page.locator("#lead")).to_have_text("To stop 11 of 30")
+    expect(page.locator("#advice")).to_have_text("diagonal npp, pass 2: Y moves. Keep the beam free.")
     expect(page.locator("#progress-words")).to_have_text("104 / 310")
     expect(page.locator("#volume .stop")).to_have_count(42)
-    expect(page.locator("#deviations .dot.s0")).to_have_count(31)
-    expect(page.locator("#deviations .dot.s1")).to_have_count(11)
-    expect(page.locator("#tilt")).to_have_text("0.33 mrad (0.31 / −0.12)")
+    expect(page.locator("#deviations")).to_have_attribute("data-points", "[31,11]")
+    expect(page.locator("#tilt-drive")).to_contain_text("0.33 mrad (0.31 / −0.12)")
     expect(page.locator("#time-left")).to_have_text("about 10 min")
     daemon.do(daemon.survey.complete)
-    expect(page.locator("#phase")).to_have_text("The survey is complete")
+    expect(page.locator("#lead")).to_have_text("Done: all passes are in")
+    expect(page.locator("#conclusion .next-step")).to_contain_text("Make the sign test on siemens")
+    expect(page.locator("#conclusion .reached li").last).to_contain_text("1.3 to 2.6 µm (rms, k = 2)")
+    expect(page.locator("#conclusion .load")).to_contain_text("siemens: nothing before its sign test (EEC).")
+    expect(page.locator("#field figure")).to_have_count(1)
     expect(page.locator("#result figure")).to_have_count(9)
     expect(page.locator("#result")).to_contain_text("20.0 ± 0.8 µrad")
     expect(page.locator("#result")).to_contain_text("not identified")
-    expect(page.locator(".prediction")).to_contain_text("improvement factor (rms) 6.2")
-    expect(page.locator("#downloads a")).to_have_text(["result.json", "report.html"])
+    expect(page.locator("#bundles a")).to_have_text("Open the report")
+    expect(page.locator("#downloads a")).to_contain_text(["result.json", "conclusion.json", "Open the report"])
 
 
-def test_the_return_pass_meets_the_outward_pass_at_the_far_end(page: Page, daemon: Served) -> None:
-    """The return pass counts from zero at the far end; laid over the outward pass it starts where that one ended."""
-    for stop in range(31):
-        daemon.do(lambda stop=stop: daemon.survey.stop("ppp", 1, stop))
-    daemon.do(lambda: daemon.survey.stop("ppp", 2, 0))
-    expect(page.locator("#deviations .dot.s1")).to_have_count(1)
-    places = [
-        page.locator(f"#deviations .dot.{kind}").last.evaluate("dot => [dot.getAttribute('cx'), dot.getAttribute('cy')]")
-        for kind in ("s0", "s1")
-    ]
-    assert places[0] == places[1]
+def test_a_doubtful_stop_differs_in_shape(page: Page, daemon: Served) -> None:
+    """A cross among dots, in the volume and in the chart: colour alone tells a colour-blind person nothing."""
+    for stop in range(5):
+        daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
+    doubted = [replace(one, doubtful="unsteady" if one.stop == 3 else "") for one in daemon.do(lambda: daemon.survey.fields["stops"])]
+    daemon.do(lambda: daemon.survey.publish(stops=tuple(doubted)))
+    expect(page.locator("#volume path.stop.doubt")).to_have_count(1)
+    expect(page.locator("#volume circle.stop")).to_have_count(4)
 
 
 def test_findings_appear_in_words(page: Page, daemon: Served) -> None:
     """A finding is shown as it arises, with its code; markup in it stays text."""
-    findings = (FindingStatus(code="mirror-tilt", severity="warning", text=f"npp: 2.4 mrad {HOSTILE}"),)
+    findings = (FindingStatus(code="mirror-misaligned", severity="warning", text=f"npp: 2.4 mrad {HOSTILE}"),)
     daemon.do(lambda: daemon.survey.publish(findings=findings, machine="VM 500", survey=HOSTILE, message=HOSTILE))
     expect(page.locator("#findings li")).to_contain_text(HOSTILE)
     expect(page.locator("#survey-name")).to_have_text(HOSTILE)
     assert page.locator("main img, main b").count() == 0
 
 
-def test_a_finding_said_again_is_counted(page: Page, daemon: Served) -> None:
-    """The same words in every pass stand once, with their number; the latest finding stands first."""
-    again = FindingStatus(code="laser-device", severity="info", text="laser: firmware 264")
-    other = FindingStatus(code="stop-doubtful", severity="warning", text="npp, stop 3: unsteady")
-    daemon.do(lambda: daemon.survey.publish(findings=(again, other, again, again)))
+def test_findings_of_one_cause_stand_together_with_their_stops(page: Page, daemon: Served) -> None:
+    """Eight stops without a count are one finding, the newest cause first; what does not fit is behind "all"."""
+    lost = [
+        FindingStatus(code="beam-lost", severity="error", text=f"npp out, stop {stop} of 30: the count was lost") for stop in range(5, 13)
+    ]
+    older = [FindingStatus(code=f"older-{number}", severity="warning", text="something") for number in range(6)]
+    daemon.do(lambda: daemon.survey.publish(findings=(*older, *lost)))
     items = page.locator("#findings li")
-    expect(items).to_have_count(2)
-    expect(items.first).to_contain_text("laser: firmware 264 ×3")
-
-
-@pytest.mark.parametrize(
-    ("fields", "words"),
-    [
-        ({"beam_lost": True, "phase": "waiting-stop"}, "The beam is lost: clear its path, or align the mirror again."),
-        ({"phase": "dwelling"}, "Nothing: the machine drives and measures. Keep the beam free."),
-        ({"phase": "paused"}, "Press start to go on."),
-        ({"phase": "failed"}, "Read the findings; ask the service engineer."),
-        (
-            {"expects_setup": "linear-y", "program": ""},
-            "Point the laser along Y, mount the retroreflector, then start program of setup linear-y.",
-        ),
-        ({"expects_setup": "fourdof-z", "program": "O9"}, "Set the 4-DOF head along Z, then start program O9."),
-        (
-            {"expects_setup": "ppp+1"},
-            "Turn the laser to diagonal ppp+1 (from X low, Y low, Z low), align the mirror, then start program O8002.",
-        ),
-    ],
-)
-def test_the_next_step_follows_the_state(page: Page, daemon: Served, fields: dict[str, object], words: str) -> None:
-    """What blocks the survey comes first, then the hand that the set-up needs."""
-    daemon.do(lambda: daemon.survey.publish(**fields))
-    expect(page.locator("#instruction")).to_have_text(words)
+    expect(items).to_have_count(3)
+    expect(items.first).to_contain_text("npp out, stops 5–12: the count was lost. ×8")
+    page.locator("#all-findings").click()
+    expect(page.locator("#all-list li")).to_have_count(7)
 
 
 @pytest.mark.parametrize(("tilt", "grade"), [((0.3, 0.2), "good"), ((1.2, 0.3), "fair"), ((1.9, 1.1), "bad"), (None, "none")])
 def test_the_tilt_gives_advice_during_the_pass(page: Page, daemon: Served, tilt: tuple[float, float] | None, grade: str) -> None:
     """Over 2 mrad: realign now, not after the pass (theory.md 6.5)."""
-    daemon.do(lambda: daemon.survey.publish(tilt_mrad=tilt))
-    expect(page.locator("#tilt-advice")).to_have_class(f"advice {grade}")
+    daemon.do(lambda: daemon.survey.publish(tilt_mrad=tilt, tilt_setup="npp", tilt_live=True))
+    expect(page.locator("#tilt-advice")).to_have_class(f"note {grade}")
 
 
 def test_a_head_has_its_own_light(page: Page, daemon: Served) -> None:
@@ -117,11 +99,11 @@ def test_a_head_has_its_own_light(page: Page, daemon: Served) -> None:
 def test_both_languages(page: Page, daemon: Served) -> None:
     """One press, and everything speaks German, numbers too; it stays so after a reload."""
     page.locator("#language").click()
-    expect(page.locator("#phase")).to_have_text("Warte auf das NC-Programm von Diagonale npp")
+    expect(page.locator("#lead")).to_have_text("Justieren, dann Programm O8002 starten")
     expect(page.locator("#air")).to_have_text("20,41 °C")
     assert page.locator("html").get_attribute("lang") == "de"
     page.reload()
-    expect(page.locator("#phase")).to_have_text("Warte auf das NC-Programm von Diagonale npp")
+    expect(page.locator("#lead")).to_have_text("Justieren, dann Programm O8002 starten")
 
 
 @pytest.mark.parametrize("size", SIZES)
@@ -131,11 +113,13 @@ def test_contrast_and_labels(watched: Watched, daemon: Served, size: str, scheme
     width, height = SIZES[size]
     page = watched.open(daemon.address, width=width, height=height, scheme=scheme)
     daemon.do(lambda: daemon.survey.stop("npp", 1, 12))
-    daemon.do(daemon.survey.complete)
-    expect(page.locator("#result figure")).to_have_count(9)
-    assert violations(page) == []
+    expect(page.locator("#deviations canvas")).to_be_visible()
     daemon.do(lambda: daemon.survey.silent.update({"laser", "plc"}))
-    expect(page.locator(".big.stale")).to_be_visible()
+    expect(page.locator(".figures.stale")).to_be_visible()
+    assert violations(page) == []
+    daemon.do(daemon.survey.complete)
+    daemon.do(daemon.survey.silent.clear)
+    expect(page.locator("#result figure")).to_have_count(9)
     assert violations(page) == []
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 

@@ -40,17 +40,18 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
     port = free_port()
     with hall(tmp_path, back=True, handshake=True, dwell=1.0, page=True, page_port=port) as place, daemon(place.survey) as process:
         page = real.open(f"http://127.0.0.1:{port}")
-        expect(page.locator("#instruction")).to_contain_text("Turn the laser to diagonal ppp (from X low, Y low, Z low)")
+        expect(page.locator("#advice")).to_contain_text("Turn the laser to diagonal ppp (from X low, Y low, Z low)")
         expect(page.locator("#setups li")).to_have_count(4)
         expect(page.locator("#reading")).not_to_have_text("–")
         place.start_setups(stop_after=1)
-        expect(page.locator("#phase")).to_contain_text("stop", timeout=20_000)
+        expect(page.locator("#lead")).to_contain_text("stop", timeout=20_000)
         expect(page.locator("#volume .stop").first).to_be_attached(timeout=20_000)
         place.setups = place.setups[1:]
         place.start_setups()
         assert until(process, "survey-complete")[-1]["exit_code"] == 0
         expect(page.locator("#result figure")).to_have_count(9, timeout=20_000)
         expect(page.locator("#result")).to_contain_text("C0Y")
+        expect(page.locator("#conclusion .reached")).to_contain_text("As found")
         page.context.close()  # before the daemon ends, which the page would complain about
 
 
@@ -83,4 +84,4 @@ def test_a_killed_daemon_comes_back_to_the_page(tmp_path: Path, real: Watched) -
             served = time.monotonic()
             seconds_until(lambda: not offline.is_visible(), page)
             assert time.monotonic() - served < 3.0
-            expect(page.locator("#phase")).to_contain_text("Waiting for the NC program")
+            expect(page.locator("#lead")).to_contain_text("start")

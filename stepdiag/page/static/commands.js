@@ -28,6 +28,7 @@ export function open(commandsExist) {
   submit("unlock", () => unlock(place("token").value));
   for (const name of ["start", "pause", "zero"]) place(name).addEventListener("click", () => order(name));
   place("abort").addEventListener("click", abort);
+  place("more").addEventListener("click", () => place("more-orders").showModal());
   submit("choose", () => order("choose-setup", { setup: place("choose-setup").value }));
   submit("name", () => order("name", { operator: place("operator").value, workpiece: place("workpiece").value }));
   if (token) unlock(token);
@@ -42,6 +43,9 @@ function submit(id, act) {
 
 export function update(snapshot) {
   latest = snapshot;
+  place("pause").hidden = snapshot.phase === "paused";
+  place("start").hidden = snapshot.phase !== "paused";
+  place("abort").disabled = !snapshot.recording;
   for (const name of ["operator", "workpiece"]) {
     const field = place(name);
     if (document.activeElement !== field && field.dataset.known !== snapshot[name]) field.value = snapshot[name];

@@ -1,49 +1,55 @@
-// Deviations of the running pass stop by stop, the return pass laid over the outward pass.
+// Deviations of the running setup over the stops of its outward way; both directions share sign, numbering and zero, which the daemon sees to.
 
-import { chart } from "./chart.js";
-import { node, put } from "./draw.js";
-import { say, setupName, shown } from "./words.js";
+import { Curves } from "./curves.js";
+import { put } from "./draw.js";
+import { say, setupName, shown, told } from "./words.js";
 
 let drawn = "";
+let curves = null;
 
 export function forget() {
   drawn = "";
+  curves?.forget();
 }
 
-export function update({ stops, stops_in_pass: count }) {
+export function update({ stops, stops_in_pass: count, setups, stage }) {
   const last = stops.at(-1);
-  put("last-stop", last ? words(last) : "");
-  const key = `${count}|${stops.map((one) => `${one.setup}${one.pass_number}.${one.stop}:${one.deviation_um}${one.doubtful}`).join()}`;
+  put("last-stop", last ? words(last) : say("no_stops"));
+  if (!last || stage === "done") return;
+  const of = stops.filter((one) => one.setup === last.setup);
+  const places = frame(count, of, setups);
+  const key = `${places}|${of.map((one) => `${one.setup}${one.pass_number}.${one.place}:${one.deviation_um}${told(one.doubtful)}`).join()}`;
   if (key === drawn) return;
   drawn = key;
-  const place = document.getElementById("deviations");
-  if (!last) return place.replaceChildren(node("p", { class: "quiet" }, say("no_stops")));
-  const series = passes(stops.filter((one) => one.setup === last.setup), count);
-  const options = { xLabel: say("stop_axis"), yLabel: say("deviation_axis"), xRange: [0, Math.max(1, count - 1)] };
-  place.replaceChildren(chart(series, { ...options, label: `${say("deviations")}: ${setupName(last.setup)}` }));
+  curves ??= new Curves("deviations", { height: 230 });
+  const labels = { xLabel: say("stop_axis"), yLabel: say("deviation_axis"), xRange: [0, Math.max(1, places - 1)] };
+  curves.draw(passes(of, places), `${say("deviations")}: ${setupName(last.setup)}`, labels);
 }
 
-function words({ setup, stop, deviation_um: deviation, doubtful }) {
-  const told = `${setupName(setup)}. ${say("last_stop", { stop, deviation: shown(deviation, 2) })}`;
-  return doubtful ? `${told} (${say("doubtful", { reason: doubtful })})` : told;
+// The frame stays the setup's own, also when its last stop is in and nothing more is awaited.
+function frame(count, stops, setups) {
+  const setup = setups.find(({ name }) => name === stops[0].setup);
+  const own = setup ? Math.round(setup.stops_wanted / Math.max(1, setup.passes_wanted)) : count;
+  return Math.max(own, ...stops.map(({ place }) => place + 1));
 }
 
-// Return one series a pass over the outward stops. A return pass counts from the far end and from zero there, so it is
-// hung onto the last deviation of the outward pass before it.
+function words({ setup, place, deviation_um: deviation, doubtful }) {
+  const said = `${setupName(setup)}. ${say("last_stop", { stop: place, deviation: shown(deviation, 2) })}`;
+  return told(doubtful) ? `${said} (${say("doubtful", { reason: told(doubtful) })})` : said;
+}
+
 function passes(stops, count) {
   const numbers = [...new Set(stops.map((one) => one.pass_number))].sort((a, b) => a - b);
-  let far = 0;
+  const x = Array.from({ length: count }, (_, index) => index);
   return numbers.map((number) => {
-    const outward = number % 2 === 1;
-    const own = stops.filter((one) => one.pass_number === number);
-    const at = Array(count).fill(null);
+    const y = Array(count).fill(null);
     const u = Array(count).fill(null);
-    for (const one of own) {
-      const index = outward ? one.stop : count - 1 - one.stop;
-      at[index] = one.deviation_um + (outward ? 0 : far);
-      u[index] = Number.isFinite(one.u_um) ? one.u_um : 0;
+    const odd = Array(count).fill(false);
+    for (const one of stops.filter((stop) => stop.pass_number === number)) {
+      y[one.place] = one.deviation_um;
+      u[one.place] = Number.isFinite(one.u_um) ? one.u_um : 0;
+      odd[one.place] = Boolean(told(one.doubtful));
     }
-    if (outward) far = at[count - 1] ?? 0;
-    return { label: `${number}: ${say(outward ? "outward" : "return")}`, x: at.map((_, index) => index), y: at, u };
+    return { label: `${number}: ${say(number % 2 === 1 ? "outward" : "return")}`, x, y, u, odd };
   });
 }

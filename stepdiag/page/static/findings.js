@@ -1,7 +1,9 @@
-// Findings as they arise, in the solver's words, with what to do about them.
+// Findings grouped by cause (stepdiag/page/remarks.py), the newest cause first; what does not fit the screen is behind "all".
 
-import { node } from "./draw.js";
-import { advice, common, say } from "./words.js";
+import { node, put } from "./draw.js";
+import { common, language, say } from "./words.js";
+
+const SHOWN = 3;
 
 let drawn = "";
 
@@ -9,34 +11,29 @@ export function forget() {
   drawn = "";
 }
 
+export function open() {
+  document.getElementById("all-findings").addEventListener("click", () => document.getElementById("all").showModal());
+}
+
 export function update({ findings }) {
   const key = JSON.stringify(findings);
   if (key === drawn) return;
   drawn = key;
-  const items = counted(findings).map(item);
-  document.getElementById("findings").replaceChildren(...(items.length ? items : [node("li", { class: "quiet" }, say("no_findings"))]));
+  const loud = findings.filter(({ severity }) => severity !== "info");
+  const few = (loud.length ? loud : findings).slice(0, SHOWN).map(item);
+  document.getElementById("findings").replaceChildren(...(few.length ? few : [node("li", { class: "quiet" }, say("no_findings"))]));
+  document.getElementById("all-list").replaceChildren(...findings.map(item));
+  put("all-findings", say("all_findings", { count: findings.length })).hidden = findings.length <= few.length;
 }
 
-// Return each finding once with how often it was said, the latest first: a laser that complains in every pass fills no screen.
-function counted(findings) {
-  const known = new Map();
-  for (const one of findings) {
-    const key = `${one.code} ${one.text}`;
-    const times = (known.get(key)?.times ?? 0) + 1;
-    known.delete(key);
-    known.set(key, { ...one, times });
-  }
-  return [...known.values()].reverse();
-}
-
-function item({ code, severity, text, times }) {
+function item({ code, severity, said, advice, times }) {
   return node(
     "li",
     { class: `finding ${severity}` },
     node("strong", {}, common(`severity_${severity}`)),
-    `: ${text} `,
+    `: ${said[language].replace(/[^.!?]$/, "$&.")} `,
     ...(times > 1 ? [node("strong", {}, `×${times} `)] : []),
-    node("span", { class: "quiet" }, advice(code)),
+    node("span", { class: "quiet" }, advice[language]),
     " ",
     node("code", {}, code),
   );

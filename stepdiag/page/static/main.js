@@ -1,18 +1,21 @@
-// Boots the page: words, live stream, panels. Every panel is a module with update(snapshot).
+// Boots the page: words, live stream, panels. Every panel is a module with update(snapshot, kind).
 
-import * as align from "./align.js";
+import * as aid from "./aid.js";
 import * as commands from "./commands.js";
 import * as deviations from "./deviations.js";
+import * as done from "./done.js";
+import * as files from "./files.js";
 import * as findings from "./findings.js";
-import * as now from "./now.js";
-import * as result from "./result.js";
+import * as lead from "./lead.js";
+import * as reading from "./reading.js";
 import * as stale from "./stale.js";
+import * as strip from "./strip.js";
 import * as survey from "./survey.js";
 import { put } from "./draw.js";
 import { Stream } from "./stream.js";
 import { language, loadTexts, say } from "./words.js";
 
-const PANELS = [now, survey, align, deviations, findings, result, commands];
+const PANELS = [lead, reading, strip, aid, deviations, survey, findings, done, files, commands];
 const LOOK_MS = 100;
 const snapshot = {};
 
@@ -42,6 +45,8 @@ async function speak(wanted) {
 function theme(wanted) {
   document.documentElement.dataset.theme = wanted;
   localStorage.setItem("theme", wanted);
+  for (const panel of PANELS) panel.forget?.();
+  update("survey");
 }
 
 function dark() {
@@ -57,12 +62,14 @@ async function about() {
 async function boot() {
   const facts = await about();
   const chosen = localStorage.getItem("theme");
-  if (chosen) theme(chosen);
+  if (chosen) document.documentElement.dataset.theme = chosen;
   const remembered = localStorage.getItem("language");
   await loadTexts(facts.languages.includes(remembered) ? remembered : facts.language);
   document.getElementById("theme").addEventListener("click", () => theme(dark() ? "light" : "dark"));
   const other = () => facts.languages.find((one) => one !== language);
   document.getElementById("language").addEventListener("click", () => speak(other()));
+  lead.open();
+  findings.open();
   commands.open(facts.commands);
   const stream = new Stream((kind, news) => {
     Object.assign(snapshot, news);
@@ -73,7 +80,9 @@ async function boot() {
 
 // Show what is old as old, ten times a second, whether or not anything arrives.
 function look(stream) {
-  document.getElementById("offline").hidden = stream.live || !whole();
+  const away = !stream.live && whole();
+  document.getElementById("offline").hidden = !away;
+  document.body.classList.toggle("away", away);
   const chip = put("connection", say(stream.live ? "connected" : "link_connecting"));
   chip.classList.toggle("good", stream.live);
   if (whole()) stale.mark(snapshot, stream.age / 1000);

@@ -1,8 +1,8 @@
-// How far the survey is: the volume, the setups, the time left.
+// How far the survey is: the setups, the time left, and the volume with the way being driven.
 
 import { node, put } from "./draw.js";
 import { turnable, volume } from "./volume.js";
-import { say, setupName, shown } from "./words.js";
+import { say, setupName, shown, told } from "./words.js";
 
 let latest = null;
 let drawn = "";
@@ -22,8 +22,8 @@ export function update(snapshot) {
   bar.value = done;
   put("progress-words", `${done} / ${wanted}`);
   put("time-left", left(snapshot));
-  const key = JSON.stringify([snapshot.commanded_mm, snapshot.expects_setup, snapshot.stops.length, setups, snapshot.size_mm]);
-  if (key === drawn) return;
+  const key = JSON.stringify([snapshot.commanded_mm, snapshot.expects_setup, snapshot.expects_pass, snapshot.stops.length, setups]);
+  if (key === drawn || snapshot.stage === "done") return;
   drawn = key;
   document.getElementById("setups").replaceChildren(...setups.map(item));
   draw();
@@ -41,17 +41,19 @@ function draw() {
 function left({ phase, seconds_left: seconds }) {
   if (phase === "complete") return "–";
   if (seconds === null) return say("time_unknown");
-  return seconds < 60 ? say("under_minute") : say("minutes", { minutes: shown(Math.ceil(seconds / 60), 0) });
+  const minutes = Math.ceil(seconds / 60);
+  if (minutes < 2) return say("under_minute");
+  return minutes < 90 ? say("minutes", { minutes }) : say("hours", { hours: shown(minutes / 60, 1) });
 }
 
 function item({ name, state, reason, passes_done: done, passes_wanted: wanted, stops_done: stops, stops_wanted: all }) {
-  const words = state.replaceAll("-", "_");
+  const why = told(reason);
   return node(
     "li",
-    { class: `setup ${state}` },
+    { class: `setup ${state}`, title: why },
     node("strong", {}, setupName(name)),
     " ",
-    node("span", { class: "chip" }, say(`state_${words}`)),
-    node("small", {}, `${say("passes", { done, wanted })} · ${stops} / ${all}${reason ? ` · ${reason}` : ""}`),
+    node("span", { class: "chip" }, say(`state_${state.replaceAll("-", "_")}`)),
+    node("small", {}, `${say("passes", { done, wanted })} · ${stops} / ${all}${why ? ` · ${why}` : ""}`),
   );
 }

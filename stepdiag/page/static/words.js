@@ -1,6 +1,6 @@
 // The words of the page in the language chosen, and numbers written as that language writes them.
 
-let texts = { common: {}, page: {}, finding: {} };
+let texts = { common: {}, page: {} };
 export let language = "en";
 
 export async function loadTexts(wanted) {
@@ -17,14 +17,27 @@ export function say(key, values = {}) {
   return (texts.page[key] ?? key).replace(/\{(\w+)\}/g, (whole, name) => values[name] ?? whole);
 }
 
+// Return the words of a sentence of the daemon: its key and values, which may be sentences themselves; a setup gets its name.
+export function sentence({ key, values }) {
+  const known = Object.entries(values).map(([name, value]) => [name, filled(name, value)]);
+  return say(key, Object.fromEntries(known));
+}
+
+function filled(name, value) {
+  if (Array.isArray(value)) return value.map(sentence).join(", ");
+  return name === "setup" ? setupName(value) : value;
+}
+
+// Return what the daemon said in the language chosen.
+export const told = (both) => both?.[language] ?? "";
+
 export const common = (key) => texts.common[key] ?? key;
-export const advice = (code) => texts.finding[code] ?? "";
 
 // Return a number with a fixed count of decimals and a true minus sign; a dash where there is none.
 export function shown(value, decimals, unit = "") {
   if (value === null || value === undefined || !Number.isFinite(value)) return "–";
   const digits = { minimumFractionDigits: decimals, maximumFractionDigits: decimals, useGrouping: false };
-  const text = new Intl.NumberFormat(language, digits).format(value).replace("-", "−");
+  const text = new Intl.NumberFormat(language, digits).format(value).replace(/^-(?=[0.,]*$)/, "").replace("-", "−");
   return unit ? `${text} ${unit}` : text;
 }
 

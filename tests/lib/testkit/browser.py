@@ -44,7 +44,7 @@ class Watched:
         page.on("request", lambda request: self.requests.append(request.url))
         page.goto(address + path)
         if path == "/":
-            expect(page.locator("#machine")).to_have_text(self._machine)
+            expect(page.locator("#machine")).to_have_text(self._machine, timeout=20_000)
         return page
 
     def close(self) -> None:

@@ -11,6 +11,7 @@ from typing import Any, TypeVar
 import numpy as np
 from structlog.contextvars import get_contextvars
 
+from stepdiag.conclusion import Export, Reach, conclude, conclusion_json
 from stepdiag.daq.records.status import (
     CommandName,
     FindingStatus,
@@ -23,12 +24,20 @@ from stepdiag.daq.records.status import (
 from stepdiag.page.keeper import Listeners, address_of, open_listener, page_kept
 from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
+from stepdiag.report.fields import field_of
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import AXES, diagonal_stops_mm
+from stepdiag.solver.result.interval import Interval
 from stepdiag.texts.texts import Language
 from testkit.madeup import VOLUME, made_up_result
 
 Answer = TypeVar("Answer")
+REACH = Reach(
+    rms_before=Interval(value_um=11.7, low_um=10.9, high_um=12.6),
+    largest_before=Interval(value_um=27.0, low_um=25.1, high_um=29.4),
+    rms_after=Interval(value_um=1.9, low_um=1.3, high_um=2.6),
+    largest_after=Interval(value_um=4.4, low_um=3.0, high_um=6.2),
+)
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x")
 
 
@@ -101,6 +110,7 @@ class PlayedSurvey:
         captured = StopStatus(
             setup=setup, pass_number=pass_number, stop=stop, position_mm=(x, y, z), u_um=0.3,
             reading_mm=float(np.linalg.norm(stops[stop] - stops[0])), deviation_um=float(deviation),
+            place=stop if pass_number % 2 else len(stops) - 1 - stop,
         )  # fmt: skip
         kept = [one for one in self.fields["stops"] if one.setup == setup]
         after = min(stop + 1, len(stops) - 1)
@@ -109,7 +119,7 @@ class PlayedSurvey:
             phase="waiting-stop", expects_setup=setup, expects_pass=pass_number, expects_stop=after, moving_axis=axis,
             stops=(*kept, captured), reading_mm=captured.reading_mm, commanded_mm=(x, y, z),
             setups=self._progress(setup, pass_number, stop + 1),
-            seconds_left=600.0 - 4 * stop, tilt_mrad=(0.31, -0.12) if stop > 8 else None,
+            seconds_left=600.0 - 4 * stop, tilt_mrad=(0.31, -0.12) if stop > 8 else None, tilt_setup=setup, tilt_live=True,
         )  # fmt: skip
 
     def _progress(self, running: str, pass_number: int, stops_done: int) -> tuple[SetupStatus, ...]:
@@ -127,6 +137,8 @@ class PlayedSurvey:
         """Have the result and the report ready."""
         result = made_up_result()
         (self.place / "result.json").write_text(result.to_json(), encoding="utf-8")
+        told = conclusion_json(conclude(result, [Export(controller="siemens", untested=("EEC",), reach=REACH)]), field_of(result, None))
+        (self.place / "conclusion.json").write_text(told, encoding="utf-8")
         (self.place / "report.html").write_text(build_report(result, source="result.json").html, encoding="utf-8")
         findings = tuple(FindingStatus(code=one.code, severity=one.severity, text=one.text) for one in result.findings)
         setups = tuple(_setup(name, "done", 62) for name in SETUPS)

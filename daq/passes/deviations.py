@@ -1,0 +1,103 @@
+"""Deviations as people watch them: put right for air, dead path and the mirror's tilt.
+
+Both ways of a setup share one zero, one sign and one numbering.
+"""
+
+import math
+
+import numpy as np
+
+from stepdiag.daq.capture.route import base_setup
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.passes.alignment import mirror_tilt_mrad, tilt_effect_um
+from stepdiag.daq.passes.counts import on_one_count
+from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.passes.tabulate import in_this_air
+from stepdiag.daq.records.status import StopStatus
+from stepdiag.daq.survey.models import Survey
+from stepdiag.solver.geometry.volume import FOURDOF_RUNS, Vector
+
+
+class RecentStops:
+    """The stops of the pass last driven and of the pass before it in the same setup; worked out anew only when a stop was added."""
+
+    def __init__(self) -> None:
+        self._known: tuple[object, int] = (None, 0)
+        self._stops: tuple[StopStatus, ...] = ()
+
+    def of(self, survey: Survey, book: PassBook) -> tuple[StopStatus, ...]:
+        """Return the stops of both passes in the order in which they are driven; empty before the first stop of a survey."""
+        driven = book.driven
+        if driven is None:
+            return ()
+        now = (driven, sum(map(len, driven.measured.values())))
+        if now != self._known:
+            self._known, self._stops = now, _both(survey, book, driven)
+        return self._stops
+
+
+def _both(survey: Survey, book: PassBook, driven: Pass) -> tuple[StopStatus, ...]:
+    before = next((each for each in book.of(driven.route.setup) if each.number == driven.number - 1 and each.chosen()), None)
+    if before is None or driven.route.outward or not driven.chosen():
+        return tuple(shown for each in (before, driven) if each is not None for shown in _pass_stops(each, _own_um(survey, each)))
+    out = _own_um(survey, before)
+    return (*_pass_stops(before, out), *_pass_stops(driven, _back_um(survey, before, driven, out)))
+
+
+def _back_um(survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]) -> dict[int, float]:
+    """Return the deviations of a way back on the zero of the way out: by the count where it is one, else hung onto the far end."""
+    counted, own = on_one_count([out, back]), _own_um(survey, back)
+    end = max(out.chosen())
+    begun = min(back.chosen())
+    met = out.chosen()[end][0].position_mm == back.chosen()[begun][0].position_mm
+    turn_mm = _raw_mm(back.chosen()[begun]) + counted[1].offset_mm - _raw_mm(out.chosen()[end]) - counted[0].offset_mm
+    joined = met and counted[0].zero == counted[1].zero
+    base_um = out_um[end] + (turn_mm * 1e3 if joined else 0.0)
+    return {stop: value + base_um for stop, value in own.items()}
+
+
+def _own_um(survey: Survey, each: Pass) -> dict[int, float]:
+    """Return reading - nominal by stop, relative to the pass's first stop, air and tilt put right."""
+    chosen = each.chosen()
+    stops = sorted(chosen)
+    if not stops:
+        return {}
+    raw = np.array([_raw_mm(chosen[stop]) for stop in stops])
+    readings: Vector = raw - raw[0]
+    if not survey.laser.compensated and base_setup(each.route.setup) not in FOURDOF_RUNS:
+        readings = in_this_air(survey, each, [chosen[stop][0] for stop in stops], readings)
+    nominal = np.array([each.route.nominal_at_mm(chosen[stop][0].position_mm) for stop in stops])
+    deviations = (readings - (nominal - nominal[0])) * 1e3
+    tilt = mirror_tilt_mrad(each.route, [chosen[stop][0] for stop in stops])
+    if tilt is not None:
+        effect = tilt_effect_um(each.route, tilt, stops)
+        deviations = deviations - (effect - effect[0])
+    return dict(zip(stops, deviations.tolist(), strict=True))
+
+
+def _pass_stops(each: Pass, deviations_um: dict[int, float]) -> list[StopStatus]:
+    chosen = each.chosen()
+    if not chosen:
+        return []
+    first = chosen[min(chosen)]
+    zero = _raw_mm(first) - each.route.nominal_at_mm(first[0].position_mm)
+    return [
+        StopStatus(
+            setup=each.route.setup,
+            pass_number=each.number,
+            stop=stop,
+            place=stop if each.route.outward else len(each.route) - 1 - stop,
+            position_mm=chosen[stop][0].position_mm,
+            reading_mm=_raw_mm(chosen[stop]) - zero,
+            deviation_um=deviation,
+            u_um=chosen[stop][0].u_um,
+            doubtful=chosen[stop][0].refused or each.doubt(stop),
+        )
+        for stop, deviation in deviations_um.items()
+    ]
+
+
+def _raw_mm(entry: tuple[CapturedStop, float]) -> float:
+    stop, offset = entry
+    return (math.nan if stop.reading_mm is None else stop.reading_mm) + offset

@@ -1,0 +1,132 @@
+"""Which stage the work is at, and the one sentence that matters now: set up, align, drive, trouble, done.
+
+A sentence is a key of the catalogue's section ``page`` with its values; a value that is a list holds sentences of its own. The browser puts
+them into the words of the language chosen there.
+"""
+
+from dataclasses import dataclass, field
+from typing import Literal
+
+from stepdiag.daq.records.status import SetupStatus, Snapshot
+
+Stage = Literal["set-up", "align", "drive", "trouble", "done"]
+WEAK = 0.4
+"""Below this share of full strength a stop may be lost to dust or chips."""
+GONE = frozenset({"silent", "lost"})
+
+
+@dataclass(frozen=True, slots=True)
+class Say:
+    """A sentence: its key, and what is filled in."""
+
+    key: str
+    values: dict[str, "str | int | list[Say]"] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Headline:
+    """What the big card says. ``alarm`` turns the whole page into an alarm; ``step`` names the passes and stops where there are any."""
+
+    stage: Stage
+    lead: Say
+    advice: Say
+    alarm: bool = False
+
+
+def headline(now: Snapshot) -> Headline:
+    """Return the stage and the sentence of a snapshot: what blocks the survey comes before what is next."""
+    return _trouble(now) or _quiet(now)
+
+
+def is_running(now: Snapshot) -> bool:
+    """Tell whether a pass is being driven."""
+    return now.phase in ("waiting-stop", "dwelling")
+
+
+def _trouble(now: Snapshot) -> Headline | None:
+    """Return the trouble that a person must look at at once; None where there is none."""
+    for link, state in (("laser", now.laser.state), ("plc", now.plc.state), ("head", now.head.state if now.head else "connected")):
+        if state in GONE:
+            return _alarm(f"alarm_{link}", Say(f"do_{link}"))
+    if now.alarm:
+        return _alarm("alarm_machine", Say("do_machine"))
+    if now.phase == "failed":
+        return _alarm("phase_failed", Say("do_failed"))
+    if is_running(now):
+        if now.counts_to is not None:
+            return _alarm(
+                "alarm_go_back", Say("do_go_back", {"stop": now.counts_to}), {"stop": now.counts_to, "last": now.stops_in_pass - 1}
+            )
+        if now.beam_lost:
+            return _alarm("alarm_beam", Say("do_beam"))
+        if not now.recording:
+            return _alarm("not_recording", Say("do_recording"))
+    again = None if is_running(now) or now.phase in ("paused", "solving", "complete") else _again(now)
+    return None if again is None else _repeat(now, again)
+
+
+def _alarm(key: str, advice: Say, values: "dict[str, str | int | list[Say]] | None" = None) -> Headline:
+    return Headline(stage="trouble", alarm=True, lead=Say(key, values or {}), advice=advice)
+
+
+def _again(now: Snapshot) -> SetupStatus | None:
+    """Return the setup that must be driven again, the one awaited first."""
+    broken = [one for one in now.setups if one.state == "again"]
+    return next((one for one in broken if one.name == now.expects_setup), broken[0] if broken else None)
+
+
+def _repeat(now: Snapshot, setup: SetupStatus) -> Headline:
+    """Return what to repeat. Nothing is burning any more: the stage is trouble, the page is not in alarm."""
+    program = [_program(now, setup.name)]
+    values: dict[str, str | int | list[Say]] = {"setup": setup.name, "pass": setup.again_pass, "stop": setup.again_from}
+    key = "again_whole" if setup.again_from == 0 else "again_from"
+    return Headline(stage="trouble", lead=Say(key, values), advice=Say("do_again", {"program": program}))
+
+
+def _quiet(now: Snapshot) -> Headline:
+    if now.phase in ("solving", "complete"):
+        return Headline(stage="done", lead=Say(f"phase_{now.phase}"), advice=Say(f"do_{now.phase}"))
+    if is_running(now):
+        return Headline(stage="drive", lead=_driving(now), advice=_way(now))
+    if now.phase in ("paused", "starting"):
+        return Headline(stage="set-up", lead=Say(f"phase_{now.phase}"), advice=Say(f"do_{now.phase}"))
+    aligned = not now.beam_lost and (now.beam is None or now.beam >= WEAK)
+    return Headline(stage="align" if aligned else "set-up", lead=_prepare(now, aligned=aligned), advice=_set_up(now))
+
+
+def _driving(now: Snapshot) -> Say:
+    key = "phase_dwelling" if now.phase == "dwelling" else "phase_waiting_stop"
+    return Say(key, {"stop": now.expects_stop, "last": now.stops_in_pass - 1})
+
+
+def _way(now: Snapshot) -> Say:
+    values: dict[str, str | int | list[Say]] = {"setup": now.expects_setup, "pass": now.expects_pass}
+    if now.moving_axis:
+        return Say("do_running_axis", {**values, "axis": now.moving_axis.upper()})
+    return Say("do_running", values)
+
+
+def _prepare(now: Snapshot, *, aligned: bool) -> Say:
+    if not now.expects_setup:
+        return Say("phase_waiting_any")
+    if aligned:
+        return Say("phase_start", {"program": [_program(now, now.expects_setup)]})
+    return Say("phase_set_up", {"setup": now.expects_setup})
+
+
+def _set_up(now: Snapshot) -> Say:
+    """Return the next hand on the set-up: which way the laser looks, what is mounted, which program is started."""
+    setup = now.expects_setup
+    if not setup:
+        return Say("do_any")
+    kind, _, axis = setup.partition("+")[0].partition("-")
+    values: dict[str, str | int | list[Say]] = {"program": [_program(now, setup)]}
+    if axis:
+        return Say(f"do_{kind}", {**values, "axis": axis.upper()})
+    corner = [Say("corner_low" if sign == "p" else "corner_high", {"axis": name}) for sign, name in zip(kind, "XYZ", strict=True)]
+    return Say("do_body", {**values, "diagonal": kind, "corner": corner})
+
+
+def _program(now: Snapshot, setup: str) -> Say:
+    named = now.program if setup == now.expects_setup else ""
+    return Say("program_named", {"name": named}) if named else Say("program_of", {"setup": setup})

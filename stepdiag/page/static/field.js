@@ -1,0 +1,41 @@
+// The volume before and after compensation, its errors drawn to one scale; both turn together.
+
+import { line, node, shape } from "./draw.js";
+import { box, picture, sheet, turnable } from "./space.js";
+import { say, shown } from "./words.js";
+
+const LONGEST_PX = 44;
+
+// Show the fields (points_mm, before_um, after_um or null) in a place.
+export function field(place, { points_mm: points, before_um: before, after_um: after, longest_um: longest }, geometry, captions) {
+  const shows = [["before", before, captions[0]], ["after", after, captions[1]]].filter(([, errors]) => errors);
+  const figures = shows.map(([name, , caption]) => node("figure", {}, node("figcaption", {}, `${say(name)}: ${caption}`), node("div", { class: "drawing turns", id: `field-${name}` })));
+  place.replaceChildren(...figures, node("p", { class: "quiet" }, say("field_scale", { um: shown(longest, longest < 10 ? 1 : 0) })));
+  const redraw = () => {
+    for (const [name, errors] of shows) draw(document.getElementById(`field-${name}`), points, errors, longest, geometry, say(name));
+  };
+  for (const [name] of shows) {
+    const one = document.getElementById(`field-${name}`);
+    one.setAttribute("role", "group");
+    one.setAttribute("aria-label", say(name));
+    turnable(one, redraw);
+  }
+  redraw();
+}
+
+function draw(place, points, errors, longest, geometry, label) {
+  const at = sheet(geometry.edges_mm);
+  const origin = at([0, 0, 0]);
+  const unit = [0, 1, 2].map((axis) => at([0, 1, 2].map((one) => (one === axis ? 1 : 0))).map((value, index) => value - origin[index]));
+  const length = Math.max(...unit.map(([x, y]) => Math.hypot(x, y))) || 1;
+  const size = errors.map((error) => Math.hypot(...error));
+  const worst = size.indexOf(Math.max(...size));
+  const parts = box(geometry, at);
+  points.forEach((point, index) => {
+    const [x, y] = at(point);
+    const [dx, dy] = [0, 1].map((side) => (errors[index].reduce((sum, value, axis) => sum + value * unit[axis][side], 0) / length / longest) * LONGEST_PX);
+    const kind = index === worst ? "error worst" : `error f${Math.min(4, Math.floor((5 * size[index]) / longest))}`;
+    parts.push(shape("path", { class: kind, d: line([[x, y], [x + dx, y + dy]]) }), shape("circle", { class: kind, cx: x + dx, cy: y + dy, r: index === worst ? 5 : 2 }));
+  });
+  place.replaceChildren(picture(label, parts));
+}

@@ -1,0 +1,57 @@
+// The last ten seconds at full rate: lowest and highest sample of every bin, so that nothing the laser said is left out.
+
+import { Curves } from "./curves.js";
+import { put } from "./draw.js";
+import { say, shown } from "./words.js";
+
+const KEEP_S = 10;
+
+let bins = new Map();
+let curves = null;
+let asked = 0;
+
+export function forget() {
+  curves?.forget();
+}
+
+export function update({ strip, stage }) {
+  if (!strip) return;
+  const { first, bin_s: width, low_mm: low, high_mm: high } = strip;
+  low.forEach((value, index) => bins.set(first + index, [value, high[index]]));
+  const newest = first + low.length - 1;
+  const oldest = newest - Math.round(KEEP_S / width) + 1;
+  bins = new Map([...bins].filter(([index]) => index >= oldest && index <= newest));
+  if (performance.now() - asked < 90 || stage === "done") return;
+  asked = performance.now();
+  draw(oldest, newest, width);
+}
+
+function draw(oldest, newest, width) {
+  const x = [];
+  const low = [];
+  const high = [];
+  const middle = [];
+  for (let index = oldest; index <= newest; index += 1) {
+    const pair = bins.get(index);
+    x.push((index - newest) * width);
+    low.push(pair?.[0] ?? null);
+    high.push(pair?.[1] ?? null);
+    if (pair && pair[0] !== null) middle.push((pair[0] + pair[1]) / 2);
+  }
+  const zero = middle.at(-1) ?? 0;
+  const shift = (column) => column.map((value) => (value === null ? null : (value - zero) * 1e3));
+  curves ??= new Curves("strip", { height: 110, legend: false, xRange: [-KEEP_S, 0], yRange: narrow });
+  const labels = { xLabel: say("seconds"), yLabel: "µm" };
+  curves.draw([{ label: say("strip_high"), x, y: shift(high), dots: false }, { label: say("strip_low"), x, y: shift(low), dots: false }], say("strip"), labels);
+  put("scatter", say("scatter", { um: shown(scatter(newest, width), 2) }));
+}
+
+// Return the range of the samples within the last half second, in um: what the aid shows where no beam strength is reported.
+function scatter(newest, width) {
+  const last = [...bins].filter(([index, pair]) => index > newest - 0.5 / width && pair[0] !== null).map(([, pair]) => pair);
+  if (!last.length) return null;
+  return (Math.max(...last.map(([, high]) => high)) - Math.min(...last.map(([low]) => low))) * 1e3;
+}
+
+// A standing machine is looked at through a microscope, a moving one is not.
+const narrow = (_plot, low, high) => (low === null || high - low < 1 ? [-0.5 + ((low ?? 0) + (high ?? 0)) / 2, 0.5 + ((low ?? 0) + (high ?? 0)) / 2] : [low, high]);

@@ -1,0 +1,80 @@
+"""A snapshot as the browser gets it: two events, what changes with a stop or a setup, and what goes out with every picture.
+
+Pure: a snapshot in, plain data out. Sentences of the daemon come in every language, places in the volume in mm; the browser only shows.
+"""
+
+from typing import Any
+
+import msgspec
+
+from stepdiag.daq.records.status import LinkStatus, SetupStatus, Snapshot, StopStatus
+from stepdiag.page.geometry import geometry
+from stepdiag.page.remarks import grouped
+from stepdiag.page.stage import headline
+from stepdiag.texts import LANGUAGES
+from stepdiag.texts.sentences import translated
+
+SLOW_FIELDS = (
+    "survey",
+    "machine",
+    "operator",
+    "workpiece",
+    "setups",
+    "stops",
+    "findings",
+    "origin_mm",
+    "size_mm",
+    "increments",
+    "axis_order",
+    "expects_setup",
+    "expects_pass",
+    "result_ready",
+)
+"""What changes with a stop or a setup; all the rest goes out with every picture."""
+TOLD = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments", "axis_order", "prediction"})
+"""What the browser gets in another form than the daemon's."""
+FAST_FIELDS = tuple(name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in TOLD)
+
+
+def survey_view(now: Snapshot) -> dict[str, Any]:
+    """Return what changes with a stop or a setup."""
+    plain = {name: getattr(now, name) for name in SLOW_FIELDS if name not in TOLD}
+    return {
+        **plain,
+        "setups": [_setup(one) for one in now.setups],
+        "stops": [_stop(one) for one in now.stops],
+        "findings": grouped(now.findings),
+        "geometry": geometry(now),
+    }
+
+
+def now_view(now: Snapshot) -> dict[str, Any]:
+    """Return what goes out with every picture."""
+    plain = {name: getattr(now, name) for name in FAST_FIELDS}
+    head = headline(now)
+    return {
+        **plain,
+        **{link: _link(getattr(now, link)) for link in ("laser", "plc", "head")},
+        "message": both(now.message),
+        "stage": head.stage,
+        "alarm": head.alarm,
+        "lead": head.lead,
+        "advice": head.advice,
+    }
+
+
+def both(text: str) -> dict[str, str]:
+    """Return a sentence of the daemon in every language."""
+    return {language: translated(text, language) for language in LANGUAGES}
+
+
+def _setup(one: SetupStatus) -> dict[str, Any]:
+    return {**msgspec.to_builtins(one), "reason": both(one.reason), "doubt": both(one.doubt)}
+
+
+def _stop(one: StopStatus) -> dict[str, Any]:
+    return {**msgspec.to_builtins(one), "doubtful": both(one.doubtful)}
+
+
+def _link(one: LinkStatus | None) -> dict[str, Any] | None:
+    return None if one is None else {**msgspec.to_builtins(one), "detail": both(one.detail)}

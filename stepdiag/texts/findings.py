@@ -1,0 +1,72 @@
+"""A finding in words: where it was, what was said, what to do, in the language of the reader."""
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from stepdiag.texts.sentences import is_known, translated
+from stepdiag.texts.texts import Language, catalogue, finding_advice
+
+_PLACE = re.compile(
+    r"(?P<setup>[pn]{3}(?:\+\d+)?|(?:linear|fourdof)-[xyz]) (?P<way>out|back)(?: pass (?P<number>\d+))?"
+    r"(?:, stop (?P<stop>\d+) of (?P<last>\d+))?: (?P<said>.*)",
+    re.DOTALL,
+)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where a finding was: ``run`` names setup and way (empty where it belongs to none), ``said`` is the rest of the sentence."""
+
+    run: str
+    setup: str
+    way: str
+    stop: int | None
+    said: str
+
+
+def place_of(text: str) -> Place:
+    """Return the place that a finding's sentence begins with."""
+    match = _PLACE.fullmatch(text)
+    if match is None:
+        return Place(run="", setup="", way="", stop=None, said=text)
+    stop = None if match["stop"] is None else int(match["stop"])
+    return Place(run=f"{match['setup']} {match['way']}", setup=match["setup"], way=match["way"], stop=stop, said=match["said"])
+
+
+def told(code: str, text: str, language: Language, stops: Sequence[int] = ()) -> str:
+    """Return a finding's sentence with its place; ``stops`` are all stops of the pass at which it was said.
+
+    Where the catalogue has no pattern for the sentence, another language than English gets what the code means: never half of each.
+    """
+    place = place_of(text)
+    words = catalogue("finding_place", language)
+    where = ""
+    if place.run:
+        numbers = sorted(set(stops)) or ([] if place.stop is None else [place.stop])
+        at = "" if not numbers else words["stop" if len(numbers) == 1 else "stops"].format(stops=ranges(numbers))
+        where = words["run"].format(setup=place.setup, way=words[place.way], at=at)
+    said = translated(place.said, language) if language == "en" or is_known(place.said) else meaning_of(code, language)
+    return f"{where}{said}"
+
+
+def meaning_of(code: str, language: Language) -> str:
+    """Return what a finding's code means, without what to do about it: the first sentence of the catalogue."""
+    advice = finding_advice(code, language)
+    return advice.split(". ", 1)[0].rstrip(".") or code
+
+
+def advice_of(code: str, language: Language) -> str:
+    """Return what to do about a finding: the catalogue's words behind their first sentence."""
+    return finding_advice(code, language).partition(". ")[2]
+
+
+def ranges(numbers: Sequence[int]) -> str:
+    """Return whole numbers as ``5-12, 14``."""
+    parts: list[list[int]] = []
+    for number in numbers:
+        if parts and number == parts[-1][-1] + 1:
+            parts[-1].append(number)
+        else:
+            parts.append([number])
+    return ", ".join(str(part[0]) if len(part) == 1 else f"{part[0]}–{part[-1]}" for part in parts)

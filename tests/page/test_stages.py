@@ -1,0 +1,206 @@
+"""Which stage the page is at, and the one sentence that matters: rules on snapshots first, then what a browser shows."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from stepdiag.daq.capture.route import make_route
+from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot
+from stepdiag.page.stage import Say, headline
+from stepdiag.page.view import FAST_FIELDS, SLOW_FIELDS, TOLD, now_view, survey_view
+from stepdiag.solver.geometry.volume import Volume
+from stepdiag.texts import LANGUAGES, catalogue
+from testkit.browser import Watched, violations
+from testkit.played import PlayedSurvey, Served, served
+
+GONE = LinkStatus(state="silent", address="x", age_s=9.0)
+
+
+def snapshot(tmp_path: Path, **fields: Any) -> Snapshot:
+    """Return a snapshot of the played survey with some fields changed."""
+    return msgspec.structs.replace(PlayedSurvey(tmp_path).snapshot(), **fields)
+
+
+def words(say: Say) -> str:
+    """Return a sentence in English as the browser composes it, names of setups left as they are."""
+    known = {name: ", ".join(map(words, value)) if isinstance(value, list) else value for name, value in say.values.items()}
+    return catalogue("page", "en")[say.key].format(**known)
+
+
+RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_axis": "y"}
+
+
+@pytest.mark.parametrize(
+    ("fields", "stage", "alarm", "lead"),
+    [
+        ({"beam_lost": True, "beam": 0.0}, "set-up", False, "Set up npp"),
+        ({"beam": 0.2}, "set-up", False, "Set up npp"),
+        ({}, "align", False, "Align, then start program O8002"),
+        ({"beam": None, "program": ""}, "align", False, "Align, then start the program of npp"),
+        (RUNNING, "drive", False, "To stop 6 of 30"),
+        ({**RUNNING, "phase": "dwelling"}, "drive", False, "Measuring stop 6 of 30"),
+        ({**RUNNING, "beam_lost": True}, "trouble", True, "Beam lost"),
+        ({**RUNNING, "counts_to": 5}, "trouble", True, "Beam lost: this pass counts to stop 5. Go back to stop 5 now"),
+        ({**RUNNING, "recording": False}, "trouble", True, "Nothing is being recorded!"),
+        ({**RUNNING, "alarm": True}, "trouble", True, "Machine alarm"),
+        ({**RUNNING, "laser": GONE, "plc": GONE}, "trouble", True, "The laser is silent"),
+        ({"plc": GONE}, "trouble", True, "The PLC is silent"),
+        ({"head": GONE}, "trouble", True, "The 4-DOF head is silent"),
+        ({"phase": "failed"}, "trouble", True, "The survey cannot go on"),
+        ({"phase": "paused"}, "set-up", False, "Paused"),
+        ({"phase": "solving"}, "done", False, "Computing the result"),
+        ({"phase": "complete"}, "done", False, "Done: all passes are in"),
+    ],
+)
+def test_what_blocks_the_survey_comes_first(tmp_path: Path, fields: dict[str, Any], stage: str, alarm: bool, lead: str) -> None:
+    """Every state has one stage and one sentence; an alarm is what a hand must see to at once."""
+    found = headline(snapshot(tmp_path, **fields))
+    assert (found.stage, found.alarm, words(found.lead)) == (stage, alarm, lead)
+    assert words(found.advice)
+
+
+@pytest.mark.parametrize(("again_from", "lead"), [(4, "Repeat npp from stop 4"), (0, "Repeat npp, pass 1")])
+def test_a_broken_pass_says_from_where_to_repeat(tmp_path: Path, again_from: int, lead: str) -> None:
+    """Once the pass is over, the card says what to repeat; nothing burns any more."""
+    setups = [SetupStatus(name="npp", passes_wanted=2, passes_done=0, stops_wanted=62, stops_done=9, state="again", again_from=again_from)]
+    found = headline(snapshot(tmp_path, setups=tuple(setups)))
+    assert (found.stage, found.alarm, words(found.lead)) == ("trouble", False, lead)
+
+
+@pytest.mark.parametrize(
+    ("setup", "program", "advice"),
+    [
+        ("linear-y", "", "Point the laser along Y, mount the retroreflector, then start the program of linear-y."),
+        ("fourdof-z", "O9", "Set the 4-DOF head along Z, then start program O9."),
+        ("ppp+1", "O8002", "Turn the laser to diagonal ppp (from X low, Y low, Z low), align the mirror, then start program O8002."),
+        ("npp", "O8002", "Turn the laser to diagonal npp (from X high, Y low, Z low), align the mirror, then start program O8002."),
+    ],
+)
+def test_the_set_up_names_the_next_hand(tmp_path: Path, setup: str, program: str, advice: str) -> None:
+    """Which way the laser looks, what is mounted, which program is started."""
+    assert words(headline(snapshot(tmp_path, expects_setup=setup, program=program)).advice) == advice
+
+
+def test_every_field_of_a_snapshot_is_told_once() -> None:
+    """The two events together hold the whole snapshot, but for what they tell in another form."""
+    assert not set(FAST_FIELDS) & set(SLOW_FIELDS)
+    assert set(FAST_FIELDS) | set(SLOW_FIELDS) | TOLD == set(Snapshot.__struct_fields__)
+
+
+@pytest.mark.parametrize("order", ["xyz", "zyx", "yxz"])
+def test_the_route_drawn_is_the_route_driven(tmp_path: Path, order: str) -> None:
+    """Whatever order the axes move in, and on the way back: the page draws the recording's own route."""
+    volume = Volume(origin_mm=(0.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10)
+    for number, outward in ((1, True), (2, False)):
+        now = snapshot(tmp_path, axis_order=order, expects_pass=number)
+        drawn = survey_view(now)["geometry"]["route_mm"]
+        assert [list(one) for one in drawn] == make_route(volume, "npp", order, outward=outward).stops_mm.tolist()
+
+
+def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None:
+    """Reasons, link details and messages: no English inside a German page."""
+    reason = "pass 1: stops 5, 6 are missing: drive again from stop 4 on, or the whole pass"
+    setups = (SetupStatus(name="npp", passes_wanted=2, passes_done=0, stops_wanted=62, stops_done=9, state="again", reason=reason),)
+    finding = FindingStatus(code="beam-lost", severity="error", text="npp out, stop 5 of 30: the beam was lost")
+    message = "only 1.5 GB are left on the disk: make room before the recording stops"
+    now = snapshot(tmp_path, setups=setups, findings=(finding,), message=message)
+    view = {**survey_view(now), **now_view(now)}
+    assert view["setups"][0]["reason"] == {
+        "en": reason,
+        "de": "Durchgang 1: Messpunkte 5, 6 fehlen: ab Messpunkt 4 wiederholen oder den ganzen Durchgang",
+    }
+    assert view["message"]["de"].startswith("nur noch 1,5 GB")
+    assert view["findings"][0]["said"]["de"] == "npp hin, Messpunkt 5: der Strahl war verloren"
+    assert json.dumps(msgspec.to_builtins(view))
+
+
+SIZES = {"phone": (390, 844), "tablet": (1024, 768), "wall": (1920, 1080)}
+
+
+def set_up(daemon: Served) -> None:
+    daemon.do(lambda: daemon.survey.publish(beam=0.1, beam_lost=True))
+
+
+def align(daemon: Served) -> None:
+    daemon.do(lambda: daemon.survey.publish(beam=None))
+
+
+def drive(daemon: Served) -> None:
+    for stop in range(31):
+        daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
+
+
+def trouble(daemon: Served) -> None:
+    drive(daemon)
+    lost = tuple(
+        FindingStatus(code="beam-lost", severity="error", text=f"npp out, stop {stop} of 30: the count was lost") for stop in range(5, 13)
+    )
+    daemon.do(lambda: daemon.survey.publish(counts_to=5, beam_lost=True, findings=lost))
+
+
+def done(daemon: Served) -> None:
+    daemon.do(daemon.survey.complete)
+
+
+STAGES = {"set-up": set_up, "align": align, "drive": drive, "trouble": trouble, "done": done}
+MATTERS = {
+    "set-up": ["#lead", "#advice"],
+    "align": ["#lead", "#advice", "#no-beam"],
+    "drive": ["#lead", "#advice", "#progress", "#time-left"],
+    "trouble": ["#lead", "#advice", "#findings li >> nth=0"],
+    "done": ["#lead", "#conclusion .next-step", "#conclusion .reached"],
+}
+
+
+@pytest.mark.page
+@pytest.mark.parametrize("language", LANGUAGES)
+@pytest.mark.parametrize("stage", STAGES)
+def test_each_stage_on_each_screen(tmp_path: Path, browser: Browser, stage: str, language: str) -> None:
+    """What matters is seen without scrolling, nothing is too wide, axe finds nothing, nothing is loaded from outside; pictures are kept."""
+    watching = Watched(browser)
+    with served(tmp_path, language=language) as daemon:  # type: ignore[arg-type]
+        pages = {name: watching.open(daemon.address, width=width, height=height) for name, (width, height) in SIZES.items()}
+        STAGES[stage](daemon)
+        for name, page in pages.items():
+            expect(page.locator("body")).to_have_attribute("data-stage", stage)
+            for place in MATTERS[stage]:
+                expect(page.locator(place)).to_be_in_viewport(ratio=0.99)
+            assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[name][0]
+            page.screenshot(path=str(tmp_path.parent / f"{stage}-{language}-{name}.png"))
+        assert violations(pages["tablet"]) == []
+    watching.daemon_may_be_away = True
+    watching.close()
+
+
+@pytest.mark.page
+def test_an_alarm_takes_the_whole_page(page: Page, daemon: Served) -> None:
+    """Title, frame, text and sound; it ends by itself when the beam is back."""
+    trouble(daemon)
+    expect(page.locator("body.alarm")).to_be_attached()
+    expect(page.locator("#lead")).to_have_text("Beam lost: this pass counts to stop 5. Go back to stop 5 now")
+    assert page.title().startswith("⚠ ALARM: Beam lost")
+    page.locator("#sound").click()
+    expect(page.locator("#sound")).to_have_text("Sound off")
+    daemon.do(lambda: daemon.survey.publish(counts_to=None, beam_lost=False))
+    expect(page.locator("body.alarm")).not_to_be_attached()
+
+
+@pytest.mark.page
+def test_an_instrument_without_beam_strength_says_so(page: Page, daemon: Served) -> None:
+    """No empty bar: the aid shows the noise of the reading instead."""
+    align(daemon)
+    expect(page.locator("#no-beam")).to_be_visible()
+    expect(page.locator("#beam-meter")).to_be_hidden()
+    expect(page.locator("#h-trend")).to_contain_text("Noise of the reading")
+
+
+@pytest.mark.page
+def test_a_tilt_of_the_setup_before_is_past(page: Page, daemon: Served) -> None:
+    """Between setups the mirror is moved: its old tilt is struck through and advises nothing."""
+    daemon.do(lambda: daemon.survey.publish(tilt_mrad=(2.0, 2.0), tilt_setup="ppp", tilt_live=False))
+    expect(page.locator("#tilt.past")).to_contain_text("diagonal ppp")
+    expect(page.locator("#tilt-advice")).to_have_class("note none")
