@@ -5,7 +5,7 @@ from datetime import UTC, datetime
 
 import msgspec
 
-from stepdiag.daq.capture.conditions import Judged, Remark
+from stepdiag.daq.capture.conditions import COURSES, Credible, Judged, Remark
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.stop import CapturedStop, marked
 from stepdiag.daq.capture.walk import Walk
@@ -53,3 +53,9 @@ def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Remark]
     for code, words in doubted:
         stop = marked(stop, code, words)
     return stop
+
+
+def credible_of(stop: CapturedStop) -> dict[str, Credible]:
+    """Return the conditions of a stop that were believed."""
+    values = {name: getattr(stop, name) for name in COURSES if name not in stop.held}
+    return {name: Credible(value=value, time_s=stop.time_s) for name, value in values.items() if value is not None}

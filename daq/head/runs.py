@@ -52,7 +52,7 @@ def evaluate_head(survey: Survey, passes: Sequence[Pass], files: Mapping[str, by
     ``files`` hold the calibration by the name the survey uses, ``level`` angular functions known from elsewhere: a roll moves a cube that
     sits off the axis. Raises DataError for a calibration of another head, and where the laser is to give the distance and gives none.
     """
-    driven = [each for each in passes if each.complete and each.route.setup in FOURDOF_RUNS]
+    driven = [each for each in passes if each.whole and each.route.setup in FOURDOF_RUNS]
     if not driven or survey.head is None:
         return HeadMeasured(angles={})
     calibration = _calibration(survey.head, files)

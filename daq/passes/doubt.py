@@ -18,6 +18,11 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     taken_ns: int
     size_um: float | None = None
 
+    @property
+    def place(self) -> str:
+        """Return the place as a person writes it: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass as a whole."""
+        return f"{self.setup}/{self.pass_number}" + ("" if self.stop is None else f"/{self.stop}")
+
 
 class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
     """A person's word for a doubt: who, when (seconds since 1970) and why."""

@@ -2,8 +2,10 @@
 
 from collections.abc import Iterable
 
+from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.route import make_route
+from stepdiag.daq.capture.machine_remarks import credible_of
+from stepdiag.daq.capture.route import Route, make_route
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.capture.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare
@@ -26,6 +28,9 @@ class PassBook:
         self.driven: Pass | None = None
         self.passes: list[Pass] = []
         self.last_count: int | None = None
+        self.stops = 0
+        """How many were taken, whatever became of them."""
+        self._credible: dict[str, Credible] = {}
         self._placed = places_known(survey)
         self._acceptances: list[Acceptance] = []
         self._suspected: tuple[Doubt, ...] = ()
@@ -46,6 +51,8 @@ class PassBook:
             self._news.append(_slipped(current, stop, slip_um))
         current.add(stop, self._stretch, slip_um)
         self._compare(stop.setup)
+        self.stops += 1
+        self._credible.update(credible_of(stop))
         self.last_count = stop.stop_count
         self._last = stop
         return current
@@ -66,8 +73,9 @@ class PassBook:
             each.suspected = [doubt for doubt in self._suspected if (doubt.setup, doubt.pass_number) == (each.route.setup, each.number)]
 
     def accept(self, word: Acceptance) -> None:
-        """Take a person's word for a doubt."""
-        self._acceptances.append(word)
+        """Take a person's word for a doubt; the same one again says nothing new."""
+        if word not in self._acceptances:
+            self._acceptances.append(word)
 
     def accepted(self) -> tuple[tuple[Doubt, Acceptance], ...]:
         """Return the doubts of the readings in use that a person has accepted, each with the word that covers it."""
@@ -88,8 +96,13 @@ class PassBook:
         done = {each.number for each in self.of(setup) if each.complete}
         return [number for number in self.wanted() if number not in done]
 
+    def whole(self) -> bool:
+        """Tell whether every stop of the plan has a usable reading, doubted or not."""
+        have = {(each.route.setup, each.number) for each in self.passes if each.whole}
+        return all((setup, number) in have for setup in self._survey.plan.all_setups for number in self.wanted())
+
     def complete(self) -> bool:
-        """Tell whether every pass of the plan is in."""
+        """Tell whether every pass of the plan is in, and nothing in it is doubted."""
         return not self.next_setup()
 
     def next_setup(self) -> str:
@@ -107,7 +120,12 @@ class PassBook:
         ordered = [following, *(name for name in names if name != following)] if following else list(names)
         hints = {name: self._hint(name) for name in ordered}
         return CaptureStart(
-            hints=hints, wall_offset_ns=wall_offset_ns, last_count=self.last_count, skip_open_dwell=skip_open_dwell, breaks=breaks
+            hints=hints,
+            wall_offset_ns=wall_offset_ns,
+            last_count=self.last_count,
+            skip_open_dwell=skip_open_dwell,
+            breaks=breaks,
+            credible=dict(self._credible),
         )
 
     def _hint(self, setup: str) -> PassHint:
@@ -148,7 +166,15 @@ class PassBook:
         same = [each for each in self.of(setup) if each.route.outward == outward]
         return next((each for each in same if not each.complete), same[-1] if same else None)
 
-    def _number(self, stop: CapturedStop) -> int:
+    def number_of(self, route: Route) -> int:
+        """Return the number of the pass that a stop of this route would go into."""
+        driven = self.driven
+        if driven is not None and (driven.route.setup, driven.route.outward) == (route.setup, route.outward) and not driven.complete:
+            return driven.number
+        found = self._find(route.setup, outward=route.outward)
+        return found.number if found is not None and not found.complete else self._number(route)
+
+    def _number(self, stop: CapturedStop | Route) -> int:
         """Return the number of a new pass: odd outward, even back; without return passes 1, 3, 5."""
         same = sum(1 for each in self.of(stop.setup) if each.route.outward == stop.outward)
         return 2 * same + (1 if stop.outward else 2)

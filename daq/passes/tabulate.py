@@ -1,5 +1,8 @@
 """From passes to the solver's table of readings: on one zero while the count is unbroken, air and material put right, once."""
 
+from collections.abc import Mapping
+
+import msgspec
 import numpy as np
 
 from stepdiag.daq.capture.route import base_setup
@@ -15,17 +18,20 @@ from stepdiag.solver.standards.expansion import expansion_um, reading_at_20_c_mm
 AIR_FIELDS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
 
 
-def tabulate(survey: Survey, passes: list[Pass]) -> Readings:
+def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float] | None = None) -> Readings:
     """Return the readings of whole laser passes, rows in the order of passes and stops.
 
     Readings are relative to the first stop of the setup while the laser's count is unbroken: ``zero`` numbers its stretches. An
     instrument that counts in vacuum wavelengths gets each stop's own air; where the survey file asks for it, each axis is reduced to
-    20 C. Runs of the 4-DOF head carry no laser reading and are left out.
+    20 C. Runs of the 4-DOF head carry no laser reading and are left out. ``environment`` holds conditions, by their names in the survey
+    file, that count in place of what was recorded.
     """
-    used = [each for each in passes if each.complete and base_setup(each.route.setup) not in FOURDOF_RUNS]
+    stated = dict(environment or {})
+    survey = msgspec.structs.replace(survey, environment=msgspec.structs.replace(survey.environment, **stated))
+    used = [each for each in passes if each.whole and base_setup(each.route.setup) not in FOURDOF_RUNS]
     counted = on_one_count(used)
     first = {(one.driven.route.setup, one.zero): one for one in sorted(counted, key=lambda one: -one.driven.number)}
-    tables = [_rows(survey, one, first[one.driven.route.setup, one.zero]) for one in counted]
+    tables = [_rows(survey, one, first[one.driven.route.setup, one.zero], stated) for one in counted]
     begin = min((stop.time_s for each in used for stop, _ in each.chosen().values()), default=0.0)
     return make_readings(
         setup=[each.route.setup for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
@@ -41,12 +47,16 @@ def tabulate(survey: Survey, passes: list[Pass]) -> Readings:
     )
 
 
-def _rows(survey: Survey, one: Counted, first: Counted) -> tuple[Vector, list[CapturedStop]]:
-    """Return the corrected readings of a pass, relative to the first stop of the ``first`` on its count, and the stops they come from."""
+def _rows(survey: Survey, one: Counted, first: Counted, stated: dict[str, float]) -> tuple[Vector, list[CapturedStop]]:
+    """Return the corrected readings of a pass, relative to the first stop of the ``first`` on its count, and the stops they come from.
+
+    The stops have the conditions that were ``stated`` afterwards.
+    """
     chosen = one.driven.chosen()
-    stops = [chosen[index][0] for index in range(len(one.driven.route))]
+    stops = [msgspec.structs.replace(chosen[index][0], **stated) for index in range(len(one.driven.route))]
     counts = np.array([_count_mm(*chosen[index]) for index in range(len(stops))]) + one.offset_mm
     origin, offset_mm = first.driven.chosen()[0]
+    origin = msgspec.structs.replace(origin, **stated)
     readings = counts - (_count_mm(origin, offset_mm) + first.offset_mm)
     if not survey.laser.compensated:
         readings = in_this_air(survey, first.driven, [origin, *stops], np.concatenate([[0.0], readings]))[1:]

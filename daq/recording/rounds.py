@@ -20,13 +20,15 @@ from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.log.reader import DAMAGE, RecordReader
 from stepdiag.daq.log.recovery import recover
-from stepdiag.daq.log.topics import STOP_TOPIC
+from stepdiag.daq.log.topics import FINDING_TOPIC, STOP_TOPIC
 from stepdiag.daq.recording.session import Round
+from stepdiag.daq.recording.verdicts import verdicts_in
 from stepdiag.daq.records.status import PredictionStatus
 from stepdiag.daq.records.survey_folder import PREDICTION, RESULT
 from stepdiag.daq.replay import begun_logs
 from stepdiag.exporters.files.files import read_bytes
 from stepdiag.solver.errors import DataError, StepdiagError, UsageError
+from stepdiag.solver.findings import Finding, Severity
 
 MAX_PREDICTION_BYTES = 4096
 
@@ -91,9 +93,16 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
     logs = begun_logs(last)
     if (last / RESULT).exists() or any(open_log(log).header.survey_text != survey_text for log in logs):
         return _new_round(folder, int(last.name) + 1, run)
-    stops = tuple(stop for log in logs for stop in noted_stops(log))
+    noted = [noted_in(log) for log in logs]
     used = [int(each.name.partition(".")[0]) for each in last.iterdir() if each.name.partition(".")[0].isdecimal()]
-    return Round(last, dict(run), logs=max(used, default=0), stops=stops)
+    return Round(
+        last,
+        dict(run),
+        logs=max(used, default=0),
+        stops=tuple(stop for each in noted for stop in each.stops),
+        findings=tuple(found for each in noted for found in each.findings),
+        verdicts=verdicts_in(last),
+    )
 
 
 def next_round(begun: Round) -> Round:
@@ -126,12 +135,22 @@ def mend(folder: Path) -> None:
             _log.info("log-mended", file=part.name, into=recovery.target.name, lost_bytes=recovery.end.lost_bytes)
 
 
-def noted_stops(log: Path) -> list[CapturedStop]:
-    """Return the captured stops that a log's notes hold, in order: what the live run made of it, without decoding it again.
+@dataclass(frozen=True, slots=True)
+class Noted:
+    """What a log's notes hold, in order: what the live run made of it, without decoding it again."""
 
-    Raises DataError for notes that no recorder of ours has written.
-    """
-    stops = []
+    stops: tuple[CapturedStop, ...]
+    findings: tuple[Finding, ...]
+
+
+def noted_stops(log: Path) -> list[CapturedStop]:
+    """Return the captured stops that a log's notes hold, in order. Raises as `noted_in` does."""
+    return list(noted_in(log).stops)
+
+
+def noted_in(log: Path) -> Noted:
+    """Return the stops and findings that a log's notes hold. Raises DataError for notes that no recorder of ours has written."""
+    stops, findings = list[CapturedStop](), list[Finding]()
     topics: dict[int, str] = {}
     for record in RecordReader(log):
         match record:
@@ -139,9 +158,37 @@ def noted_stops(log: Path) -> list[CapturedStop]:
                 topics[record.id] = record.topic
             case Message() if topics.get(record.channel_id) == STOP_TOPIC:
                 stops.append(_stop_of(record.data, log))
+            case Message() if topics.get(record.channel_id) == FINDING_TOPIC:
+                findings.append(_finding_of(record.data, log))
             case _:
                 pass
-    return stops
+    return Noted(tuple(stops), tuple(findings))
+
+
+class _FindingNote(msgspec.Struct):
+    severity_text: Severity
+    code: str
+    text: str
+    setup: str = ""
+    pass_number: int | None = msgspec.field(name="pass", default=None)
+    stop: int | None = None
+    size_um: float | None = None
+
+
+def _finding_of(note: bytes, log: Path) -> Finding:
+    try:
+        found = msgspec.json.decode(note, type=_FindingNote)
+    except DAMAGE as error:
+        raise DataError(str(log), expected="findings as the recorder notes them", found=f"{error!r}") from error
+    return Finding(
+        code=found.code,
+        severity=found.severity_text,
+        text=found.text,
+        setup=found.setup,
+        pass_number=found.pass_number,
+        stop=found.stop,
+        size_um=found.size_um,
+    )
 
 
 def _stop_of(note: bytes, log: Path) -> CapturedStop:

@@ -1,9 +1,10 @@
 """When a log begins and ends, and what the survey still wants: the recording's decisions, without any input or output of its own."""
 
+import dataclasses
 import math
 from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Protocol
 
@@ -20,6 +21,7 @@ from stepdiag.daq.log.topics import Note, finding_note, log_note, sample_note, s
 from stepdiag.daq.log.writer import ExitStatus, LogHeader
 from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.recording.verdicts import Verdicts
 from stepdiag.daq.records.events import Chunk, Event, ModbusBlock
 from stepdiag.daq.survey.file import laser_decoder
 from stepdiag.daq.survey.models import Survey
@@ -56,12 +58,17 @@ class LogSink(Protocol):
 
 @dataclass(slots=True)
 class Round:
-    """One survey on disk: its folder, what every log of it says in ``stepdiag.run``, and the stops that its logs already hold."""
+    """One survey on disk: its folder, what every log of it says in ``stepdiag.run``, and what its logs already hold.
+
+    That are the stops, what was found meanwhile, and beside the logs the words of persons and of the solver.
+    """
 
     folder: Path
     run: dict[str, str]
     logs: int = 0
     stops: tuple[CapturedStop, ...] = ()
+    findings: tuple[Finding, ...] = ()
+    verdicts: Verdicts = field(default_factory=Verdicts)
 
 
 class Session:
@@ -108,7 +115,11 @@ class Session:
         self.signals: Signals | None = None
         self.book = PassBook(survey)
         self.book.add_all(begun.stops)
-        self.findings: list[Finding] = []
+        self.book.news()
+        self._stops = list(begun.stops)
+        self.findings = list(begun.findings)
+        self.unsolved = begun.verdicts.tell(self.book)
+        """Why the survey cannot be solved although every pass is in; empty where that is not so."""
         self.shown_zero_mm = 0.0
 
     @property
@@ -157,6 +168,16 @@ class Session:
             for outcome in self.capture.finish():
                 self._heed(outcome)
             self._end_log("interrupted", reason)
+
+    def hear(self, verdicts: Verdicts) -> None:
+        """Take what persons and the solver have said since."""
+        self.unsolved = verdicts.tell(self.book)
+
+    def as_round(self, verdicts: Verdicts) -> Round:
+        """Return the survey as it stands, to go on with it."""
+        return Round(
+            self.folder, self.round.run, logs=self._logs, stops=tuple(self._stops), findings=tuple(self.findings), verdicts=verdicts
+        )
 
     def say(self, finding: Finding) -> None:
         """Take a finding that is not of the recording itself; it stands in the open log too, if any."""
@@ -274,16 +295,26 @@ class Session:
 
     def _heed(self, outcome: Outcome) -> None:
         if isinstance(outcome, CapturedStop):
+            self._stops.append(outcome)
             self.book.add(outcome)
+            self.unsolved = ""
             self._sink.promise(stop_note(outcome), lambda: self._on_outcome(outcome))
             for remark in self.book.news():
                 self._heed(remark)
             return
         if isinstance(outcome, Finding):
+            outcome = self._of_pass(outcome)
             self.findings.append(outcome)
             if self.recording:
                 self._sink.note(finding_note(self._noted_signals_ns, outcome))
         self._on_outcome(outcome)
+
+    def _of_pass(self, found: Finding) -> Finding:
+        """Return a finding of the recording with the number of the pass that it belongs to."""
+        walk = self.capture.walk if self.capture is not None else None
+        if walk is None or found.setup != walk.route.setup or found.pass_number is not None:
+            return found
+        return dataclasses.replace(found, pass_number=self.book.number_of(walk.route))
 
     def _note(self, capture: Capture, event: Event) -> None:
         """Leave the reading and the signals in the log, a few times a second, for a person to look at."""

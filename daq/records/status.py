@@ -11,7 +11,7 @@ import msgspec
 
 Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
 LinkState = Literal["connecting", "connected", "silent", "lost"]
-CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name"]
+CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept"]
 
 
 class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -59,9 +59,17 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """A finding; ``place`` is where it belongs (``ppp/1/5``: stop 5 of pass 1 of ppp; empty: nowhere).
+
+    ``state`` is ``open`` while it keeps its pass open, ``accepted`` where a person said so (``word``: who, when, why), else ``past``.
+    """
+
     code: str
     severity: str
     text: str
+    place: str = ""
+    state: Literal["open", "accepted", "past"] = "past"
+    word: str = ""
 
 
 class StripStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -180,6 +188,7 @@ class StatusSource(Protocol):
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks.
 
-        ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; the others take nothing.
+        ``choose-setup`` takes ``setup``; ``name`` takes ``operator`` and ``workpiece``; ``accept`` takes ``place`` (of a doubt), ``reason``
+        and ``name``; the others take nothing.
         Raises UsageError where the present state does not allow it, with what would.
         """

@@ -27,12 +27,15 @@ class Commands:
 
 
 class Finisher:
-    """Runs the children and knows what came of the last one. ``on_news`` is called when a survey is finished."""
+    """Runs the children and knows what came of the last one.
 
-    def __init__(self, commands: Commands, tally: Tally, on_news: Callable[[], None]) -> None:
+    ``on_done`` is called when a survey was solved, or could not be: with its folder and whether there is a result.
+    """
+
+    def __init__(self, commands: Commands, tally: Tally, on_done: Callable[[Path, bool], None]) -> None:
         self._commands = commands
         self._tally = tally
-        self._on_news = on_news
+        self._on_done = on_done
         self._children: set[asyncio.Task[None]] = set()
         self._recorder_idle = asyncio.Event()
         self._recorder_idle.set()
@@ -53,11 +56,12 @@ class Finisher:
         task = asyncio.create_task(self._finish(folder), name=f"completion {folder.name}")
         self._children.add(task)
         task.add_done_callback(self._children.discard)
-        self.phase = "solving"
+        self.phase, self.message = "solving", ""
 
     def forget(self) -> None:
-        """Show the result no longer: another survey is being recorded."""
+        """Show the result no longer: another survey is being recorded, or this one goes on."""
         self.result = self.prediction = None
+        self.message = ""
 
     async def close(self) -> None:
         """End the children that still run."""
@@ -78,9 +82,11 @@ class Finisher:
         self.prediction = prediction_in(folder)
         self._tally.solve_s = time.monotonic() - began_s
         self._tally.surveys[child.returncode or 0] += 1
-        self._on_news()
-        say = _log.info if child.returncode == 0 else _log.error
-        say("survey-complete", folder=str(folder), exit_code=child.returncode, message=self.message)
+        if child.returncode == 0:
+            _log.info("survey-complete", folder=str(folder), exit_code=0, message=self.message)
+        else:
+            _log.error("survey-open", folder=str(folder), exit_code=child.returncode, reason=self.message)
+        self._on_done(folder, child.returncode == 0)
         await self._keep_budget(folder.parent)
 
     async def _keep_budget(self, folder: Path) -> None:

@@ -5,7 +5,8 @@ included, so that a replay writes the same bytes.
 """
 
 import json
-from collections.abc import Sequence
+import time
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
@@ -14,18 +15,20 @@ from typing import Any
 from stepdiag.daq.capture.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.tabulate import tabulate
+from stepdiag.daq.passes.verdict import history, settled_findings, suspected
+from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
 from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
 from stepdiag.daq.survey.bundle import compensation_findings, compensation_of, tables_for
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
-from stepdiag.exporters.files.files import as_text, write_once
+from stepdiag.exporters.files.files import as_text, holds, write_atomically, write_once
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.solver.errors import DataError, SafetyError, StepdiagError, UsageError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import Angles, parse_angles
-from stepdiag.solver.readings.readings import render_readings
+from stepdiag.solver.readings.readings import Readings, render_readings
 from stepdiag.solver.result.result import Result, parse_result
 from stepdiag.solver.result.rounding import steady
 
@@ -47,39 +50,86 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
 
     ``survey_file`` stands for the one in the logs where that cannot be used.
 
-    Raises DataError where passes are missing or a file stands there with other bytes. A refused export does not cost the others nor
-    the result: it leaves its reason in ``exports/<controller>/REFUSED.txt``.
+    Raises DataError where passes are missing, where the survey cannot be solved, and where something in it is doubted that nobody has
+    accepted; why stands in ``judged.jsonl`` then, and beside it only the readings, which later ones may replace. A file of a complete
+    survey is never replaced. A refused export does not cost the others nor the result: it leaves its reason in
+    ``exports/<controller>/REFUSED.txt``.
     """
     replayed = replay(find_logs(paths), survey_file)
-    computed, readings = solve_logs(replayed)
+    verdicts_in(_folder(replayed)).tell(replayed.book)
+    _require_all(replayed)
+    out.mkdir(parents=True, exist_ok=True)
+    _write_readings(out, render_readings(readings_of(replayed)))
+    try:
+        computed, _ = solve_logs(replayed)
+    except DataError as error:
+        note_judgement(out, Judgement(time_s=time.time(), stops=replayed.book.stops, reason=str(error)))
+        raise
+    _require_settled(replayed, out)
     text = computed.to_json()
     # what follows uses the rounded numbers of the file: the last bits of a sum differ from processor to processor
     result = parse_result(text, RESULT)
-    out.mkdir(parents=True, exist_ok=True)
-    write_once(out / READINGS, readings)
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
     _write_prediction(out / PREDICTION, exports)
     write_once(out / RESULT, text)
     return Completed(out, result, exports, refusals)
 
 
-def solve_logs(replayed: Replayed, method: str | None = None) -> tuple[Result, str]:
+def solve_logs(replayed: Replayed, method: str | None = None, environment: Mapping[str, float] | None = None) -> tuple[Result, str]:
     """Return the result of replayed logs and the readings it rests on, as CSV. Raises DataError naming every pass that is missing.
 
-    The 4-DOF head's runs enter the method `estimate`; the closed forms are for the diagonals alone and leave them out.
+    The 4-DOF head's runs enter the method `estimate`; the closed forms are for the diagonals alone and leave them out. ``environment``
+    holds conditions (by their names in the survey file) that count in place of what was recorded.
     """
     _require_all(replayed)
     survey = replayed.survey
-    readings = tabulate(survey, replayed.book.passes)
+    readings = readings_of(replayed, environment)
     chosen = method or survey.solver.method
     level = _angles(replayed) or {}
     head = evaluate_head(survey, replayed.book.passes, replayed.files, level) if chosen == "estimate" else HeadMeasured(angles={})
     angles, twice = merge_angles(level, head.angles)
     result = solve(readings, chain=survey.machine.chain, method=chosen, angles=angles or None, straightness=head.straightness)
-    findings = (*compensation_findings(survey), *unchecked(survey), *replayed.findings, *head.findings, *twice, *result.findings)
-    about = {"survey": _facts(replayed), "conditions": _conditions(replayed)}
-    # the same remark from every log of a survey says no more than once
-    return replace(result, findings=tuple(dict.fromkeys(findings)), extra={**about, **result.extra}), render_readings(readings)
+    solved = (*head.findings, *twice, *result.findings)
+    replayed.book.suspect(suspected(replayed.book, solved))
+    findings = (*compensation_findings(survey), *unchecked(survey), *settled_findings(replayed.book, solved, stated=environment or {}))
+    about = {"survey": _facts(replayed), "conditions": _conditions(replayed) | _stated(environment), "history": history(replayed.findings)}
+    return replace(result, findings=findings, extra={**about, **result.extra}), render_readings(readings)
+
+
+def readings_of(replayed: Replayed, environment: Mapping[str, float] | None = None) -> Readings:
+    """Return the readings of replayed logs; ``environment`` holds conditions that count in place of what was recorded."""
+    return tabulate(replayed.survey, replayed.book.passes, environment or {})
+
+
+def _folder(replayed: Replayed) -> Path:
+    return replayed.logs[0].path.parent
+
+
+def _write_readings(out: Path, text: str) -> None:
+    """Write the readings; those of a survey that is still open may be replaced by later ones."""
+    if (out / RESULT).exists():
+        write_once(out / READINGS, text)
+    elif not holds(out / READINGS, text.encode("utf-8")):
+        write_atomically(out / READINGS, text.encode("utf-8"))
+
+
+def _require_settled(replayed: Replayed, out: Path) -> None:
+    """Raise DataError where something is doubted that nobody has accepted; what it is stands in ``judged.jsonl`` then."""
+    still = replayed.book.doubts()
+    if not still:
+        return
+    suspects = {doubt for each in replayed.book.passes for doubt in each.suspected}
+    named = "; ".join(f"{doubt.place}: {doubt.text}" for doubt in still)
+    note_judgement(
+        out,
+        Judgement(time_s=time.time(), stops=replayed.book.stops, reason=named, doubts=tuple(each for each in still if each in suspects)),
+    )
+    remedy = f"drive it again, or accept it: `stepdiag accept {_folder(replayed)} {still[0].place} --reason ...`"
+    raise DataError(str(_folder(replayed)), expected="a survey in which nothing is doubted", found=named, remedy=remedy)
+
+
+def _stated(environment: Mapping[str, float] | None) -> dict[str, list[float]]:
+    return {name: [value, value] for name, value in (environment or {}).items()}
 
 
 def _facts(replayed: Replayed) -> dict[str, Any]:
@@ -115,13 +165,15 @@ def survey_date(replayed: Replayed) -> date:
 
 
 def _require_all(replayed: Replayed) -> None:
+    """Raise DataError where a stop of the plan is missing; what is doubted only is in."""
     book = replayed.book
-    open_passes = {setup: book.open_passes(setup) for setup in replayed.survey.plan.all_setups if book.open_passes(setup)}
-    if not open_passes:
+    whole = {(each.route.setup, each.number) for each in book.passes if each.whole}
+    open_passes = {setup: [n for n in book.wanted() if (setup, n) not in whole] for setup in replayed.survey.plan.all_setups}
+    missing = "; ".join(f"{setup}: pass {', '.join(map(str, numbers))}" for setup, numbers in open_passes.items() if numbers)
+    if not missing:
         return
-    missing = "; ".join(f"{setup}: pass {', '.join(map(str, numbers))}" for setup, numbers in open_passes.items())
-    why = "; ".join(f"{each.route.setup} pass {each.number}: {each.why_incomplete()}" for each in book.passes if not each.complete)
-    folder = str(replayed.logs[0].path.parent)
+    why = "; ".join(f"{each.route.setup} pass {each.number}: {each.why_incomplete()}" for each in book.passes if not each.whole)
+    folder = str(_folder(replayed))
     raise DataError(folder, expected="every pass of the plan", found=f"missing {missing}", remedy=why or "drive the missing setups")
 
 

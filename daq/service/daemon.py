@@ -6,6 +6,7 @@ child (`daq.service.child_jobs`) runs solver and exporters on the finished logs,
 
 import asyncio
 import signal
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -20,8 +21,10 @@ from stepdiag.daq.recording.handshake import Handshake
 from stepdiag.daq.recording.rounds import FolderLock, latest_round, next_round
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.recording.survey_links import SurveyLinks
+from stepdiag.daq.recording.verdicts import mark_of, verdicts_in
 from stepdiag.daq.records.events import Event, LinkEvent, ModbusBlock
 from stepdiag.daq.service.child_jobs import Commands, Finisher
+from stepdiag.daq.service.live import forget_live, write_live
 from stepdiag.daq.service.metrics import Tally
 from stepdiag.daq.service.notify import Notifier
 from stepdiag.daq.service.status_source import DaemonStatusSource, Working
@@ -34,6 +37,8 @@ from stepdiag.solver.findings import Finding
 
 PUBLISH_S = 0.1
 """How often the snapshot is made anew."""
+LIVE_S = 1.0
+"""How often what `status` shows of a daemon that runs is written."""
 _log = structlog.get_logger("daemon")
 
 
@@ -62,6 +67,9 @@ class Daemon:
         self._blocked = False
         self._working: Working
         self._handshake: Handshake | None = None
+        self._verdicts_mark: tuple[object, ...] = ()
+        self._live_s = 0.0
+        self._writing: asyncio.Task[None] | None = None
 
     async def run(self) -> None:
         """Record until SIGTERM, SIGINT or `stop`; then end the open log in good order.
@@ -92,7 +100,10 @@ class Daemon:
     async def _serve(self, recorder: Recorder) -> None:
         self._working = working = self._set_up(recorder, latest_round(self._folder, self._text, self._run_record))
         self.status_source.open(working)
-        self._complete_if_whole()
+        self._verdicts_mark = (working.session.folder, *mark_of(working.session.folder))
+        if working.session.book.complete():
+            working.session.unsolved = ""  # what hindered the solver may be mended since
+        self._complete_if_settled()
         workers: list[asyncio.Task[Any]] = [
             asyncio.create_task(working.survey_links.run(), name="links"),
             asyncio.create_task(self._publish(), name="publish"),
@@ -124,7 +135,7 @@ class Daemon:
             shown=session,
             recorder=recorder,
             survey_links=survey_links,
-            finisher=Finisher(self._commands, self._tally, self.status_source.news),
+            finisher=Finisher(self._commands, self._tally, self._solved),
             supervisor=Supervisor(self._notifier, dead, self._remark, self._tally, self._folder, self.survey.recording.min_free_gb),
             tally=self._tally,
             programs=self._programs,
@@ -132,7 +143,8 @@ class Daemon:
         )
 
     def _alarms(self) -> list[str]:
-        return [self._handshake.alarm] if self._handshake is not None and self._handshake.alarm else []
+        waits = self._handshake.alarm if self._handshake is not None else ""
+        return [said for said in (waits, self._working.session.unsolved) if said]
 
     def _remark(self, text: str) -> None:
         self._working.session.remark(text)
@@ -143,6 +155,9 @@ class Daemon:
         await asyncio.gather(*tasks, return_exceptions=True)
         self._working.session.close("the daemon was stopped")
         await self._working.finisher.close()
+        if self._writing is not None:
+            await self._writing
+        forget_live(self._folder)
         _log.info("stopped", recording=str(self._working.session.folder))
 
     # what comes in
@@ -197,8 +212,7 @@ class Daemon:
         """Say so once the stops of the pass are said: what was last taken must outlive this process first."""
         note = log_note(now_ns(), "info", ended.reason, "daemon")
         self._working.recorder.promise(note, lambda: self._loop.call_soon_threadsafe(_say_ended, ended))
-        if self._working.session.book.complete():
-            self._loop.call_soon(self._complete)
+        self._loop.call_soon(self._complete_if_settled)
 
     # survey after survey
 
@@ -208,11 +222,17 @@ class Daemon:
             session.found(finding)
         return session
 
-    def _complete_if_whole(self) -> None:
-        """Solve a survey whose last pass came in just before the daemon before ended."""
+    def _complete_if_settled(self) -> None:
+        """Solve a survey whose passes are all in and not doubted; say what keeps it open where that is a doubt alone."""
         session = self._working.session
-        if session.book.complete() and session.round.logs:
-            self._loop.call_soon(self._complete)
+        if not session.round.logs and not session.book.passes:
+            return
+        if session.book.complete() and not session.unsolved:
+            self._complete()
+        elif not session.recording and session.book.whole():
+            still = session.book.doubts()
+            places, reason = [doubt.place for doubt in still], "; ".join(doubt.text for doubt in still)
+            _log.warning("survey-open", folder=str(session.folder), doubted=places, reason=reason)
 
     def _complete(self) -> None:
         """Hand the finished survey to a child process and be ready for the next one."""
@@ -224,6 +244,29 @@ class Daemon:
         working.tally.samples_before += whole.samples
         working.session = self._session(working.recorder, next_round(whole.round), armed=False)
         working.shown = whole
+
+    def _solved(self, folder: Path, solved: bool) -> None:
+        """Hear what came of a survey: one without a result stays open, and is gone on with unless another one has begun."""
+        working = self._working
+        self.status_source.news()
+        begun = working.session.recording or bool(working.session.book.passes)
+        if solved or begun or working.shown.folder != folder:
+            return
+        working.session = self._session(working.recorder, working.shown.as_round(verdicts_in(folder)), armed=False)
+        working.session.unsolved = working.session.unsolved or working.finisher.message
+        working.shown = working.session
+        self._verdicts_mark = (folder, *mark_of(folder))
+
+    def _look_at_verdicts(self) -> None:
+        """Hear what persons have said of the survey beside this process."""
+        session = self._working.session
+        mark = (session.folder, *mark_of(session.folder))
+        if mark != self._verdicts_mark:
+            self._verdicts_mark = mark
+            session.hear(verdicts_in(session.folder))
+            self.status_source.news()
+            if not session.recording:
+                self._complete_if_settled()
 
     # what goes out
 
@@ -243,9 +286,17 @@ class Daemon:
     async def _publish(self) -> None:
         while True:
             await asyncio.sleep(PUBLISH_S)
+            self._write_live()
             self._working.survey_links.collect()
             self._tell(self.status_source.waits_for())
+            self._look_at_verdicts()
             await self.status_source.publish()
+
+    def _write_live(self) -> None:
+        """Write what is heard and waited for beside the lock, every second, in a thread that only writes."""
+        if time.monotonic() - self._live_s >= LIVE_S and (self._writing is None or self._writing.done()):
+            self._live_s = time.monotonic()
+            self._writing = asyncio.create_task(asyncio.to_thread(write_live, self._folder, self.status_source.live()), name="live")
 
     def _tell(self, waits_for: str) -> None:
         """Say what the daemon waits for: to systemd always, into the log where nothing is being recorded."""

@@ -10,13 +10,13 @@ from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.session import Session
-from stepdiag.daq.records.status import FindingStatus, LinkStatus, Phase, PredictionStatus, SetupStatus, Snapshot, StripStatus
+from stepdiag.daq.records.status import LinkStatus, Phase, PredictionStatus, SetupStatus, Snapshot, StripStatus
+from stepdiag.daq.service.finding_list import finding_list
 from stepdiag.daq.service.time_left import seconds_left
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import CONTINUITY
 from stepdiag.daq.timing.strip import BIN_S, KEEP_BINS
 
-SHOWN_FINDINGS = 50
 
 
 def snapshot(
@@ -69,9 +69,7 @@ def snapshot(
         tilt_live=session.book.driven is not None and _runs(session, session.book.driven.route.setup),
         setups=tuple(setup_status(survey, session.book, name, running=_runs(session, name)) for name in survey.plan.all_setups),
         stops=session.recent.of(survey, session.book),
-        findings=tuple(
-            FindingStatus(code=each.code, severity=each.severity, text=each.text) for each in session.findings[-SHOWN_FINDINGS:]
-        ),
+        findings=finding_list(session.book, session.findings),
         seconds_left=seconds_left(survey, session.book),
         origin_mm=survey.volume.origin_mm,
         size_mm=survey.volume.size_mm,

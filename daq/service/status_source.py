@@ -11,15 +11,17 @@ import structlog
 from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.recording.survey_links import SurveyLinks
+from stepdiag.daq.recording.verdicts import accept, doubts_at
 from stepdiag.daq.records.status import CommandName, Phase, Snapshot
 from stepdiag.daq.service.child_jobs import Finisher
+from stepdiag.daq.service.live import LiveStatus
 from stepdiag.daq.service.metrics import Figures, Tally, disk_free_bytes
 from stepdiag.daq.service.snapshot import expected_stop, snapshot
 from stepdiag.daq.service.supervision import Supervisor
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.findings import Finding
 
-_ARGUMENTS = ("setup", "operator", "workpiece")
+_ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
 _log = structlog.get_logger("daemon")
 
 
@@ -90,7 +92,12 @@ class DaemonStatusSource:
         if phase in ("waiting-stop", "dwelling"):
             move = f", {axis.upper()} move" if axis else ""
             return f"{setup} {stop}/{count - 1}, {'taking the stop' if phase == 'dwelling' else f'waiting for the machine{move}'}"
-        return f"waiting for the program of {setup}" if setup else "complete, waiting for a program"
+        return _idle(self._at_work.session, setup)
+
+    def live(self) -> LiveStatus:
+        """Return what `status` shows of a daemon that runs."""
+        laser, plc, head = self._at_work.survey_links.statuses()
+        return LiveStatus(time_s=time.time(), waits_for=self.waits_for(), message=_message(self._at_work), laser=laser, plc=plc, head=head)
 
     def snapshot(self) -> Snapshot:
         """Return the present state."""
@@ -103,7 +110,7 @@ class DaemonStatusSource:
             result_ready=working.finisher.result is not None,
             prediction=working.finisher.prediction,
             programs=working.programs,
-            message="; ".join([*working.alarms(), _of_service(working)]).strip("; "),
+            message=_message(working),
         )
 
     def figures(self) -> Figures:
@@ -142,9 +149,17 @@ class DaemonStatusSource:
         self._at_work.session.found(Finding(code="page-token-guessed", severity="warning", text=text))
         self.news()
 
+    async def _accept(self, session: Session, arguments: Mapping[str, str]) -> None:
+        """Note a person's word for what is doubted at a place; the daemon hears of it as of one said at a terminal."""
+        doubts = doubts_at(session.book.doubts(), arguments.get("place", ""))
+        said = {name: arguments.get(name, "") for name in ("reason", "name")}
+        await asyncio.to_thread(accept, doubts, session.folder, time_s=time.time(), **said)
+
     async def command(self, name: CommandName, arguments: Mapping[str, str]) -> None:
         """Do what a person with the token asks. Raises UsageError where the present state does not allow it."""
-        _log.info("command", name=name, **{key: arguments[key] for key in _ARGUMENTS if key in arguments})
+        _log.info(
+            "command", name=name, **{f"said_{key}" if key == "name" else key: arguments[key] for key in _ARGUMENTS if key in arguments}
+        )
         working = self._at_work
         session = working.session
         match name:
@@ -161,9 +176,26 @@ class DaemonStatusSource:
                 session.book.preferred = _planned(session, arguments.get("setup", ""))
             case "zero":
                 session.zero()
+            case "accept":
+                await self._accept(session, arguments)
             case "name":
                 session.round.run.update({key: arguments[key] for key in ("operator", "workpiece") if key in arguments})
         self.news()
+
+
+def _idle(session: Session, setup: str) -> str:
+    """Return what is waited for while nothing is being recorded."""
+    if session.unsolved:
+        return f"every pass is in, and there is no result: {session.unsolved}"
+    if session.book.whole() and setup:
+        places = ", ".join(doubt.place for doubt in session.book.doubts())
+        return f"doubted: {places}; waiting for the program of {setup}, or for somebody who accepts it"
+    return f"waiting for the program of {setup}" if setup else "complete, waiting for a program"
+
+
+def _message(working: Working) -> str:
+    """Return what a person must see at once."""
+    return "; ".join(dict.fromkeys(filter(None, (*working.alarms(), _of_service(working)))))
 
 
 def _of_service(working: Working) -> str:

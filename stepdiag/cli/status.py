@@ -51,7 +51,11 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "complete": found.complete,
         "result": None if found.result is None else str(found.result),
         "next_setup": found.next_setup,
+        "doubts": [{"place": doubt.place, **msgspec.to_builtins(doubt)} for doubt in found.doubts],
+        "unsolved": found.unsolved,
+        "findings": [msgspec.to_builtins(each) for each in found.findings],
         "setups": [msgspec.to_builtins(setup) for setup in found.setups],
+        "live": msgspec.to_builtins(found.live),
         "disk": found.disk,
         "logs": [asdict(log) for log in found.logs],
         "conclusion": None if found.result is None else conclusion_in(found.result.parent),
@@ -67,8 +71,10 @@ def _print(found: "Standing") -> None:
     daemon = "a daemon records here now" if found.recording else "no daemon runs here"
     typer.echo(printable(f"{found.survey} on {found.machine}: {where}; {daemon}"))
     Console().print(_table(found))
+    for line in _live(found):
+        typer.echo(printable(line))
     for setup in found.setups:
-        for said in filter(None, (setup.reason, setup.doubt)):
+        for said in dict.fromkeys(filter(None, (setup.reason, setup.doubt))):
             typer.echo(printable(f"{setup.name}: {said}"))
     for log in found.logs:
         if log.trouble:
@@ -77,7 +83,8 @@ def _print(found: "Standing") -> None:
         typer.echo(found.disk)
     if found.changed:
         typer.echo("The survey file is not the one these logs were recorded with: `stepdiag run` will begin a new round.")
-    typer.echo(_next(found))
+    for line in _next(found):
+        typer.echo(printable(line))
     for line in _concluded(found):
         typer.echo(line)
 
@@ -103,9 +110,23 @@ def _table(found: "Standing") -> "Table":
     return table
 
 
-def _next(found: "Standing") -> str:
+def _live(found: "Standing") -> list[str]:
+    """Return what the daemon hears and waits for, as lines; none where none runs."""
+    if found.live is None:
+        return []
+    links = {"laser": found.live.laser, "machine": found.live.plc, "head": found.live.head}
+    told = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
+    return [*told, f"it waits for: {found.live.waits_for}", *filter(None, (found.live.message,))]
+
+
+def _next(found: "Standing") -> list[str]:
+    """Return what to do next."""
     if not found.complete:
-        return f"next: {found.next_setup}"
+        where = found.round or found.folder
+        words = [f"accept what is known to be right: `stepdiag accept {where} {doubt.place} --reason ...`" for doubt in found.doubts]
+        return [f"next: {found.next_setup}", *dict.fromkeys(words)]
     if found.result is not None:
-        return f"complete: {found.result}"
-    return f"every pass is in, no result yet: `stepdiag solve {found.round}` makes one"
+        return [f"complete: {found.result}"]
+    if found.unsolved:
+        return [f"every pass is in, and there is no result: {found.unsolved}"]
+    return [f"every pass is in, no result yet: `stepdiag solve {found.round}` makes one"]

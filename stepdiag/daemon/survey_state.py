@@ -4,13 +4,16 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
+from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.recording.rounds import is_recording, noted_stops, round_folders
-from stepdiag.daq.records.status import SetupStatus
+from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, round_folders
+from stepdiag.daq.recording.verdicts import verdicts_in
+from stepdiag.daq.records.status import FindingStatus, SetupStatus
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
+from stepdiag.daq.service.finding_list import finding_list
+from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.service.metrics import words_on_disk
 from stepdiag.daq.service.snapshot import setup_status
 from stepdiag.daq.survey.file import load_survey, parse_survey, read_text
@@ -40,8 +43,15 @@ class Standing:
     changed: bool
     result: Path | None
     next_setup: str
+    doubts: tuple[Doubt, ...]
+    """What keeps passes open although they are in."""
+    unsolved: str
+    """Why there is no result although every pass is in; empty where that is not so."""
+    findings: tuple[FindingStatus, ...]
     setups: tuple[SetupStatus, ...]
     logs: tuple[LogStanding, ...]
+    live: LiveStatus | None
+    """What the daemon that records here hears and waits for; None where none runs."""
     disk: str
     """What is to be said of the disk; empty while there is room."""
 
@@ -72,7 +82,7 @@ def standing_of(path: Path) -> Standing:
 def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str) -> Standing:
     """Return the standing of one round. Without a survey file the survey is the one that its logs carry."""
     paths = logs_in(last) if last is not None else []
-    recorded, stops, logs = _read(paths)
+    recorded, noted, logs = _read(paths)
     changed = bool(text and recorded and recorded != text)
     known = parse_survey(recorded, f"{paths[0].name}: survey.toml") if recorded else survey
     if known is None:
@@ -80,35 +90,41 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
             str(last), expected="at least one log that can be read", found="; ".join(f"{log.name}: {log.trouble}" for log in logs)
         )
     book = PassBook(known)
-    book.add_all(stops)
+    book.add_all(stop for each in noted for stop in each.stops)
+    unsolved = verdicts_in(last).tell(book) if last is not None else ""
+    recording = is_recording(folder)
     result = last / RESULT if last is not None else None
     return Standing(
         survey=known.identity.name,
         machine=known.identity.machine,
         folder=folder,
         round=last,
-        recording=is_recording(folder),
+        recording=recording,
         changed=changed,
         result=result if result is not None and result.exists() else None,
         next_setup=book.next_setup(),
+        doubts=book.doubts(),
+        unsolved=unsolved,
+        findings=finding_list(book, [found for each in noted for found in each.findings]),
         setups=tuple(setup_status(known, book, name) for name in known.plan.all_setups),
         logs=tuple(logs),
+        live=live_in(folder) if recording else None,
         disk=words_on_disk(folder, known.recording.min_free_gb) if folder.is_dir() else "",
     )
 
 
-def _read(paths: Sequence[Path]) -> tuple[str, list[CapturedStop], list[LogStanding]]:
-    """Return the survey file of the first readable log, all stops in order, and how each log stands."""
-    text, stops, logs = "", list[CapturedStop](), list[LogStanding]()
+def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
+    """Return the survey file of the first readable log, what the logs have noted in order, and how each log stands."""
+    text, noted, logs = "", list[Noted](), list[LogStanding]()
     for path in counted(paths, "reading the logs", len(paths)):
         try:
             header = open_log(path).header
-            found = noted_stops(path)
+            found = noted_in(path)
         except DataError as error:
             logs.append(LogStanding(name=path.name, stops=0, trouble=f"{error.found}: {error.remedy}" if error.remedy else error.found))
             continue
         text = text or header.survey_text
-        stops += found
+        noted.append(found)
         cut = "not closed: it is being written, or it was cut off" if path.suffix == PART_SUFFIX else ""
-        logs.append(LogStanding(name=path.name, stops=len(found), trouble=cut))
-    return text, stops, logs
+        logs.append(LogStanding(name=path.name, stops=len(found.stops), trouble=cut))
+    return text, noted, logs

@@ -1,0 +1,123 @@
+"""What is said of a survey beside its logs: by persons who accept a doubt, and by the solver that could not come to a result.
+
+Two files of one JSON object a line, only ever appended to: ``accepted.jsonl`` and ``judged.jsonl``. A line that a power failure tore is
+passed over: what was accepted in it is then open again.
+"""
+
+import os
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TypeVar
+
+import msgspec
+import structlog
+
+from stepdiag.daq.passes.doubt import Acceptance, Doubt, acceptance_of
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.exporters.files.files import read_bytes
+from stepdiag.solver.errors import UsageError
+
+ACCEPTED = "accepted.jsonl"
+JUDGED = "judged.jsonl"
+LARGEST_BYTES = 4_000_000
+"""More is none that persons write."""
+Line = TypeVar("Line", Acceptance, "Judgement")
+
+_log = structlog.get_logger("verdicts")
+
+
+class Judgement(msgspec.Struct, frozen=True, kw_only=True):
+    """Why the solver came to no result that may be exported.
+
+    ``stops`` is how many stops were captured when it was made (another one more, and it is out of date); ``reason`` is in words; ``doubts``
+    are what is most probably at fault, none where no pass driven again would help.
+    """
+
+    time_s: float
+    stops: int
+    reason: str
+    doubts: tuple[Doubt, ...] = ()
+
+
+class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
+    """All that is said of one survey: by persons, and by the solver last."""
+
+    accepted: tuple[Acceptance, ...] = ()
+    judged: Judgement | None = None
+
+    def tell(self, book: PassBook) -> str:
+        """Tell the passes of a survey; return why it cannot be solved although every pass is in, empty where that is not so."""
+        for word in self.accepted:
+            book.accept(word)
+        book.suspect(self.judged.doubts if self.judged is not None else ())
+        judged = self.judged
+        return judged.reason if judged is not None and not judged.doubts and judged.stops == book.stops else ""
+
+
+def verdicts_in(folder: Path) -> Verdicts:
+    """Return what is said of the survey whose logs are in a folder; nothing where nothing is."""
+    judged = _lines(folder / JUDGED, Judgement)
+    return Verdicts(accepted=tuple(_lines(folder / ACCEPTED, Acceptance)), judged=judged[-1] if judged else None)
+
+
+def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, time_s: float) -> None:
+    """Add a person's word for doubts, on disk when this returns.
+
+    Raises UsageError where the reason or the name is empty, or the file cannot be written.
+    """
+    for field, said in (("reason", reason), ("name", name)):
+        if not said.strip():
+            raise UsageError(f"accept: {field}", expected="words that others understand later", found="nothing")
+    words = [acceptance_of(doubt, reason=reason.strip(), name=name.strip(), time_s=time_s) for doubt in doubts]
+    _append(folder / ACCEPTED, b"\n".join(map(msgspec.json.encode, words)))
+
+
+def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
+    """Return those of the open doubts that are at a place: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass with all its stops.
+
+    Raises UsageError where there is none, naming those that are open.
+    """
+    found = [doubt for doubt in still if place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}")]
+    if not found:
+        named = "; ".join(f"{doubt.place} ({doubt.code})" for doubt in still)
+        raise UsageError(
+            "accept", expected=f"a place that is doubted: {named}" if named else "something that is doubted", found=repr(place)
+        )
+    return found
+
+
+def note_judgement(folder: Path, judged: Judgement) -> None:
+    """Add what the solver said, on disk when this returns. Raises UsageError where it cannot be written."""
+    _append(folder / JUDGED, msgspec.json.encode(judged))
+
+
+def mark_of(folder: Path) -> tuple[int, ...]:
+    """Return what changes when somebody adds a line."""
+    return tuple(path.stat().st_size if path.exists() else 0 for path in (folder / ACCEPTED, folder / JUDGED))
+
+
+def _append(path: Path, line: bytes) -> None:
+    """Add a line behind whatever stands there, a torn line included."""
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("ab+") as file:
+            if file.tell():
+                file.seek(-1, os.SEEK_END)
+                line = (b"" if file.read(1) == b"\n" else b"\n") + line
+            file.write(line + b"\n")
+            file.flush()
+            os.fsync(file.fileno())
+    except OSError as error:
+        raise UsageError(str(path), expected="a file that can be written", found=error.strerror or str(error)) from error
+
+
+def _lines(path: Path, kind: type[Line]) -> list[Line]:
+    if not path.is_file():
+        return []
+    found: list[Line] = []
+    for number, line in enumerate(read_bytes(path, largest=LARGEST_BYTES).splitlines(), start=1):
+        try:
+            found.append(msgspec.json.decode(line, type=kind))
+        except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+            _log.warning("verdict-not-read", file=str(path), line=number, reason=str(error))
+    return found

@@ -1,0 +1,52 @@
+"""The findings of a survey as a person sees them: one list for page and `status`, the same after a restart."""
+
+from collections.abc import Sequence
+from datetime import UTC, datetime
+
+from stepdiag.daq.passes.doubt import Acceptance, Doubt
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.records.status import FindingStatus
+from stepdiag.solver.findings import Finding
+
+SHOWN = 50
+"""The latest of those that are past."""
+
+
+def finding_list(book: PassBook, history: Sequence[Finding]) -> tuple[FindingStatus, ...]:
+    """Return what was found: past first, then what a person accepted, then what is open."""
+    doubts, accepted = book.doubts(), book.accepted()
+    settled = {_key(doubt) for doubt in (*doubts, *(doubt for doubt, _ in accepted))}
+    past = [each for each in dict.fromkeys(history) if _key(each) not in settled]
+    still = [each for each in past if _is_missing(book, each)]
+    return (
+        *(_past(each) for each in past[-SHOWN:] if each not in still),
+        *(_accepted(doubt, word) for doubt, word in accepted),
+        *(_past(each, open_=True) for each in still),
+        *(_open(doubt) for doubt in doubts),
+    )
+
+
+def _key(found: Finding | Doubt) -> tuple[object, ...]:
+    return found.code, found.setup, found.pass_number, found.stop
+
+
+def _is_missing(book: PassBook, found: Finding) -> bool:
+    """Tell whether a finding is about a stop that still has no usable reading."""
+    passes = (each for each in book.of(found.setup) if each.number == found.pass_number)
+    return found.severity != "info" and any(found.stop in each.missing for each in passes)
+
+
+def _past(found: Finding, *, open_: bool = False) -> FindingStatus:
+    known = found.setup and found.pass_number is not None
+    place = f"{found.setup}/{found.pass_number}" + ("" if found.stop is None else f"/{found.stop}") if known else ""
+    return FindingStatus(code=found.code, severity=found.severity, text=found.text, place=place, state="open" if open_ else "past")
+
+
+def _open(doubt: Doubt) -> FindingStatus:
+    return FindingStatus(code=doubt.code, severity="warning", text=doubt.text, place=doubt.place, state="open")
+
+
+def _accepted(doubt: Doubt, word: Acceptance) -> FindingStatus:
+    moment = datetime.fromtimestamp(word.time_s, UTC).isoformat(timespec="seconds")
+    said = f"{word.name}, {moment}: {word.reason}"
+    return FindingStatus(code=doubt.code, severity="info", text=doubt.text, place=doubt.place, state="accepted", word=said)

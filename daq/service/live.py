@@ -1,0 +1,52 @@
+"""What the daemon waits for and hears right now, beside its lock, for `status`: a small file, written anew every second while it runs."""
+
+import time
+from pathlib import Path
+
+import msgspec
+
+from stepdiag.daq.records.status import LinkStatus
+from stepdiag.exporters.files.files import read_bytes
+from stepdiag.solver.errors import StepdiagError
+
+FILE = ".now.json"
+OLD_S = 10.0
+"""A daemon that has written nothing for so long stands still, or its disk does."""
+LARGEST_BYTES = 100_000
+
+
+class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """One moment of a daemon; ``time_s`` since 1970."""
+
+    time_s: float
+    waits_for: str
+    message: str
+    laser: LinkStatus
+    plc: LinkStatus
+    head: LinkStatus | None = None
+
+
+def write_live(folder: Path, status: LiveStatus) -> None:
+    """Write the moment, whole or not at all; a disk that refuses is no trouble of the recording."""
+    part = folder / f"{FILE}.part"
+    try:
+        part.write_bytes(msgspec.json.encode(status))
+        part.replace(folder / FILE)
+    except OSError:
+        return
+
+
+def forget_live(folder: Path) -> None:
+    """Remove the file: the daemon ends."""
+    (folder / FILE).unlink(missing_ok=True)
+
+
+def live_in(folder: Path) -> LiveStatus | None:
+    """Return the last moment of the daemon that records into a folder; None where it is not there, damaged, or old."""
+    if not (folder / FILE).is_file():
+        return None
+    try:
+        status = msgspec.json.decode(read_bytes(folder / FILE, largest=LARGEST_BYTES), type=LiveStatus)
+    except (StepdiagError, msgspec.DecodeError, UnicodeDecodeError, RecursionError):
+        return None
+    return status if abs(time.time() - status.time_s) < OLD_S else None
