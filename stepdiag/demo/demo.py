@@ -149,9 +149,9 @@ def _survey(hall: Talker, daemon: Talker, progress: Progress) -> Path:
         if said["event"] == "stop":
             stops += 1
             progress(f"{said['setup']} {'out' if said['outward'] else 'back'}", stops, total)
+        elif said["event"] == "survey-open":
+            raise DataError(said["folder"], expected="a survey that can be solved", found=said["reason"])
         elif said["event"] == "survey-complete":
-            if said.get("exit_code"):
-                raise DataError(said["folder"], expected="a survey that can be solved", found=said["message"])
             return Path(said["folder"])
         elif said["event"] == "pass-ended" and stops >= total:
             progress("solving", stops, total)
