@@ -6,6 +6,7 @@ MODULES = (
     "check",
     "run",
     "status",
+    "accept",
     "solve",
     "logs",
     "report",
@@ -14,9 +15,6 @@ MODULES = (
     "program",
     "plan",
     "fourdof",
-<<<<<<< HEAD
     "service",
-=======
->>>>>>> 1501c5a (One life of a finding: a doubt keeps the survey open until it is driven again or accepted)
 )
 """The groups, in the order in which the help shows them."""
