@@ -18,7 +18,6 @@ from stepdiag.daq.timing.stream import CONTINUITY
 from stepdiag.daq.timing.strip import BIN_S, KEEP_BINS
 
 
-
 def snapshot(
     session: Session,
     *,
