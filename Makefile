@@ -6,9 +6,12 @@ VENV := .venv
 TEST_VENV := .venv-test
 UV := .tools/bin/uv
 STEPDIAG := $(VENV)/bin/stepdiag
+# what builds the wheel is checked by its hash, like everything else
+BUILD := --quiet --wheel --build-constraint tools/build.txt --require-hashes
+RELEASE ?= release
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test explore soak bench format rooms clean
+.PHONY: help demo test explore soak bench format rooms release clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -38,8 +41,20 @@ format: $(VENV)/.ready rooms ## style mended, the tree of rooms written
 rooms: ## the tree of rooms into docs/architecture.md
 	tools/rooms docs/architecture.md
 
+# the wheel is built twice, and must come out the same; how to sign: docs/security.md
+release: $(VENV)/.ready ## wheel, locked requirements, SBOM, licences and hashes, into release/
+	rm -rf $(RELEASE) && mkdir -p $(RELEASE)
+	$(UV) build $(BUILD) --out-dir $(RELEASE)
+	$(UV) build $(BUILD) --out-dir $(RELEASE)/again
+	cmp $(RELEASE)/*.whl $(RELEASE)/again/*.whl && rm -r $(RELEASE)/again $(RELEASE)/.gitignore
+	$(UV) export --frozen --quiet --no-dev --no-emit-project --output-file $(RELEASE)/requirements.txt
+	$(UV) export --frozen --quiet --no-dev --preview-features sbom-export --format cyclonedx1.5 --output-file $(RELEASE)/sbom.cdx.json
+	$(VENV)/bin/python tools/licences uv.lock > $(RELEASE)/LICENCES.md
+	cp LICENSE $(RELEASE)/
+	cd $(RELEASE) && sha256sum * > SHA256SUMS
+
 clean: ## all that this Makefile made
-	rm -rf $(VENV) $(TEST_VENV) .tools .setup dist build
+	rm -rf $(VENV) $(TEST_VENV) .tools .setup dist build $(RELEASE)
 
 $(UV): tools/bootstrap tools/uv.txt
 	tools/bootstrap $(PYTHON)
@@ -56,7 +71,7 @@ $(VENV)/.ready: pyproject.toml uv.lock | $(UV)
 $(TEST_VENV)/.ready: pyproject.toml uv.lock $(shell find solver exporters daq stepdiag systemd -type f -not -path "*/__pycache__/*") | $(UV)
 	UV_PROJECT_ENVIRONMENT=$(TEST_VENV) $(UV) sync --frozen --quiet --compile-bytecode --no-install-project --python $(PYTHON)
 	rm -rf dist
-	$(UV) build --quiet --wheel --out-dir dist
+	$(UV) build $(BUILD) --out-dir dist
 	$(UV) pip install --quiet --compile-bytecode --python $(TEST_VENV)/bin/python --no-deps --reinstall dist/stepdiag-*.whl
 	touch $@
 
