@@ -84,6 +84,27 @@ class StripStatus(msgspec.Struct, frozen=True, kw_only=True):
     high_mm: tuple[float | None, ...]
 
 
+Point = tuple[float, float, float]
+"""X, Y, Z in mm."""
+
+
+class WayStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """A body diagonal of the plan: its state and its two ends."""
+
+    setup: str
+    state: str
+    ends_mm: tuple[Point, Point]
+
+
+class GeometryStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """What is drawn of a survey: edges of the volume (those at the origin first), axis names and places, diagonals, route of the pass."""
+
+    edges_mm: tuple[tuple[Point, Point], ...]
+    axes: tuple[tuple[str, Point], ...]
+    ways: tuple[WayStatus, ...]
+    route_mm: tuple[Point, ...]
+
+
 class PredictionStatus(msgspec.Struct, frozen=True, kw_only=True):
     """The volumetric error of the finished survey, rms over the volume, rigid motion removed; None after where nothing was exported."""
 
@@ -142,7 +163,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     origin_mm: tuple[float, float, float]
     size_mm: tuple[float, float, float]
     increments: int
-    axis_order: str = "xyz"
+    geometry: GeometryStatus | None = None
     counts_to: int | None = None
     """Where the count is lost in the pass being driven: the last stop to which it still counts; None while nothing is lost."""
     strip: StripStatus | None = None

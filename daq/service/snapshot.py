@@ -12,6 +12,7 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.records.status import LinkStatus, Phase, PredictionStatus, SetupStatus, Snapshot, StripStatus
 from stepdiag.daq.service.finding_list import finding_list
+from stepdiag.daq.service.geometry import geometry
 from stepdiag.daq.service.time_left import seconds_left
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import CONTINUITY
@@ -34,6 +35,7 @@ def snapshot(
     survey, signals = session.survey, session.signals or Signals()
     setup, stop, count, axis = expected_stop(session)
     reading, beam, lost = _reading(session)
+    setups = tuple(setup_status(survey, session.book, name, running=_runs(session, name)) for name in survey.plan.all_setups)
     return Snapshot(
         sequence=sequence,
         wall_time=datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="seconds"),
@@ -66,14 +68,14 @@ def snapshot(
         tilt_mrad=_tilt(session),
         tilt_setup=session.book.driven.route.setup if session.book.driven is not None else "",
         tilt_live=session.book.driven is not None and _runs(session, session.book.driven.route.setup),
-        setups=tuple(setup_status(survey, session.book, name, running=_runs(session, name)) for name in survey.plan.all_setups),
+        setups=setups,
         stops=session.recent.of(survey, session.book),
         findings=finding_list(session.book, session.findings),
         seconds_left=seconds_left(survey, session.book),
         origin_mm=survey.volume.origin_mm,
         size_mm=survey.volume.size_mm,
         increments=survey.volume.increments,
-        axis_order=survey.axis_order,
+        geometry=geometry(survey.volume, survey.axis_order, setups, setup, outward=_expected_pass(session, setup) % 2 == 1),
         counts_to=_counts_to(session, lost),
         strip=_strip(session),
         result_ready=result_ready,

@@ -4,7 +4,7 @@ import io
 import zipfile
 from pathlib import Path
 
-from stepdiag.exporters.files.naming import RESTORE
+from stepdiag.exporters.files.naming import is_restore
 from stepdiag.exporters.files.sets import SUMS
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
@@ -13,7 +13,7 @@ EPOCH = (1980, 1, 1, 0, 0, 0)
 
 def bundle_of(folder: Path, *, restore: bool) -> bytes:
     """Return the zip of an export's folder: its files without those that restore the control, or these alone."""
-    files = [path for path in sorted(folder.iterdir()) if path.is_file() and path.name != SUMS and is_restore(path) == restore]
+    files = [path for path in sorted(folder.iterdir()) if path.is_file() and path.name != SUMS and is_restore(path.name) == restore]
     listed = (folder / SUMS).read_text(encoding="ascii").splitlines() if (folder / SUMS).is_file() else []
     kept = {path.name for path in files}
     sums = "".join(f"{line}\n" for line in listed if line.partition("  ")[2] in kept)
@@ -23,7 +23,3 @@ def bundle_of(folder: Path, *, restore: bool) -> bytes:
             archive.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
 
-
-def is_restore(path: Path) -> bool:
-    """Tell whether a file brings a control back to where it was."""
-    return path.stem.endswith(RESTORE)

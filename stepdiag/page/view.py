@@ -8,7 +8,6 @@ from typing import Any
 import msgspec
 
 from stepdiag.daq.records.status import LinkStatus, SetupStatus, Snapshot, StopStatus
-from stepdiag.page.geometry import geometry
 from stepdiag.page.remarks import grouped
 from stepdiag.page.stage import headline
 from stepdiag.texts import LANGUAGES
@@ -25,13 +24,13 @@ SLOW_FIELDS = (
     "origin_mm",
     "size_mm",
     "increments",
-    "axis_order",
+    "geometry",
     "expects_setup",
     "expects_pass",
     "result_ready",
 )
 """What changes with a stop or a setup; all the rest goes out with every picture."""
-TOLD = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments", "axis_order", "prediction"})
+TOLD = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments", "prediction"})
 """What the browser gets in another form than the daemon's."""
 FAST_FIELDS = tuple(name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in TOLD)
 
@@ -44,7 +43,6 @@ def survey_view(now: Snapshot) -> dict[str, Any]:
         "setups": [_setup(one) for one in now.setups],
         "stops": [_stop(one) for one in now.stops],
         "findings": grouped(now.findings),
-        "geometry": geometry(now),
     }
 
 

@@ -1,20 +1,24 @@
 """Which stage the page is at, and the one sentence that matters: rules on snapshots first, then what a browser shows."""
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 from typing import Any
 
 import msgspec
+import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from stepdiag.daq.capture.route import make_route
 from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot
+from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
 from stepdiag.page.view import FAST_FIELDS, SLOW_FIELDS, TOLD, now_view, survey_view
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.texts import LANGUAGES, catalogue
 from testkit.browser import Watched, violations
+from testkit.madeup import VOLUME
 from testkit.played import PlayedSurvey, Served, served
 
 GONE = LinkStatus(state="silent", address="x", age_s=9.0)
@@ -92,13 +96,20 @@ def test_every_field_of_a_snapshot_is_told_once() -> None:
 
 
 @pytest.mark.parametrize("order", ["xyz", "zyx", "yxz"])
-def test_the_route_drawn_is_the_route_driven(tmp_path: Path, order: str) -> None:
+@pytest.mark.parametrize("outward", [True, False])
+def test_the_route_drawn_is_the_route_driven(order: str, outward: bool) -> None:
     """Whatever order the axes move in, and on the way back: the page draws the recording's own route."""
-    volume = Volume(origin_mm=(0.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10)
-    for number, outward in ((1, True), (2, False)):
-        now = snapshot(tmp_path, axis_order=order, expects_pass=number)
-        drawn = survey_view(now)["geometry"]["route_mm"]
-        assert [list(one) for one in drawn] == make_route(volume, "npp", order, outward=outward).stops_mm.tolist()
+    drawn = geometry(VOLUME, order, (), "npp", outward=outward)
+    assert [list(one) for one in drawn.route_mm] == make_route(VOLUME, "npp", order, outward=outward).stops_mm.tolist()
+    lengths = sorted(float(np.linalg.norm(np.subtract(*edge))) for edge in drawn.edges_mm)
+    assert lengths == sorted([*VOLUME.size_mm] * 4)
+    assert all(VOLUME.origin_mm in edge for edge in drawn.edges_mm[:3])
+
+
+def test_the_page_knows_no_mathematics() -> None:
+    """What runs with the fewest rights loads the least: no numpy in the page's process."""
+    code = "import sys, stepdiag.page.process; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
 def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None:

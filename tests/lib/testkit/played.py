@@ -21,6 +21,7 @@ from stepdiag.daq.records.status import (
     Snapshot,
     StopStatus,
 )
+from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.keeper import Listeners, address_of, open_listener, page_kept
 from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
@@ -74,7 +75,9 @@ class PlayedSurvey:
         self.snapshots_taken += 1
         now = time.monotonic()
         links = {name: self._link(name, now - heard) for name, heard in self._heard.items()}
-        return Snapshot(sequence=self._sequence, wall_time="2026-01-01T00:00:00Z", **links, **self.fields)
+        outward = self.fields.get("expects_pass", 1) % 2 == 1
+        drawn = geometry(VOLUME, "xyz", self.fields["setups"], self.fields["expects_setup"], outward=outward)
+        return Snapshot(sequence=self._sequence, wall_time="2026-01-01T00:00:00Z", geometry=drawn, **links, **self.fields)
 
     def _link(self, name: str, age_s: float) -> LinkStatus:
         address = {"laser": "/dev/ttyUSB0", "plc": "127.0.0.1:502"}[name]
