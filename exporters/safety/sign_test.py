@@ -14,7 +14,7 @@ import numpy as np
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.tables.controller import Controller
-from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
+from stepdiag.exporters.tables.curves import FUNCTIONS, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Sense, Table, correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
@@ -23,15 +23,27 @@ from stepdiag.solver.geometry.volume import Vector
 HEIGHT_UM = 10.0
 SLOPE_UM_MM = 0.2
 """Flank of the bump: the safety checks let it pass."""
-_ACTIVE = 0.5
-"""Share of the expected movement that a verdict needs; less than half of that counts as no movement."""
+_LEFT_BEYOND = 0.5
+"""Share of the expected movement that may be left beyond a bump."""
+_NO_MOVEMENT = 0.05
+_SIZE = (0.525, 1.9)
+"""Share of the expected movement at which a sense is believed: 0.5 to 2 less what a reading is off, for both ends have causes."""
+_CAUSES = (
+    (10.0, "the detection unit, or the least input unit, is ten times what the profile says"),
+    (2.0, "the axis counts in diameters, or the unit of the table is half or twice what the profile says"),
+    (25.4, "inch and mm are mixed up"),
+    (1000.0, "mm and um are mixed up"),
+)
+_ALIKE = 1.3
+"""How near to the factor of a cause a movement must be for the cause to be named."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bump:
-    """A sign test ready to be loaded: what the control's stated law will do at the three positions that decide.
+    """A sign test ready to be loaded: what the control's stated law will do at the positions that decide.
 
-    ``files`` go into the control for the test, ``restore`` after it.
+    ``files`` go into the control for the test, ``restore`` after it. ``beyond_mm`` is where the movement is over again; None for a ramp,
+    the form of a control that holds one slope and no curve.
     """
 
     function: str
@@ -40,12 +52,12 @@ class Bump:
     restore: tuple[ControlFile, ...]
     reference_mm: float
     top_mm: float
-    beyond_mm: float
+    beyond_mm: float | None
 
     @property
     def expected_um(self) -> float:
-        """Return the movement of the output axis on top of the bump if the stated sense is right."""
-        return _moved(self.tables, self.top_mm)
+        """Return the movement of the output axis from the reference to the top of the bump if the stated sense is right."""
+        return _moved(self.tables, self.top_mm) - _moved(self.tables, self.reference_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -74,11 +86,18 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
     letter = function[2]
     grid = profile.grid_mm(letter)
     reference = profile.axis(letter).reference_mm
+    one_way = replace(profile, machine=msgspec.structs.replace(profile.machine, direction="mean"))
     corners, height = _trapezium(grid, reference, profile.source)
     shape = np.interp(grid, np.sort(corners), [0.0, height, height, 0.0])
-    curve = Curve(name=function, position_mm=grid, forward_um=shape, u_um=np.zeros(grid.shape), parts=("sign test",))
-    one_way = replace(profile, machine=msgspec.structs.replace(profile.machine, direction="mean"))
-    plan = controller.plan([curve], one_way)
+    end = float(grid[-1] if corners[3] > corners[0] else grid[0])
+    plan = controller.plan([_curve(function, grid, shape)], one_way)
+    ramp = not plan.tables
+    if ramp:
+        shape = HEIGHT_UM * (grid - reference) / (end - reference)
+        plan = controller.plan([_curve(function, grid, shape, *_squareness_of(function))], one_way)
+    if not plan.tables:
+        expected = "a function that this control has a table for"
+        raise UsageError("--function", expected=expected, found=function, remedy="straightness stays in its report")
     settled = replace(one_way, options=plan.options or profile.options)
     return Bump(
         function=function,
@@ -86,9 +105,18 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
         files=controller.render(plan.tables, settled, notes=("SIGN TEST: a bump, no compensation",)),
         restore=tuple(restore_files(controller, plan.tables, settled)),
         reference_mm=reference,
-        top_mm=float(np.mean(corners[1:3])),
-        beyond_mm=float(grid[-1] if corners[3] > corners[0] else grid[0]),
+        top_mm=end if ramp else float(np.mean(corners[1:3])),
+        beyond_mm=None if ramp else end,
     )
+
+
+def _curve(function: str, grid: Vector, shape: Vector, *parts: str) -> Curve:
+    return Curve(name=function, position_mm=grid, forward_um=shape, u_um=np.zeros(grid.shape), parts=("sign test", *parts))
+
+
+def _squareness_of(function: str) -> tuple[str, ...]:
+    """Return the squareness that a straightness function can hold as its slope."""
+    return tuple(name for name, slopes in SQUARENESS_SLOPE.items() if function in slopes)
 
 
 def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> Verdict:
@@ -99,19 +127,33 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
     """
     table = test.tables[-1]
     moved = _from_reference(test, position_mm, np.asarray(on_um) - np.asarray(off_um))
-    at_top, beyond = (float(np.interp(at, *moved)) for at in (test.top_mm, test.beyond_mm))
+    at_top = float(np.interp(test.top_mm, *moved))
+    beyond = 0.0 if test.beyond_mm is None else float(np.interp(test.beyond_mm, *moved))
     expected = test.expected_um
-    if abs(at_top) < _ACTIVE / 2 * abs(expected):
-        return Verdict(kind=table.kind, sense=None, moved_um=at_top, text=f"the axis moved {at_top:.1f} um: the table is not active")
-    if abs(beyond) > _ACTIVE * abs(expected):
-        text = f"{beyond:.1f} um are left beyond the bump: the control reads {_other_data(table)} data"
+    share = abs(at_top / expected)
+
+    def undecided(text: str) -> Verdict:
         return Verdict(kind=table.kind, sense=None, moved_um=at_top, text=text)
-    if abs(at_top) < _ACTIVE * abs(expected):
-        return Verdict(kind=table.kind, sense=None, moved_um=at_top, text=f"the axis moved {at_top:.1f} um of {expected:.1f} um: not clear")
+
+    if share < _NO_MOVEMENT:
+        return undecided(f"the axis moved {at_top:.1f} um: the table is not active")
+    if abs(beyond) > _LEFT_BEYOND * max(abs(at_top), abs(expected)):
+        return undecided(f"{beyond:.1f} um are left beyond the bump: the control reads {_other_data(table)} data")
+    if not _SIZE[0] <= share <= _SIZE[1]:
+        return undecided(f"the axis moved {at_top:+.1f} um instead of {expected:.1f} um, {share:.3g} times as much: {_cause(share)}")
     right = (at_top > 0) == (expected > 0)
     sense = table.law.sense if right else _opposite(table.law.sense)
     text = f"the axis moved {at_top:+.1f} um: the table is {sense}" + ("" if right else f", NOT {table.law.sense} as it was written")
     return Verdict(kind=table.kind, sense=sense, moved_um=at_top, text=text)
+
+
+def _cause(share: float) -> str:
+    """Return the likely cause of a movement of the wrong size: the one whose factor is nearest."""
+    factor = max(share, 1.0 / share)
+    nearest, words = min(_CAUSES, key=lambda cause: abs(np.log(factor / cause[0])))
+    if max(factor / nearest, nearest / factor) <= _ALIKE:
+        return words
+    return "look at the detection unit, diameter programming and inches, and that the table of the test alone is active"
 
 
 def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, float]:
@@ -141,7 +183,7 @@ def _from_reference(test: Bump, position_mm: Vector, moved_um: Vector) -> tuple[
     """Return positions in ascending order and the movement relative to the reference."""
     order = np.argsort(position_mm)
     position, moved = np.asarray(position_mm)[order], moved_um[order]
-    needed = (test.reference_mm, test.top_mm, test.beyond_mm)
+    needed = (test.reference_mm, test.top_mm, test.top_mm if test.beyond_mm is None else test.beyond_mm)
     if len(position) < 3 or position[0] > min(needed) + 1e-3 or position[-1] < max(needed) - 1e-3:
         raise DataError(
             "sign test", expected=f"positions from {min(needed):g} to {max(needed):g} mm", found=f"{len(position)} positions",

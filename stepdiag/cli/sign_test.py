@@ -83,7 +83,8 @@ def _steps(test: "Bump", controller: str, profile: Path) -> str:
     moving, measured = test.function[2], test.function[1]
     along = moving == measured
     laser = f"a laser along {measured}" if along else f"a dial or a straightness laser that sees {measured}"
-    places = f"{test.reference_mm:g}, {test.top_mm:g} and {test.beyond_mm:g} mm and a few positions between them"
+    decisive = [test.reference_mm, test.top_mm, *([] if test.beyond_mm is None else [test.beyond_mm])]
+    places = f"{', '.join(f'{at:g}' for at in decisive)} mm and a few positions between them"
     reading = "--off OFF.csv --on ON.csv (readings of linear runs)" if along else "--run RUN.csv (position_mm,off_um,on_um)"
     expected = f"{measured} moves {test.expected_um:+.1f} um at {test.top_mm:g} mm"
     steps = (

@@ -11,7 +11,7 @@ from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.sign_run import from_readings, read_sign_run
 from stepdiag.exporters.safety.sign_test import Bump, bump, verdict
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.errors import DataError, SafetyError
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.readings.readings import Readings, make_readings
 from testkit.machines import profile_of
 from testkit.results import VOLUME
@@ -54,6 +54,32 @@ class TestBump:
         assert refusal.value.code == "bump-does-not-fit"
 
 
+class TestSlope:
+    """LinuxCNC holds one number for a squareness: its test is a ramp."""
+
+    def ramp(self) -> Bump:
+        return bump(controller_named("linuxcnc"), profile_of("linuxcnc", VOLUME, sections=8), "EXY")
+
+    def moved_um(self, test: Bump) -> np.ndarray:
+        points = np.column_stack([np.zeros(41), np.linspace(0.0, 400.0, 41), np.zeros(41)])
+        return total_correction_um(test.tables, points)[:, 0]
+
+    def test_moves_the_axis_at_the_far_end(self):
+        test = self.ramp()
+        assert ([table.kind for table in test.tables], test.top_mm, test.beyond_mm) == (["matrixkins"], 400.0, None)
+        assert test.expected_um == pytest.approx(-10.0, abs=1e-3)
+
+    @pytest.mark.parametrize(("sign", "sense"), [(1, "as-compensation"), (-1, "as-error")])
+    def test_tells_the_sense(self, sign, sense):
+        test = self.ramp()
+        shown = verdict(test, np.linspace(0.0, 400.0, 41), 0 * POSITIONS, 5.0 + sign * self.moved_um(test))
+        assert (shown.kind, shown.sense) == ("matrixkins", sense)
+
+    def test_a_control_without_a_table_for_it_says_so(self):
+        with pytest.raises(UsageError, match="a function that this control has a table for"):
+            bump(controller_named("fagor"), profile_of("fagor", VOLUME, sections=8), "EXY")
+
+
 class TestVerdict:
     def test_a_control_that_does_as_stated(self):
         test = siemens_bump()
@@ -82,9 +108,32 @@ class TestVerdict:
         assert shown.sense is None
         assert "incremental" in shown.text
 
-    def test_half_a_movement_decides_nothing(self):
+    @pytest.mark.parametrize(
+        ("share", "cause"),
+        [
+            (10.0, "ten times"),
+            (0.1, "ten times"),
+            (2.0, "diameters"),
+            (0.5, "diameters"),
+            (25.4, "inch"),
+            (1 / 25.4, "not active"),
+            (1000.0, "mm and um"),
+            (4.0, "look at"),
+            (0.4, "diameters"),
+        ],
+    )
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_a_movement_of_the_wrong_size_decides_nothing_and_names_its_cause(self, share, cause, sign):
+        """Outside half to twice of what is expected the sense is not believed: something counts in other units."""
         test = siemens_bump()
-        assert verdict(test, POSITIONS, 0 * POSITIONS, 0.4 * moved_um(test)).sense is None
+        shown = verdict(test, POSITIONS, 0 * POSITIONS, sign * share * moved_um(test))
+        assert shown.sense is None
+        assert cause in shown.text
+
+    @pytest.mark.parametrize("share", [0.6, 1.0, 1.8])
+    def test_between_half_and_twice_the_sense_is_told(self, share):
+        test = siemens_bump()
+        assert verdict(test, POSITIONS, 0 * POSITIONS, share * moved_um(test)).sense == "as-error"
 
     def test_a_run_that_does_not_reach_the_bump_is_refused(self):
         with pytest.raises(DataError, match="drive the run over"):
