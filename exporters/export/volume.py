@@ -16,6 +16,7 @@ from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.verify import Prediction, predict_moved
 from stepdiag.exporters.tables import lattice
+from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import LimitsSection, Profile
 from stepdiag.solver.errors import SafetyError
@@ -84,8 +85,9 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
         float(np.max(np.abs(np.diff(held.vectors_um, axis=axis)) / np.diff(at).reshape([-1 if n == axis else 1 for n in range(4)])))
         for axis, at in enumerate(held.axes_mm)
     )
-    if steepest > limits.slope_um_mm:
-        yield Finding(code="slope-steep", severity="warning", text=f"lattice: {steepest:.3f} um/mm, above {limits.slope_um_mm:g} um/mm")
+    most = limits.slope_um_mm or PLAUSIBLE_SLOPE_UM_MM
+    if steepest > most:
+        yield Finding(code="slope-steep", severity="warning", text=f"lattice: {steepest:.3f} um/mm, above {most:g} um/mm")
     for finding in result.findings:
         if finding.severity == "error":
             yield Finding(code="data-quality", severity="error", text=f"{finding.code}: {finding.text}")

@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.exporters.fanuc import lines, pitch
+from stepdiag.exporters.fanuc.identity import identity_findings
 from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
 from stepdiag.exporters.fanuc.parameters import SET_BY_HAND, Key, fitted, parameter_rows, parameters_of, stored_in
 from stepdiag.exporters.fanuc.punch import FIRST_PITCH_LINE, PunchFile, read_punch
@@ -47,7 +48,7 @@ class Fanuc:
         options = profile.options_as(FanucOptions)
         if table.kind != pitch.KIND:
             return Limits(points=4)
-        return Limits(points=options.points_per_axis, neighbour_um=options.increment_limit * table.quantum_um)
+        return Limits(points=options.points_per_axis, neighbour_um=options.increment_limit * table.quantum_um, slope_um_mm=None)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return pitch tables for positioning errors, with inclination where asked, and four-point tables for straightness."""
@@ -67,7 +68,7 @@ class Fanuc:
                 findings.append(_straightness_remark(curve, left_um, options))
         return Plan(
             tables=tuple(tables),
-            findings=(*findings, *_overlaps(tables)),
+            findings=(*findings, *_overlaps(tables), *identity_findings(list(map(read_punch, profile.existing)), profile, options)),
             listed=tuple(listed),
             options=_with_magnifications(options, tables),
         )

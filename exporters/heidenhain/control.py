@@ -71,7 +71,7 @@ class Heidenhain:
         """Return the limits of the older controls; for the newer none are public."""
         if profile.options_as(HeidenhainOptions).generation == "tnc640":
             return Limits()
-        return Limits(points=_MOST_POINTS, neighbour_um_mm=_NEIGHBOUR_UM_MM)
+        return Limits(points=_MOST_POINTS, neighbour_um_mm=_NEIGHBOUR_UM_MM, slope_um_mm=None)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return one table for each curve: the mean of both directions, for the sense of the BACKLASH column is not public."""

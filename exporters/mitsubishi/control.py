@@ -68,7 +68,7 @@ class Mitsubishi:
     def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
         """Return what -128 to 127 units allow."""
         most = _MOST * table.quantum_um
-        return Limits(neighbour_um=most) if table.law.data == "incremental" else Limits(value_um=most)
+        return Limits(neighbour_um=most, slope_um_mm=None) if table.law.data == "incremental" else Limits(value_um=most)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return one table for each curve, the smallest scale chosen that keeps its data within -128 to 127."""

@@ -27,7 +27,7 @@ A0Z = "EYZ"                   # EYZ or EZY
 # value_um = 100.0            # larger corrections are refused
 # warn_value_um = 50.0        # larger corrections have to be accepted
 # change_um = 20.0            # larger changes against the table of now have to be accepted
-# slope_um_mm = 0.2           # steeper corrections have to be accepted
+# slope_um_mm = 0.2           # steeper corrections have to be accepted; left out: the limit of this control
 # points = 256                # most points in a table, where the control holds fewer than usual
 
 # [[sign_test]]               # one for each kind of table: what the sign test showed on this machine, valid for 12 months

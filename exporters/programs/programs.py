@@ -1,5 +1,6 @@
 """The programs of a survey for one control: the door that the command line uses."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
@@ -9,15 +10,19 @@ from stepdiag.exporters.programs.fanuc import Fanuc
 from stepdiag.exporters.programs.heidenhain import Heidenhain
 from stepdiag.exporters.programs.linuxcnc import LinuxCNC
 from stepdiag.exporters.programs.sequence import Sequence, check
+from stepdiag.exporters.programs.sequence import travel_mm as travel_of
 from stepdiag.exporters.programs.siemens import Siemens
 from stepdiag.exporters.programs.signals import Signals
-from stepdiag.solver.errors import UsageError
+from stepdiag.solver.errors import SafetyError, UsageError
+from stepdiag.solver.geometry.volume import AXES
 
 _DIALECTS: Mapping[str, Dialect] = MappingProxyType(
     {dialect.control: dialect for dialect in (Fanuc(), Siemens(), Heidenhain(), LinuxCNC())}
 )
 CONTROLS = tuple(_DIALECTS)
 """The controls for which `nc_programs` can write."""
+
+_SLACK_MM = 1e-6
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,14 +34,23 @@ class Program:
     data: bytes
 
 
-def nc_programs(sequence: Sequence, control: str, *, signals: Signals | None = None, decimals: int | None = None) -> tuple[Program, ...]:
+def nc_programs(
+    sequence: Sequence,
+    control: str,
+    *,
+    signals: Signals | None = None,
+    decimals: int | None = None,
+    travel_mm: Mapping[str, tuple[float, float]] | None = None,
+) -> tuple[Program, ...]:
     """Return one program for each setup of the sequence, in its order.
 
     ``signals`` are the texts of this machine (None: the control's defaults), ``decimals`` the decimal places of its input
     increment in mm. Raises ``UsageError`` for an unknown control, a sequence that cannot be driven, a position that the
-    control would round, and a handshake without the words to wait for it.
+    control would round, and a handshake without the words to wait for it; ``SafetyError`` (code ``travel-exceeded``) where a program
+    would leave ``travel_mm``, the software limits by axis (x, y, z), approaches included.
     """
     check(sequence)
+    _keep_within(sequence, travel_mm or {})
     dialect = _dialect(control)
     chosen = signals or dialect.signals
     if sequence.handshake and not chosen.wait:
@@ -51,6 +65,21 @@ def nc_programs(sequence: Sequence, control: str, *, signals: Signals | None = N
         for setup in sequence.setups
     ]
     return tuple(Program(name=dialect.file_name(job), setup=job.setup, data=dialect.render(job).encode("ascii")) for job in jobs)
+
+
+def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]]) -> None:
+    for setup in sequence.setups:
+        low, high = travel_of(sequence, setup)
+        for index, axis in enumerate(AXES):
+            least, most = limits_mm.get(axis, (-math.inf, math.inf))
+            if low[index] < least - _SLACK_MM or high[index] > most + _SLACK_MM:
+                raise SafetyError(
+                    f"plan.setups: {setup}, {axis.upper()}",
+                    code="travel-exceeded",
+                    expected=f"positions from {least:g} to {most:g} mm, the travel_mm of the profile",
+                    found=f"{low[index]:g} to {high[index]:g} mm, overrun included",
+                    remedy="a smaller plan.overrun_mm, or a volume within the travel",
+                )
 
 
 def default_signals(control: str) -> Signals:

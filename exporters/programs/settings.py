@@ -9,7 +9,7 @@ from typing import Annotated
 
 import msgspec
 
-from stepdiag.exporters.files.settings import convert, read_toml
+from stepdiag.exporters.files.settings import convert, read_toml, refuse
 from stepdiag.exporters.programs.signals import Signals
 from stepdiag.solver.errors import UsageError
 
@@ -40,6 +40,10 @@ class ProgramSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
         return replace(defaults, **own)
 
 
+class _Travel(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    travel_mm: tuple[float, float]
+
+
 def program_section(text: str, source: str, control: str) -> ProgramSection:
     """Return the section in the TOML text of a profile, all defaults where there is none.
 
@@ -51,6 +55,19 @@ def program_section(text: str, source: str, control: str) -> ProgramSection:
     if named != control:
         raise UsageError(f"{source}: machine.controller", expected=control, found=repr(named), remedy="name the profile of this control")
     return convert(tables.get(SECTION, {}), ProgramSection, source, SECTION)
+
+
+def travel_in(text: str, source: str) -> dict[str, tuple[float, float]]:
+    """Return the software limits of the axes (x, y, z) that a profile states as ``travel_mm``. Raises ``UsageError`` for a wrong one."""
+    axes = read_toml(text, source).get("axes", {})
+    found = {}
+    for letter, axis in axes.items() if isinstance(axes, dict) else ():
+        if isinstance(axis, dict) and "travel_mm" in axis:
+            travel = convert({"travel_mm": axis["travel_mm"]}, _Travel, source, f"axes.{letter}").travel_mm
+            if travel[0] >= travel[1]:
+                raise refuse(source, f"axes.{letter}.travel_mm", "the lower end first", list(travel))
+            found[letter.lower()] = travel
+    return found
 
 
 def program_template(defaults: Signals, decimals: int) -> str:

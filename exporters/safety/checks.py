@@ -95,8 +95,9 @@ def check_slope(case: Case) -> Iterator[Finding]:
         spacing = np.diff(table.position_mm)
         steps = np.abs(np.diff(table.absolute_um))
         steepest = float(np.max(steps / spacing))
-        if steepest > case.profile.limits.slope_um_mm:
-            yield _warning("slope-steep", f"{table.label}: {steepest:.3f} um/mm, above {case.profile.limits.slope_um_mm:g} um/mm")
+        most = case.profile.limits.slope_um_mm or own.slope_um_mm
+        if most is not None and steepest > most:
+            yield _warning("slope-steep", f"{table.label}: {steepest:.3f} um/mm, above {most:g} um/mm")
         allowed = np.full(steps.shape, np.inf if own.neighbour_um is None else own.neighbour_um)
         if own.neighbour_um_mm is not None:
             allowed = np.minimum(allowed, own.neighbour_um_mm * spacing)
@@ -108,7 +109,14 @@ def check_slope(case: Case) -> Iterator[Finding]:
 
 
 def check_points(case: Case) -> Iterator[Finding]:
-    """5: number of points."""
+    """5: number of points, and of tables of a kind."""
+    for kind in sorted({table.kind for table in case.tables}):
+        of_kind = [table for table in case.tables if table.kind == kind]
+        held = case.controller.limits(of_kind[0], case.profile).tables
+        highest = max((number for table in of_kind if isinstance(number := table.place.get("table"), int)), default=-1)
+        if held is not None and (len(of_kind) > held or highest >= held):
+            text = f"{len(of_kind)} {kind} tables up to number {max(highest, len(of_kind) - 1)}: the control holds {held}, numbered from 0"
+            yield _error("tables-beyond-limit", text)
     for table in case.tables:
         own = case.controller.limits(table, case.profile).points
         allowed = min((limit for limit in (own, case.profile.limits.points) if limit is not None), default=None)

@@ -15,7 +15,7 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, restore
 from stepdiag.exporters.siemens.ini import data_file
 from stepdiag.exporters.siemens.loader import Load
-from stepdiag.exporters.tables.controller import Limits, Plan
+from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM, Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
@@ -33,6 +33,8 @@ class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     measuring_system: Annotated[int, msgspec.Meta(ge=1, le=2)]
     eec_points: dict[str, Size] = {}
     cec_points: Size | None = None
+    cec_tables_held: Size | None = None
+    cec_max_velo: Annotated[float, msgspec.Meta(gt=0, le=1)] | None = None
     first_cec_table: Size = 0
     cec_tables: dict[str, list[Size]] = {}
     cec_sense: Sense = "as-error"
@@ -45,6 +47,8 @@ _TEMPLATE = """\
 measuring_system = "?"        # 1 or 2: which encoder the position control uses now (DB31.. DBX1.5 = 1, DBX1.6 = 2)
 # eec_points = { X = 100, Y = 100, Z = 100 }   # MD38000 of each axis; then surplus points are written as 0
 # cec_points = 100            # MD18342, the same for every table used here (828D: 200)
+# cec_tables_held = 8         # how many CEC tables the control holds (828D: 8; 840D sl: twice its axes); more are refused
+# cec_max_velo = 0.1          # MD32730 of the compensated axes: the slope of CEC tables is judged by it
 # first_cec_table = 0         # index of the first free CEC table ($AN_CEC[t,..] counts from 0)
 # cec_tables = { EYX = [2] }  # index by function; two indices where each direction has its own table
 # cec_sense = "as-error"      # sense of the CEC tables: the manual does not state it, the sign test does
@@ -68,9 +72,13 @@ class Siemens:
         return SiemensOptions(measuring_system=1)
 
     def limits(self, table: Table, profile: Profile) -> Limits:
-        """Return MD38000 or MD18342 as the profile gives them; the control limits neither values nor slopes."""
+        """Return MD38000, MD18342, the number of CEC tables and the slope that MD32730 lets pass, as the profile gives them."""
         options = profile.options_as(SiemensOptions)
-        return Limits(points=options.eec_points.get(table.input_axis) if table.kind == eec.KIND else options.cec_points)
+        if table.kind == eec.KIND:
+            return Limits(points=options.eec_points.get(table.input_axis))
+        # MD32730 is a share of the axis' own top speed: at equal top speeds the correction may move at that share of the base axis' speed.
+        slope = PLAUSIBLE_SLOPE_UM_MM if options.cec_max_velo is None else 1000.0 * options.cec_max_velo
+        return Limits(points=options.cec_points, tables=options.cec_tables_held, slope_um_mm=slope)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return EEC tables for positioning errors and CEC tables for the rest, CEC table numbers given out in order."""

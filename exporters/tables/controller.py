@@ -16,21 +16,27 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.findings import Finding
 
+PLAUSIBLE_SLOPE_UM_MM = 0.2
+"""What no sound guideway or screw exceeds over the distance of two table points (controllers.md 10.4), where a control has no limit."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Limits:
     """What the control itself accepts; None where it sets no limit.
 
     ``points``: most points in one table; ``neighbour_um``: largest change from point to point; ``neighbour_um_mm``:
-    the same per mm of spacing; ``value_um``: largest value. ``reference_um`` is what the table holds at the reference on purpose, because
-    it takes over something else that the control does there. ``ends_backlash``: the control's own backlash compensation stops where this
-    table acts, so the two cannot hold the reversal error twice.
+    the same per mm of spacing; ``value_um``: largest value; ``tables``: most tables of a kind. ``slope_um_mm`` is
+    where a slope stops being plausible; None where the control's own limit of neighbours says more. ``reference_um`` is what the
+    table holds at the reference on purpose, because it takes over something else that the control does there. ``ends_backlash``: the
+    control's own backlash compensation stops where this table acts, so the two cannot hold the reversal error twice.
     """
 
     points: int | None = None
     neighbour_um: float | None = None
     neighbour_um_mm: float | None = None
     value_um: float | None = None
+    tables: int | None = None
+    slope_um_mm: float | None = PLAUSIBLE_SLOPE_UM_MM
     reference_um: float = 0.0
     ends_backlash: bool = False
 

@@ -38,8 +38,7 @@ def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
             remedy="a table for the mean would lose the reversal correction that was active while measuring",
         )
     grid = profile.grid_mm(curve.input_axis)
-    forward = curve.at(grid, +1) - active_um(active, grid, +1)
-    reverse = curve.at(grid, -1) - active_um(active, grid, -1)
+    forward, reverse = (_without(curve, active, grid, direction) for direction in (+1, -1))
     return Curve(
         name=curve.name,
         position_mm=grid,
@@ -51,12 +50,23 @@ def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
     )
 
 
-def active_um(active: Sequence[Table], grid_mm: Vector, direction: int) -> Vector:
-    """Return what active tables add at positions, in um, linear between their points and held outside (controllers.md 9, rule 1).
+def _without(curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: int) -> Vector:
+    """Return the error of the bare machine on a grid.
 
-    Also for a stepped control: the residual itself is known at measured positions only and is joined by straight lines.
+    The residual is known at the measured positions, with what the control did there: its steps, where it compensates in steps. So the
+    steps are taken off at these positions, before anything is joined by straight lines; the old table between them is kept in full.
     """
-    total = np.zeros(grid_mm.shape)
-    for table in active:
-        total += correction_um(replace(table, law=replace(table.law, between="linear")), grid_mm, direction)
-    return total
+    measured = curve.position_mm
+    steps = _active_um(active, measured, direction) - _joined_um(active, measured, direction)
+    smooth = curve.toward(direction) - steps
+    return np.asarray(np.interp(grid_mm, measured, smooth) - _joined_um(active, grid_mm, direction))
+
+
+def _active_um(active: Sequence[Table], position_mm: Vector, direction: int) -> Vector:
+    """Return what active tables add at positions by the control's own law, in um."""
+    return sum((correction_um(table, position_mm, direction) for table in active), np.zeros(position_mm.shape))
+
+
+def _joined_um(active: Sequence[Table], position_mm: Vector, direction: int) -> Vector:
+    """Return the same with the points of stepped tables joined by straight lines: what the machine needs, not what its control can."""
+    return _active_um([replace(table, law=replace(table.law, between="linear")) for table in active], position_mm, direction)

@@ -65,7 +65,8 @@ class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_
     value_um: Positive = 100.0
     warn_value_um: Positive = 50.0
     change_um: Positive = 20.0
-    slope_um_mm: Positive = 0.2
+    slope_um_mm: Positive | None = None
+    """None: the control's own limit, or what is plausible where it has none."""
     points: Annotated[int, msgspec.Meta(ge=2)] | None = None
 
 

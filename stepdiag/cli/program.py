@@ -28,12 +28,14 @@ def program(
     from stepdiag.exporters.files.writing import write_all
     from stepdiag.exporters.profiles.file import read_profile_text
     from stepdiag.exporters.programs import default_signals, nc_programs
-    from stepdiag.exporters.programs.settings import program_section
+    from stepdiag.exporters.programs.settings import program_section, travel_in
 
     sequence = sequence_of(load_survey(file))
     defaults = default_signals(controller)
-    section = program_section("" if profile is None else read_profile_text(profile), "" if profile is None else profile.name, controller)
-    programs = nc_programs(sequence, controller, signals=section.signals(defaults), decimals=section.decimals)
+    text, source = ("", "") if profile is None else (read_profile_text(profile), profile.name)
+    section = program_section(text, source, controller)
+    signals, travel = section.signals(defaults), travel_in(text, source)
+    programs = nc_programs(sequence, controller, signals=signals, decimals=section.decimals, travel_mm=travel)
     write_all(out, [ControlFile(name=each.name, data=each.data, role="program") for each in programs])
     written = [{"setup": each.setup, "file": str(out / each.name)} for each in programs]
     if as_json:

@@ -14,7 +14,8 @@ from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions, Straightn
 from stepdiag.exporters.fanuc.pitch import KIND, LAW
 from stepdiag.exporters.fanuc.punch import read_punch
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.tables.curves import curves_of
+from stepdiag.exporters.tables.curves import Curve, curves_of
+from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import AxisSection, Profile
 from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.errors import DataError, SafetyError
@@ -246,3 +247,64 @@ def test_readable_table_has_parameters_and_data():
     for text in ("parameter 3620 A1 = 40", "parameter 3621 A1 = 39", "parameter 3622 A1 = 42", "parameter 3623 A1 = 1", "3624 A1 = 100.0"):
         assert text in rows
     assert FANUC.count("reference_point") == 3
+
+
+class TestIdentity:
+    """The machine's own file must be that of the machine in the profile."""
+
+    WELL = ("N01020Q1A1P88A2P89A3P90", "N03620Q1A1P40A2P80A3P120", "N03622Q1A1P42A2P0A3P0", "N03605Q1A1P00000000")
+    PITCH = tuple(f"N1{point:04}Q0P0" for point in range(38, 43))
+
+    def codes(self, *lines: str, **options: object) -> set[str]:
+        profile = fanuc_profile((punch(*self.WELL, *lines, *self.PITCH),), **options)
+        plan = CONTROL.plan(curves_of(made_result({"EXX": EXAMPLE}), ["EXX"]), profile)
+        return {item.code for item in plan.findings if item.severity != "info"}
+
+    def test_a_file_of_this_machine_passes(self):
+        assert self.codes("N01006Q1A1P00000000", "N01013Q1A1P00000000", "N01001Q1L1P00000000", "N08135Q1P00000000") == set()
+
+    @pytest.mark.parametrize(
+        ("line", "code"),
+        [
+            ("N01006Q1A1P00001000", "axis-in-diameters"),
+            ("N01013Q1A1P00000010", "least-input-differs"),
+            ("N01001Q1P00000001", "machine-in-inches"),
+            ("N08135Q1P00000001", "compensation-disabled"),
+        ],
+    )
+    def test_a_unit_or_switch_that_contradicts(self, line, code):
+        assert self.codes(line) == {code}
+
+    @pytest.mark.parametrize(
+        ("old", "new", "code"),
+        [
+            ("A1P88A2P89", "A1P89A2P88", "axis-number-differs"),
+            ("A1P40", "A1P41", "reference-point-differs"),
+            ("N03605Q1A1P00000000", "N03605Q1A1P00000001", "bidirectional-active"),
+        ],
+    )
+    def test_another_machine_or_setting(self, old, new, code, monkeypatch):
+        monkeypatch.setattr(type(self), "WELL", tuple(line.replace(old, new) for line in self.WELL))
+        assert self.codes() == {code}
+
+    def test_an_export_is_refused(self, tmp_path):
+        profile = fanuc_profile((punch("N01020Q1A1P89", *self.PITCH),))
+        with pytest.raises(SafetyError) as refusal:
+            export(made_result({"EXX": EXAMPLE}), "fanuc", profile, out_dir=tmp_path / "out")
+        assert refusal.value.code == "axis-number-differs"
+
+
+def test_merging_takes_the_steps_of_the_old_table_off_where_they_were_measured():
+    """A machine that errs along a straight line, old steps of 100 mm, a survey every 40 mm: the sum is the straight line again."""
+    machine = lambda at: 0.05 * (np.asarray(at) + 200.0)  # noqa: E731
+    old = Table(
+        kind=KIND, input_axis="X", output_axis="X", position_mm=np.linspace(-200, 200, 5), value_um=np.array([0.0, -5, -5, -5, -5]),
+        quantum_um=1.0, law=LAW, reference_mm=-200.0,
+    )  # fmt: skip
+    measured = np.linspace(-200, 200, 11)
+    residual = Curve(
+        name="EXX", position_mm=measured, forward_um=machine(measured) + correction_um(old, measured), u_um=np.zeros(11), parts=("EXX",)
+    )
+    profile = fanuc_profile()
+    (bare,) = merged([residual], [old], profile)
+    np.testing.assert_allclose(bare.forward_um, machine(bare.position_mm), atol=1e-9)

@@ -1,16 +1,19 @@
 """Siemens files: the worked examples, production snippets as parser input, the guards of the loading programs."""
 
+from contextlib import nullcontext
 from dataclasses import replace
 
+import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens.control import Siemens, SiemensOptions
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import AxisSection, Profile
 from stepdiag.exporters.tables.tables import Table, correction_um
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.geometry.volume import Volume
 from testkit.machines import profile_of
 from testkit.results import VOLUME, made_result
@@ -227,3 +230,23 @@ def _at(table: Table, position: float) -> float:
 
 def _fields(struct: object) -> dict[str, object]:
     return {name: getattr(struct, name) for name in struct.__struct_fields__}
+
+
+@pytest.mark.parametrize(("held", "first", "refused"), [(8, 0, False), (6, 0, False), (5, 0, True), (8, 3, True), (None, 50, False)])
+def test_more_tables_than_the_control_holds_are_refused(held, first, refused, tmp_path):
+    """An 828D has eight CEC tables, counted from 0 (controllers.md 3.2)."""
+    profile = profile_of("siemens", VOLUME)
+    profile = replace(profile, options=msgspec.structs.replace(profile.options, cec_tables_held=held, first_cec_table=first))
+    result = made_result({"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0]})
+    with pytest.raises(SafetyError, match="the control holds") if refused else nullcontext():
+        export(result, "siemens", profile, out_dir=tmp_path / "out")
+
+
+@pytest.mark.parametrize(("share", "refused"), [(None, True), (0.1, False)])
+def test_the_slope_of_cec_is_judged_by_the_controls_own_limit(share, refused, tmp_path):
+    """MD32730 lets the correction move at a tenth of the top speed: 0.5 um/mm is far below it, and above what is plausible elsewhere."""
+    profile = profile_of("siemens", VOLUME)
+    profile = replace(profile, options=msgspec.structs.replace(profile.options, cec_max_velo=share))
+    result = made_result({"EYX": [0, 0, 30, 0, 0]})
+    with pytest.raises(SafetyError, match=r"um/mm, above 0\.2") if refused else nullcontext():
+        export(result, "siemens", profile, out_dir=tmp_path / "out")

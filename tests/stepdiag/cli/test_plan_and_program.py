@@ -86,6 +86,15 @@ class TestProgram:
         body = [(tmp_path / folder / "O8001").read_bytes() for folder in "ab"]
         assert body[0] == body[1]
 
+    @pytest.mark.parametrize(("travel", "code"), [("[-5.0, 505.0]", 0), ("[-4.0, 505.0]", 5), ("[-5.0, 100.0]", 5), ("[5.0, -5.0]", 2)])
+    def test_keeps_within_the_travel_of_the_profile(self, survey, tmp_path, travel, code):
+        """Overrun included: a program that would run into a software limit is not written."""
+        (tmp_path / "p.toml").write_text(f"[axes.X]\ntravel_mm = {travel}\n", encoding="utf-8")
+        told = stepdiag("program", survey, "--controller", "siemens", "--profile", tmp_path / "p.toml", "--out", tmp_path / "nc")
+        assert told.code == code
+        assert (tmp_path / "nc").exists() == (code == 0)
+        assert code == 0 or "travel_mm" in told.refusal
+
     def test_an_unknown_control_is_refused(self, survey, tmp_path):
         told = stepdiag("program", survey, "--controller", "fagor", "--out", tmp_path / "nc")
         assert told.code == 2

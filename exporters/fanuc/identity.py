@@ -1,0 +1,72 @@
+"""Is the machine's own punched file that of the machine in the profile? What it says of its axes and units must agree.
+
+Read in manuals: 1020 axis names as ASCII (88 X, 89 Y, 90 Z), 3620 reference point, 3605#0 bidirectional compensation, 8135#0 of the 0i-D
+(controllers.md 2.1, 2.6). Recalled only, and therefore warnings that may be accepted: 1001#0 inch machine, 1006#3 axis in diameters,
+1013#0 and #1 the increment system.
+"""
+
+from collections.abc import Iterator, Sequence
+
+from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions
+from stepdiag.exporters.fanuc.punch import PunchFile
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.solver.findings import Finding
+
+AXIS_NAME, REFERENCE_POINT, HIGHEST_POINT = 1020, 3620, 3622
+_INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
+"""Least input increment by 1013#0 (IS-A) and 1013#1 (IS-C)."""
+
+
+def identity_findings(masters: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> Iterator[Finding]:
+    """Yield an error or a warning for all that the machine's own files say against the profile; what is not there says nothing."""
+    if _bit(masters, 8135, None, 0):
+        yield _error("compensation-disabled", "8135#0 (NPE) is 1: this control does not use stored pitch error compensation")
+    if _bit(masters, 1001, None, 0) and profile.machine.units == "mm":
+        yield _warning("machine-in-inches", "1001#0 (INM) is 1: the machine counts in inches, the profile in mm")
+    for letter, axis in options.axes.items():
+        yield from _axis(masters, letter, axis, profile, options)
+
+
+def _axis(masters: Sequence[PunchFile], letter: str, axis: AxisPoints, profile: Profile, options: FanucOptions) -> Iterator[Finding]:
+    name = _number(masters, AXIS_NAME, axis.number)
+    if name is not None and name != ord(letter):
+        shown = chr(name) if 32 < name < 127 else str(name)
+        yield _error("axis-number-differs", f"1020 A{axis.number} is {name} ({shown}): axis {axis.number} of this control is not {letter}")
+    reference, highest = _number(masters, REFERENCE_POINT, axis.number), _number(masters, HIGHEST_POINT, axis.number)
+    if highest and reference is not None and reference != axis.reference_point:
+        text = f"3620 A{axis.number} is {reference}, the profile says {axis.reference_point} for {letter}: the table would lie elsewhere"
+        yield _error("reference-point-differs", text)
+    if _bit(masters, 3605, axis.number, 0) and not (options.experimental_bidirectional and profile.machine.direction == "both"):
+        text = f"3605#0 A{axis.number} is 1: {letter} uses a second table for travel in -, which this export would leave as it is"
+        yield _error("bidirectional-active", text)
+    if _bit(masters, 1006, axis.number, 3):
+        yield _warning("axis-in-diameters", f"1006#3 A{axis.number} is 1: {letter} is programmed in diameters, its table may count twice")
+    is_a, is_c = (_bit(masters, 1013, axis.number, bit) for bit in (0, 1))
+    if is_a is not None and is_c is not None and _INCREMENT_UM.get((is_a, is_c), options.least_input_um) != options.least_input_um:
+        said = _INCREMENT_UM[is_a, is_c]
+        text = f"1013 A{axis.number} says a least input increment of {said:g} um, the profile {options.least_input_um:g} um"
+        yield _warning("least-input-differs", text)
+
+
+def _text(masters: Sequence[PunchFile], number: int, axis: int | None) -> str | None:
+    return next((text for master in masters if (text := master.parameter(number, axis)) is not None), None)
+
+
+def _number(masters: Sequence[PunchFile], number: int, axis: int) -> int | None:
+    text = _text(masters, number, axis)
+    whole = None if text is None else text.removesuffix(".0").removesuffix(".")
+    return int(whole) if whole is not None and whole.isdecimal() else None
+
+
+def _bit(masters: Sequence[PunchFile], number: int, axis: int | None, bit: int) -> bool | None:
+    """Return a bit of a parameter, None where no file holds it; bits are written from 7 down to 0."""
+    text = _text(masters, number, axis)
+    return None if text is None or len(text) <= bit else text[-1 - bit] == "1"
+
+
+def _error(code: str, text: str) -> Finding:
+    return Finding(code=code, severity="error", text=text)
+
+
+def _warning(code: str, text: str) -> Finding:
+    return Finding(code=code, severity="warning", text=text)
