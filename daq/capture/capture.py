@@ -15,7 +15,7 @@ from stepdiag.daq.capture.machine_remarks import Alarm, remarked
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.pass_start import PassFinder
 from stepdiag.daq.capture.pulse import Pulse
-from stepdiag.daq.capture.stop import Placing, certain_window, unbroken_parts
+from stepdiag.daq.capture.stop import Placing, certain_window, certain_windows, unbroken_parts
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.capture.stream_findings import StreamRemarks
 from stepdiag.daq.capture.unchecked import unchecked
@@ -208,7 +208,7 @@ class Capture:
     def _take_dwell(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
         self._remarks.listen(outcomes)
         begun = self.walk is not None
-        found = self._finder.follow(dwell.signals)
+        found = self._finder.follow(dwell.signals, None if begun else self._reading_mm(dwell))
         if not begun and isinstance(found, Walk):
             outcomes.extend(unchecked(self._survey))
         if isinstance(found, Finding):
@@ -223,6 +223,11 @@ class Capture:
         outcomes.extend(remarked(found, taken, judged, self._alarm))
         if found.ended and not self.ended:
             self._end("complete", f"{found.name}: stop {len(found.route) - 1} has gone by", outcomes)
+
+    def _reading_mm(self, dwell: Dwell) -> float | None:
+        """Return what the laser reads at the first dwell; None where nothing, or where its count does not reach back to the log before."""
+        taken = certain_windows(self.laser, dwell, self._survey.stop)
+        return taken[0].window.mean_mm if taken and self._taker.reaches_back(taken, dwell) else None
 
     def _placing(self, signals: Signals) -> Placing:
         """Return the stream that places a stop: the laser's, in a run of the 4-DOF head the head's own."""

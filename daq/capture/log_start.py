@@ -13,12 +13,14 @@ from stepdiag.solver.errors import DataError
 class PassHint(msgspec.Struct, frozen=True, kw_only=True):
     """Where a setup stands when a log begins: the direction and the stop that come next, and what was read last.
 
-    ``turn`` is the last stop of the outward pass: a program that does not dwell there twice begins its return pass with it.
+    ``known`` are the readings of the laser's unbroken count so far, by stop of the outward route. ``turn`` is the last stop of the outward
+    pass: a program that does not dwell there twice begins its return pass with it.
     """
 
     outward: bool = True
     next_stop: int = 0
     last_reading_mm: float | None = None
+    known: dict[int, float] = {}
     turn: CapturedStop | None = None
     wanted: bool = True
 

@@ -9,7 +9,6 @@ from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.position import PositionCheck
-from stepdiag.daq.capture.route import agrees
 from stepdiag.daq.capture.stop import CapturedStop, Placing, Taken, certain_windows, make_head_stop, make_stop, plateau_window
 from stepdiag.daq.capture.walk import BREAKS_COUNT, Walk
 from stepdiag.daq.survey.models import Survey
@@ -33,15 +32,17 @@ class StopTaker:
 
     def take(self, walk: Walk, turn: CapturedStop | None, dwell: Dwell, placing: Placing, outcomes: list[Outcome]) -> None:
         """Take the stop of a dwell, and those before it that Modbus missed. ``turn`` is the stop that a return pass may begin with."""
-        if walk.is_bounce(dwell.signals):
+        by_laser = dwell.signals.commanded_mm is None and placing is self._laser
+        if not by_laser and walk.is_bounce(dwell.signals):
             return
-        index, odd = walk.locate(dwell.signals)
+        taken = certain_windows(placing, dwell, self._rules)
+        if by_laser:
+            index, odd = walk.locate_by_laser(dwell.signals, _reading_mm(taken), lost=not self.reaches_back(taken, dwell))
+        else:
+            index, odd = walk.locate(dwell.signals)
         outcomes.extend(odd)
         if index is None:
             return
-        taken = certain_windows(placing, dwell, self._rules)
-        if taken and dwell.signals.commanded_mm is None and placing is self._laser:
-            index = _believe_laser(walk, turn, index, taken[0].window.mean_mm)
         if index > 0 and walk.expected == 0 and turn is not None:
             _share_turn(walk, turn, outcomes)
         for missed in range(walk.expected, index):
@@ -135,6 +136,12 @@ class StopTaker:
         lost, unseen = ([event.reason for event in breaks if event.watched is watched] for watched in (True, False))
         return "; ".join(lost[-1:]), "; ".join(unseen[-1:])
 
+    def reaches_back(self, taken: list[Taken], dwell: Dwell) -> bool:
+        """Tell whether the laser's count at the beginning of a dwell is still that of the stops before."""
+        until_ns = taken[0].to_ns if taken else dwell.from_ns
+        breaks = [*self._before, *(each for each in self._laser.breaks[self._breaks_seen :] if each.time_ns <= until_ns)]
+        return not any(each.watched for each in breaks)
+
     def left_over(self) -> tuple[Break, ...]:
         """Return the breaks after the last stop: they count for the log that goes on with the pass."""
         return (*self._before, *self._laser.breaks[self._breaks_seen :])
@@ -151,16 +158,8 @@ def _joined(walk: Walk, index: int, broken: str, unwatched: str) -> Finding:
     return walk.finding("beam-lost" if broken else "laser-unwatched", "info", index, text)
 
 
-def _believe_laser(walk: Walk, turn: CapturedStop | None, index: int, reading_mm: float) -> int:
-    """Without commanded positions the size of the step tells a missed stop, and one that was counted twice."""
-    if walk.expected == 0 and turn is not None and turn.reading_mm is not None:
-        return 1 if agrees(reading_mm - turn.reading_mm, walk.route.step_mm(0, 1)) else 0
-    code, _ = walk.judge(index, reading_mm)
-    if code == "missing-stop":
-        return index + 1
-    if code == "no-move" and walk.last is not None:
-        return walk.last.stop
-    return index
+def _reading_mm(taken: list[Taken]) -> float | None:
+    return taken[0].window.mean_mm if taken else None
 
 
 def _share_turn(walk: Walk, turn: CapturedStop, outcomes: list[Outcome]) -> None:

@@ -1,6 +1,9 @@
 """Which stop of its pass a dwell is, and whether the laser agrees."""
 
+from collections.abc import Mapping
+
 from stepdiag.daq.capture.dwell import COUNT_MODULUS, count_steps
+from stepdiag.daq.capture.laser_place import LaserPlaces
 from stepdiag.daq.capture.route import Route, judge_step
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
@@ -15,8 +18,17 @@ COUNTER_TRUSTED = 1000
 class Walk:
     """Follows a pass stop by stop. ``expected`` is the index of the stop that comes next."""
 
-    def __init__(self, route: Route, expected: int, last_count: int | None, last_reading_mm: float | None) -> None:
+    def __init__(
+        self,
+        route: Route,
+        expected: int,
+        last_count: int | None,
+        last_reading_mm: float | None,
+        known: Mapping[int, float] | None = None,
+    ) -> None:
         self.route = route
+        self.laser = LaserPlaces(route, known or {})
+        self._stuck_said = False
         self.expected = expected
         self.last: CapturedStop | None = None
         self._last_stop = expected - 1
@@ -66,6 +78,61 @@ class Walk:
             odd.append(self.finding("count-disagrees", "warning", index, text))
         return index, odd
 
+    def locate_by_laser(self, signals: Signals, reading_mm: float | None, *, lost: bool) -> tuple[int | None, list[Finding]]:
+        """Return the stop at which the machine stands, None for no stop, and what is odd: its counter says it, the laser knows better.
+
+        ``reading_mm`` is what the laser reads, None for nothing; ``lost`` tells that its count does not reach back.
+        """
+        by_count, odd = self._by_count(signals.stop_count)
+        by_count = min(by_count, len(self.route) - 1)
+        counted = self._steps(signals.stop_count)
+        if lost:
+            self.laser.lost()
+        if reading_mm is None or not self.laser.known:
+            return (None, []) if counted == 0 else self._unplaced(by_count, odd, lost=lost)
+        by_laser = self.laser.stop_at(reading_mm)
+        if by_laser is None:
+            return self._nowhere(by_count, odd, counted, reading_mm)
+        if counted == 0 and by_laser == self._last_stop:
+            return None, []
+        return by_laser, self._compared(by_laser, by_count, counted, odd)
+
+    def _unplaced(self, by_count: int, odd: list[Finding], *, lost: bool) -> tuple[int, list[Finding]]:
+        """Return the stop where the laser cannot tell: the program goes on, but one that was left in the middle may have begun anew."""
+        if self.last is None and self.expected > 0 and lost:
+            text = "the laser's count was lost and the machine does not say where it stands: taken for the beginning of the whole pass"
+            return 0, [*odd, self.finding("place-unknown", "warning", 0, text)]
+        return by_count, odd
+
+    def _nowhere(self, by_count: int, odd: list[Finding], counted: int | None, reading_mm: float) -> tuple[int | None, list[Finding]]:
+        """Return the stop where the laser reads what no stop reads: its count went wrong, or the machine stands between two stops."""
+        if self.expected == 0:
+            self.laser.lost()
+            return by_count, odd
+        code, _ = self.judge(by_count, reading_mm)
+        if counted != 0 and (counted is not None or (code and code not in BREAKS_COUNT)):
+            return self._unplaced(by_count, odd, lost=True)
+        following = self.laser.after_nowhere(reading_mm, self.expected) if counted is None else None
+        if following is not None:
+            return following, odd
+        text = "the machine stands where the laser reads no stop: a feed hold, or the count went wrong; not used"
+        return None, [self.finding("between-stops", "warning", min(self.expected, len(self.route) - 1), text)]
+
+    def _compared(self, by_laser: int, by_count: int, counted: int | None, odd: list[Finding]) -> list[Finding]:
+        """Return what is odd about a stop that the laser names."""
+        if counted is not None and by_laser != by_count and self.expected > 0:
+            text = f"the counter says stop {by_count}, the laser says stop {by_laser}; the laser is believed"
+            odd = [*odd, self.finding("count-disagrees", "warning", by_laser, text)]
+        if by_laser < self.expected:
+            odd = [*odd, self.finding("stop-again", "info", by_laser, "the laser reads this stop once more: it is measured again")]
+        return odd
+
+    def _steps(self, count: int | None) -> int | None:
+        """Return by how many stops the counter went on since the last stop; None where it cannot tell."""
+        if count is None or self._last_count is None or self.expected == 0:
+            return None
+        return count_steps(self._last_count, count)
+
     def judge(self, index: int, reading_mm: float) -> tuple[str, str]:
         """Return (finding code, words) for a reading at a stop, judged by the step from the stop before; empty where all is well."""
         if self._last_reading_mm is None or index == self._last_stop:
@@ -82,6 +149,8 @@ class Walk:
         """Go on past a stop."""
         self.skip(stop.stop, stop.stop_count)
         self.last = stop
+        if not stop.refused:
+            self.laser.take(stop.stop, stop.reading_mm, anew=bool(stop.broken))
         self._last_stop = stop.stop
         self._last_reading_mm = stop.reading_mm
 
@@ -95,12 +164,20 @@ class Walk:
         place = f"{self.name}, stop {stop} of {len(self.route) - 1}"
         return Finding(code=code, severity=severity, text=f"{place}: {text}", setup=self.route.setup, stop=stop)
 
+    def _stuck(self, count: int) -> list[Finding]:
+        """Return, once a pass, that the machine comes to a stop and does not count it."""
+        said, self._stuck_said = self._stuck_said, True
+        text = f"the machine stands at another stop and its counter still says {count}: it is stuck; stops are placed without it"
+        return [] if said else [self.finding("count-stuck", "warning", self.expected, text)]
+
     def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
         if count is None or self._last_count is None or self.expected == 0:
             return self.expected, []
         steps = count_steps(self._last_count, count)
         if steps == 1:
             return self.expected, []
+        if steps == 0:
+            return self.expected, self._stuck(count)
         if 1 < steps <= COUNTER_TRUSTED:
             index = self.expected + steps - 1
             text = f"the stop counter went from {self._last_count} to {count}: {steps - 1} stop(s) were not seen on Modbus"

@@ -192,7 +192,7 @@ class Pass:
 
     def _may_go_on(self) -> bool:
         """Tell whether the machine may go on in the middle: its position, or the laser's unbroken count, says where it stands."""
-        return self.placed or len(self.zeros()) <= 1
+        return self.placed or len({entry.stretch for entries in self.measured.values() for entry in entries}) <= 1
 
 
 def _codes(stop: CapturedStop) -> tuple[str, ...]:

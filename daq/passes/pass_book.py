@@ -31,6 +31,7 @@ class PassBook:
         self.stops = 0
         """How many were taken, whatever became of them."""
         self._credible: dict[str, Credible] = {}
+        self._known: dict[int, float] = {}
         self._placed = places_known(survey)
         self._acceptances: list[Acceptance] = []
         self._suspected: tuple[Doubt, ...] = ()
@@ -50,12 +51,20 @@ class PassBook:
             self._stretch += 1
             self._news.append(_slipped(current, stop, slip_um))
         current.add(stop, self._stretch, slip_um)
+        self._know(stop, current, anew=bool(stop.broken) or slip_um is not None)
         self._compare(stop.setup)
         self.stops += 1
         self._credible.update(credible_of(stop))
         self.last_count = stop.stop_count
         self._last = stop
         return current
+
+    def _know(self, stop: CapturedStop, current: Pass, *, anew: bool) -> None:
+        """Keep the readings of the unbroken count by place: they tell the next log where the machine stands."""
+        if anew or self._last is None or self._last.setup != stop.setup:
+            self._known = {}
+        if stop.reading_mm is not None and not stop.refused:
+            self._known[stop.stop if stop.outward else len(current.route) - 1 - stop.stop] = stop.reading_mm
 
     def news(self) -> tuple[Finding, ...]:
         """Return what the book found out since it was last asked, for the journal."""
@@ -134,12 +143,13 @@ class PassBook:
         last = self._last
         if last is None or last.setup != setup:
             return PassHint(wanted=wanted, outward=outward)
-        current = self._find(setup, outward=last.outward)
+        current, known = self._find(setup, outward=last.outward), dict(self._known)
         if current is not None and last.stop + 1 < len(current.route):
-            return PassHint(wanted=wanted, outward=last.outward, next_stop=last.stop + 1, last_reading_mm=last.reading_mm)
+            following = last.stop + 1
+            return PassHint(wanted=wanted, outward=last.outward, next_stop=following, last_reading_mm=last.reading_mm, known=known)
         if last.outward and self._survey.plan.return_pass:
-            return PassHint(wanted=wanted, outward=False, turn=last)
-        return PassHint(wanted=wanted, outward=outward)
+            return PassHint(wanted=wanted, outward=False, turn=last, known=known)
+        return PassHint(wanted=wanted, outward=outward, known=known)
 
     def _compare(self, setup: str) -> None:
         """Hold the passes of a setup against each other where both are whole; what is new is news."""

@@ -77,3 +77,55 @@ def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, tr
     assert not book.complete()
     assert "may be off" in told
     assert "drive again from stop 1 on" in told
+
+
+STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n'
+COUNTED = STOPPED + "[plc.signals.setup]\naddress = 3\n[plc.signals.stop_count]\naddress = 1\n"
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize("signals", [STOPPED, COUNTED], ids=["stopped", "stopped, setup, stop_count"])
+def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals):
+    """Whole, from its first stop: the laser's unbroken count says where the machine is, and every reading is right."""
+    trouble = fault(kind="program-aborted", setup="ppp", stop=4, value=4.0, duration_s=10.0)
+    with hall(tmp_path, dwell=6.0, setups=("ppp",), signals=signals, faults=trouble, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete, only.why_incomplete()
+    assert [len(only.measured[stop]) for stop in range(7)] == [2, 2, 2, 2, 2, 1, 1]
+    assert findings_of(said, "stop-again")
+
+
+@on_a_steady_computer
+def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
+    """The program goes two stops back after the mirror was touched: three stops measured on both sides join the count."""
+    troubles = fault(kind="program-aborted", setup="ppp", stop=4, value=2.0, duration_s=10.0)
+    troubles += fault(kind="laser-jump", setup="ppp", stop=4, value=55.0, delay_s=0.9)
+    with hall(tmp_path, dwell=6.0, setups=("ppp",), faults=troubles, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete, only.why_incomplete()
+    assert "stop 2 of 6: measured again it reads +55.0 um otherwise" in findings_of(said, "reading-differs")[0]
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize("slip_um", [5.0, -200.0])
+def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
+    """Out against back: the pass is named, or both where either may be at fault; the survey waits."""
+    trouble = fault(kind="laser-jump", setup="ppp", pass_number=1, stop=4, phase="move", value=slip_um)
+    with hall(tmp_path, n=3, back=True, handshake=True, dwell=0.5, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            until(process, "pass-ended", kind="complete")
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    texts = findings_of(said, "count-slip")
+    assert any("ppp out, stop 4 of 9" in text and f"count slip of {slip_um:+.0f}"[:-1] in text for text in texts), texts
+    assert not book.complete()
+    assert {each.code for each in book.doubts()} == {"count-slip"}
