@@ -10,6 +10,7 @@ from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
 from stepdiag.solver.adjustment.diagnostics import closure_report, inflation, setup_findings, setup_reports
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.head_report import head_findings, head_report
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
@@ -114,6 +115,7 @@ def solve_estimate(
         *_missing(done),
         *done.adjustment.findings,
         *setup_findings(done.adjustment, reports),
+        *contradictions(done.adjustment, chain, reports, Assumptions()),
         *standards_findings(layout),
     )
     of_head = head_report(done.adjustment, straightness)
