@@ -34,6 +34,9 @@ def solve(
     active: Annotated[list[Path] | None, typer.Option(help="With on: a file that was active, as read out; may be given again.")] = None,
     active_date: Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"], help="The day on which they were read out.")] = None,
     active_source: Annotated[str, typer.Option(help="How they were read out of the control.")] = "",
+    environment: Annotated[
+        Path | None, typer.Option(help="Air and material that count in place of what was recorded in logs (TOML, [environment]).")
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Solve readings or logs.
@@ -43,13 +46,15 @@ def solve(
     from stepdiag.terminal.tables import result_table
 
     if len(sources) == 1 and sources[0].suffix.lower() == ".csv":
+        if environment is not None:
+            raise UsageError("--environment", expected="logs: readings are put right already", found=sources[0].name)
         result = _solve_csv(sources[0], method, chain, angles)
         if compensation is not None:
             result = _with_compensation(result, compensation, active or [], active_date, active_source)
     elif compensation is not None:
         raise UsageError("--compensation", expected="nothing for logs: their survey file says it", found=compensation)
     else:
-        result = _solve_logs(sources, method)
+        result = _solve_logs(sources, method, environment)
     if out is not None:
         _write_result(out, result)
     if as_json:
@@ -96,16 +101,23 @@ def _with_compensation(result: "Result", state: str, active: list[Path], day: "d
     return replace(result, extra={**result.extra, "survey": {**result.extra.get("survey", {}), **statement.as_json()}})
 
 
-def _solve_logs(paths: list[Path], method: str) -> "Result":
+def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
     """Return the result of logs. Raises UsageError for a file that is named like none: readings are one file, named *.csv."""
+    from stepdiag.daq.recording.verdicts import verdicts_in
     from stepdiag.daq.replay import find_logs
     from stepdiag.daq.replay import replay as replay_logs
     from stepdiag.daq.service.completion import solve_logs
+    from stepdiag.daq.survey.environment import parse_environment
+    from stepdiag.exporters.files.files import read_text
 
     for path in paths:
         if path.is_file() and ".mcap" not in path.suffixes:
             raise UsageError(str(path), expected="one readings file (*.csv), or logs (*.mcap)", found=f"{len(paths)} file(s), {path.name}")
-    return solve_logs(replay_logs(find_logs(paths)), method)[0]
+    stated = parse_environment(read_text(environment), environment.name) if environment is not None else None
+    logs = find_logs(paths)
+    replayed = replay_logs(logs)
+    verdicts_in(logs[0].parent).tell(replayed.book)
+    return solve_logs(replayed, method, stated)[0]
 
 
 def _write_result(out: Path, result: "Result") -> None:

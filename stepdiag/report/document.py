@@ -68,6 +68,7 @@ def build_report(
         "head": sections.head_table(result, words),
         "fit": sections.fit_table(result),
         "assumptions": sections.assumptions_table(result),
+        "history": sections.history_table(result, words),
     }
     html = _template().render(
         **_page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,

@@ -232,6 +232,14 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
     ]
 
 
+def history_table(result: Result, words: Mapping[str, str]) -> Table | None:
+    """Return what happened while recording, where the result says it (``history``): it is past and hinders nothing."""
+    history = result.extra.get("history")
+    known = [one for one in history if isinstance(one, dict)] if isinstance(history, list) else []
+    rows = [(shown(one.get("code")), shown(one.get("text"))) for one in known[:MOST_ROWS]]
+    return Table(header=(words["history_code"], words["history_text"]), rows=rows) if rows else None
+
+
 def budget_of(result: Result) -> dict[str, dict[str, float]]:
     """Return quantity -> source -> standard uncertainty where the result carries a budget (``budget.shares``), else nothing."""
     shares = _part_of_budget(result, "shares")

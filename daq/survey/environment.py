@@ -1,0 +1,20 @@
+"""Conditions that a person states after a survey: they count in place of what was recorded."""
+
+from stepdiag.daq.survey.models import Environment
+from stepdiag.exporters.files.settings import convert, read_toml, refuse
+
+NAMES = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
+
+
+def parse_environment(text: str, source: str) -> dict[str, float]:
+    """Return the conditions that a TOML text states, by name: under ``[environment]``, as in a survey file, or alone.
+
+    What it does not name stays as it was recorded. Raises UsageError for unknown names, values that no hall has, or none at all.
+    """
+    document = read_toml(text, source)
+    table = document.get("environment", document)
+    stated = convert(table, Environment, source, "environment")
+    named = [name for name in NAMES if name in table]
+    if not named:
+        raise refuse(source, "environment", f"at least one of {', '.join(NAMES)}", list(table))
+    return {name: float(getattr(stated, name)) for name in named}
