@@ -22,4 +22,3 @@ def bundle_of(folder: Path, *, restore: bool) -> bytes:
         for name, data in [*((path.name, path.read_bytes()) for path in files), (SUMS, sums.encode("ascii"))]:
             archive.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED)
     return packed.getvalue()
-

@@ -14,5 +14,5 @@ def test_a_table_or_a_whole_survey_file_will_do():
 
 @pytest.mark.parametrize("text", ["", "[environment]\n", "air_pressure_kpa = 101.3\n", "air_pressure_hpa = 101.3\n", "x = ["])
 def test_what_states_nothing_or_the_impossible_is_refused(text):
-    with pytest.raises(UsageError, match="e.toml"):
+    with pytest.raises(UsageError, match=r"e\.toml"):
         parse_environment(text, "e.toml")
