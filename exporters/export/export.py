@@ -28,7 +28,7 @@ from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.verify import predict
 from stepdiag.exporters.tables import lattice
-from stepdiag.exporters.tables.controller import Controller, Plan
+from stepdiag.exporters.tables.controller import Controller, Multiplying, Plan
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
@@ -109,10 +109,12 @@ def _step(step_mm: float | None, profile: Profile | None) -> float:
 def _planned(result: Result, control: Controller, profile: Profile, today: date) -> tuple[Case, Plan]:
     """Return everything that the checks look at, and the plan."""
     previous = control.parse(profile.existing, profile) if profile.existing else ()
-    curves = fitted(result, profile.machine.functions, profile.machine.squareness_into, profile.zone).curves
+    active = [table for table in previous if table.multiplier is not None] if profile.machine.measured_with == "on" else []
+    fit = fitted(result, profile.machine.functions, profile.machine.squareness_into, profile.zone, active)
+    curves = fit.curves
     if profile.machine.measured_with == "on":
         curves = merged(curves, previous, profile)
-    plan = control.plan(curves, profile)
+    plan = control.plan_products(curves, fit.products, profile) if isinstance(control, Multiplying) else control.plan(curves, profile)
     case = Case(
         controller=control,
         profile=replace(profile, options=plan.options or profile.options),

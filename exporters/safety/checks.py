@@ -129,8 +129,8 @@ def check_points(case: Case) -> Iterator[Finding]:
 def check_reference(case: Case) -> Iterator[Finding]:
     """6: zero at the reference position, or the axis jumps when the table becomes active."""
     for table in case.tables:
-        if table.law.ends == "extended" or table.direction < 0:
-            continue
+        if table.law.ends == "extended" or table.direction < 0 or table.multiplier is not None:
+            continue  # a product is zero where its lever is, which is another axis
         at_reference = abs(float(correction_um(table, np.array([table.reference_mm]), table.direction or 1)[0]))
         wanted = case.controller.limits(table, case.profile).reference_um
         if at_reference > abs(wanted) + table.quantum_um / 2 + _ZERO_UM:

@@ -13,8 +13,9 @@ import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.restore import restore_files
-from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.controller import Controller, Multiplying, Plan
 from stepdiag.exporters.tables.curves import FUNCTIONS, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Sense, Table, correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
@@ -38,6 +39,10 @@ _ALIKE = 1.3
 """How near to the factor of a cause a movement must be for the cause to be named."""
 
 
+_BESIDE = 5.0
+"""Two linked tables that a control adds move the axis ten times as far as their product."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bump:
     """A sign test ready to be loaded: what the control's stated law will do at the positions that decide.
@@ -53,6 +58,8 @@ class Bump:
     reference_mm: float
     top_mm: float
     beyond_mm: float | None
+    lever: tuple[str, float] | None = None
+    """Of a product: where its other axis has to stand, for the multiplier to be 1 there."""
 
     @property
     def expected_um(self) -> float:
@@ -81,8 +88,9 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
 
     Raises ``SafetyError`` where the travel is too short for a bump that a laser can see, ``UsageError`` for an unknown function.
     """
-    if function not in FUNCTIONS:
-        raise UsageError("--function", expected="one of " + ", ".join(FUNCTIONS), found=function)
+    base, star, by = function.partition("*")
+    if base not in FUNCTIONS or (star and by not in tuple(_levers(base))):
+        raise UsageError("--function", expected="one of " + ", ".join(FUNCTIONS) + ", or a product such as EYX*Z", found=function)
     letter = function[2]
     grid = profile.grid_mm(letter)
     reference = profile.axis(letter).reference_mm
@@ -90,7 +98,7 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
     corners, height = _trapezium(grid, reference, profile.source)
     shape = np.interp(grid, np.sort(corners), [0.0, height, height, 0.0])
     end = float(grid[-1] if corners[3] > corners[0] else grid[0])
-    plan = controller.plan([_curve(function, grid, shape)], one_way)
+    plan = _product_plan(controller, one_way, function, shape) if by else controller.plan([_curve(function, grid, shape)], one_way)
     ramp = not plan.tables
     if ramp:
         shape = HEIGHT_UM * (grid - reference) / (end - reference)
@@ -107,6 +115,7 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
         reference_mm=reference,
         top_mm=end if ramp else float(np.mean(corners[1:3])),
         beyond_mm=None if ramp else end,
+        lever=(by, float(profile.grid_mm(by)[-1])) if by else None,
     )
 
 
@@ -117,6 +126,27 @@ def _curve(function: str, grid: Vector, shape: Vector, *parts: str) -> Curve:
 def _squareness_of(function: str) -> tuple[str, ...]:
     """Return the squareness that a straightness function can hold as its slope."""
     return tuple(name for name, slopes in SQUARENESS_SLOPE.items() if function in slopes)
+
+
+def _levers(base: str) -> str:
+    """Return the axes along which an error of a table can have a lever: not the one that the table is along."""
+    return "XYZ".replace(base[2], "")
+
+
+def _product_plan(controller: Controller, profile: Profile, function: str, shape_um: Vector) -> Plan:
+    """Return the plan of one product, whose lever goes from -1 to +1 over the table of its other axis."""
+    ends = profile.grid_mm(function[4])[[0, -1]]
+    product = Product(
+        output_axis=function[1], input_axis=function[2], by_axis=function[4], position_mm=profile.grid_mm(function[2]), value_um=shape_um,
+        u_um=np.zeros(shape_um.shape), middle_mm=float(np.mean(ends)), half_mm=float(ends[1] - ends[0]) / 2, rms_um=float(np.std(shape_um)),
+    )  # fmt: skip
+    plan = controller.plan_products((), (product,), profile) if isinstance(controller, Multiplying) else None
+    if plan is None or not plan.tables:
+        raise UsageError(
+            f"{profile.source}: {controller.name}.products", expected="a control and a profile with products of tables", found="none",
+            remedy="set products = true in the profile of a control that multiplies tables",
+        )  # fmt: skip
+    return plan
 
 
 def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> Verdict:
@@ -139,6 +169,9 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
         return undecided(f"the axis moved {at_top:.1f} um: the table is not active")
     if abs(beyond) > _LEFT_BEYOND * max(abs(at_top), abs(expected)):
         return undecided(f"{beyond:.1f} um are left beyond the bump: the control reads {_other_data(table)} data")
+    if test.lever is not None and share > _BESIDE:
+        text = f"the axis moved {at_top:.1f} um of {expected:.1f} um: the control adds the tables themselves, products are not for it"
+        return undecided(text)
     if not _SIZE[0] <= share <= _SIZE[1]:
         return undecided(f"the axis moved {at_top:+.1f} um instead of {expected:.1f} um, {share:.3g} times as much: {_cause(share)}")
     right = (at_top > 0) == (expected > 0)

@@ -16,6 +16,8 @@ from stepdiag.exporters.tables.tables import Law, Sense, Table
 from stepdiag.solver.errors import DataError
 
 KIND = "cec"
+TIMES = "times table"
+"""Where a table stands that is multiplied: the index of the one that multiplies it."""
 _AXES = ("AN_CEC_INPUT_AXIS", "AN_CEC_OUTPUT_AXIS")
 _GRID = ("AN_CEC_STEP", "AN_CEC_MIN", "AN_CEC_MAX")
 _MODES = ("AN_CEC_DIRECTION", "AN_CEC_MULT_BY_TABLE", "AN_CEC_IS_MODULO")
@@ -36,13 +38,16 @@ def assignments(table: Table, profile: Profile, decimals: int, points: int) -> l
         f"$AN_CEC_OUTPUT_AXIS[{index}]=({profile.axis(table.output_axis).name})",
         *grid_lines(table, "AN_CEC", str(index)),
         f"$AN_CEC_DIRECTION[{index}]={table.direction}",
-        f"$AN_CEC_MULT_BY_TABLE[{index}]=0",
+        f"$AN_CEC_MULT_BY_TABLE[{index}]={int(table.place.get(TIMES, -1)) + 1}",
         f"$AN_CEC_IS_MODULO[{index}]=0",
     ]
 
 
 def read_tables(file: ControlFile, profile: Profile, sense: Sense) -> tuple[Table, ...]:
-    """Return the CEC tables of a file. Raises ``DataError`` with file and line, ``UsageError`` for a foreign axis."""
+    """Return the CEC tables of a file as they are numbered: one that another multiplies is not yet joined with it.
+
+    Raises ``DataError`` with file and line, ``UsageError`` for a foreign axis.
+    """
     values: dict[str, dict[int, Assignment]] = {}
     heads: dict[str, dict[str, Assignment]] = {}
     for item in read_assignments(file):
@@ -60,9 +65,8 @@ def _table(key: str, points: dict[int, Assignment], head: Mapping[str, Assignmen
     missing = [name for name in _AXES + _GRID if name not in head]
     if missing:
         raise DataError(where, expected=" ".join(f"${name}" for name in missing), found="nothing")
-    for name, meaning in (("AN_CEC_MULT_BY_TABLE", "a table that no other multiplies"), ("AN_CEC_IS_MODULO", "a linear axis")):
-        if name in head and head[name].number() != 0:
-            raise DataError(head[name].where, expected=f"{meaning} (0)", found=head[name].value)
+    if "AN_CEC_IS_MODULO" in head and head["AN_CEC_IS_MODULO"].number() != 0:
+        raise DataError(head["AN_CEC_IS_MODULO"].where, expected="a linear axis (0)", found=head["AN_CEC_IS_MODULO"].value)
     input_axis, output_axis = (profile.letter_of(head[name].axis(), head[name].where) for name in _AXES)
     step, start, end = (head[name].number() for name in _GRID)
     held = read_points(points, step, start, end, where)
@@ -76,8 +80,16 @@ def _table(key: str, points: dict[int, Assignment], head: Mapping[str, Assignmen
         law=law(sense),
         reference_mm=profile.axis(input_axis).reference_mm,
         direction=_direction(head.get("AN_CEC_DIRECTION")),
-        place={"table": whole(key, where)},
+        place={"table": whole(key, where), **_times(head.get("AN_CEC_MULT_BY_TABLE"))},
     )
+
+
+def _times(item: Assignment | None) -> dict[str, int]:
+    """Return the index of the table that multiplies this one, from the number that stands in the file; nothing for 0."""
+    number = 0 if item is None else whole(item.value, item.where)
+    if item is not None and number < 0:
+        raise DataError(item.where, expected="the number of a table, or 0", found=item.value)
+    return {TIMES: number - 1} if number else {}
 
 
 def _direction(item: Assignment | None) -> int:

@@ -15,8 +15,10 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, restore
 from stepdiag.exporters.siemens.ini import data_file
 from stepdiag.exporters.siemens.loader import Load
+from stepdiag.exporters.siemens.products import KIND, Budget, chosen, joined, numbered, product_table
 from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM, Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
 from stepdiag.exporters.tables.tables import Sense, Table, plain_rows
@@ -37,20 +39,24 @@ class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     cec_max_velo: Annotated[float, msgspec.Meta(gt=0, le=1)] | None = None
     first_cec_table: Size = 0
     cec_tables: dict[str, list[Size]] = {}
+    products: bool = False
     cec_sense: Sense = "as-error"
     decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
     metric_line: bool = False
 
 
+_WORTH_SAYING_UM = 0.3
+"""What products have to hold before they are offered: about the uncertainty of a good survey."""
 _TEMPLATE = """\
 [siemens]
 measuring_system = "?"        # 1 or 2: which encoder the position control uses now (DB31.. DBX1.5 = 1, DBX1.6 = 2)
 # eec_points = { X = 100, Y = 100, Z = 100 }   # MD38000 of each axis; then surplus points are written as 0
 # cec_points = 100            # MD18342, the same for every table used here (828D: 200)
-# cec_tables_held = 8         # how many CEC tables the control holds (828D: 8; 840D sl: twice its axes); more are refused
+# cec_tables_held = 8         # how many CEC tables the control holds (828D: 8; 840D sl: twice its axes): more are refused
 # cec_max_velo = 0.1          # MD32730 of the compensated axes: the slope of CEC tables is judged by it
 # first_cec_table = 0         # index of the first free CEC table ($AN_CEC[t,..] counts from 0)
 # cec_tables = { EYX = [2] }  # index by function; two indices where each direction has its own table
+# products = false            # true: tables that multiply each other hold what angles do with their levers (sign test of cec-product)
 # cec_sense = "as-error"      # sense of the CEC tables: the manual does not state it, the sign test does
 # decimals = 4                # places in mm
 # metric_line = false         # true: begin data files with METRIC, as backups of some controls do
@@ -63,7 +69,7 @@ class Siemens:
 
     name: str = "siemens"
     title: str = "Siemens SINUMERIK 840D, 840D sl, 828D, ONE (EEC and CEC)"
-    kinds: tuple[str, ...] = (eec.KIND, cec.KIND)
+    kinds: tuple[str, ...] = (eec.KIND, cec.KIND, KIND)
     options: type[msgspec.Struct] = SiemensOptions
     options_template: str = _TEMPLATE
 
@@ -82,22 +88,32 @@ class Siemens:
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return EEC tables for positioning errors and CEC tables for the rest, CEC table numbers given out in order."""
+        return self._numbered_plan(curves, (), profile, ())
+
+    def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
+        """Return the same, and products after them: as many of both as the control has tables, those that are worth most."""
         options = profile.options_as(SiemensOptions)
-        quantum_um = 1000.0 * 10.0**-options.decimals
-        law = cec.law(options.cec_sense)
-        tables: list[Table] = []
+        if not options.products:
+            plan = self.plan(curves, profile)
+            return replace(plan, findings=(*plan.findings, *_possible(products)))
+        held = None if options.cec_tables_held is None else options.cec_tables_held - options.first_cec_table
+        budget = chosen(curves, {curve.name: _cec_tables(curve, profile) for curve in curves}, products, held)
+        kept = [curve for curve in curves if curve.name in budget.curves or not _cec_tables(curve, profile)]
+        return self._numbered_plan(kept, budget.products, profile, tuple(_chosen_remarks(budget, options)))
+
+    def _numbered_plan(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile, findings: tuple[Finding, ...]) -> Plan:
+        options = profile.options_as(SiemensOptions)
         numbers = _free_numbers(options)
-        for curve in curves:
-            if curve.name in POSITIONING and not is_directional(curve, profile):
-                place: dict[str, int | str] = {
-                    "measuring system": options.measuring_system,
-                    "axis": profile.axis(curve.input_axis).name,
-                }
-                tables += absolute_tables(curve, profile, kind=eec.KIND, law=eec.LAW, quantum_um=quantum_um, place=place)
-            else:
-                planned = absolute_tables(curve, profile, kind=cec.KIND, law=law, quantum_um=quantum_um, place={})
-                tables += _numbered(planned, options, numbers, profile)
-        return Plan(tables=tuple(tables), findings=tuple(_remarks(tables, options)))
+        tables = [table for curve in curves for table in _curve_tables(curve, profile, options, numbers)]
+        levers: dict[tuple[str, str], int] = {}
+        for product in products:
+            number = next(numbers)
+            key = (product.by_axis, product.output_axis)
+            if key not in levers:
+                levers[key] = next(numbers)
+            place = {"table": number, cec.TIMES: levers[key]}
+            tables.append(product_table(product, profile, cec.law(options.cec_sense), options.decimals, place))
+        return Plan(tables=tuple(tables), findings=(*findings, *_remarks(tables, options)))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return ``AX_EEC.INI`` and ``NC_CEC.INI`` with the part programs ``LOAD_EEC.MPF`` and ``LOAD_CEC.MPF`` that write the same."""
@@ -109,8 +125,7 @@ class Siemens:
         ]
         cec_loads = [
             Load(table=table, lines=cec.assignments(table, profile, options.decimals, options.cec_points or 0))
-            for table in tables
-            if table.kind == cec.KIND
+            for table in numbered([table for table in tables if table.kind != eec.KIND])
         ]
         files: list[ControlFile] = []
         if eec_loads:
@@ -134,17 +149,18 @@ class Siemens:
                 if key in found and not _same(found[key][0], table):
                     raise DataError(file.name, expected=f"the same {table.label} as in {found[key][1]}", found="another")
                 found.setdefault(key, (table, file.name))
-        return tuple(table for table, _ in found.values())
+        return joined([table for table, _ in found.values()], ", ".join(file.name for file in files))
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own files, zeros for the tables they lack, and part programs that load the same and switch off what was not there."""
         options = profile.options_as(SiemensOptions)
-        by_kind = {kind: [table for table in tables if table.kind == kind] for kind in self.kinds}
+        of_screws = [table for table in tables if table.kind == eec.KIND]
+        others = [table for table in tables if table.kind != eec.KIND]
         kinds = []
-        if by_kind[eec.KIND]:
-            kinds.append(restore.eec_kind(by_kind[eec.KIND], profile, options.decimals))
-        if by_kind[cec.KIND]:
-            kinds.append(restore.cec_kind(by_kind[cec.KIND], profile, options.decimals, sense=options.cec_sense))
+        if of_screws:
+            kinds.append(restore.eec_kind(of_screws, profile, options.decimals))
+        if others:
+            kinds.append(restore.cec_kind(others, profile, options.decimals, sense=options.cec_sense))
         return restore.restore_files(kinds, profile, metric_line=options.metric_line)
 
     def recognises(self, file: ControlFile) -> bool:
@@ -153,7 +169,11 @@ class Siemens:
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return one row a point: the point numbers are those of the control."""
-        return plain_rows(table)
+        if table.multiplier is None:
+            return plain_rows(table)
+        ends = zip(table.multiplier.position_mm, table.multiplier.value, strict=True)
+        lever = ", ".join(f"{value:+.3f} at {at:g} mm" for at, value in ends)
+        return (f"the movement is this value times {table.multiplier.axis}: {lever}, straight between", *plain_rows(table))
 
     def instructions(self, profile: Profile) -> tuple[str, ...]:
         """Return the steps for the service engineer (K3 pp. 237-264; controllers.md 3)."""
@@ -168,6 +188,41 @@ class Siemens:
             "The positions on the screen do not show the compensation. Measure again; if the residual has grown, load the restore files:",
             "LOAD_EEC_RESTORE.MPF and LOAD_CEC_RESTORE.MPF write the old tables and zeros where there were none, and switch those off.",
         )
+
+
+def _curve_tables(curve: Curve, profile: Profile, options: SiemensOptions, numbers: Iterator[int]) -> Sequence[Table]:
+    quantum_um = 1000.0 * 10.0**-options.decimals
+    if _cec_tables(curve, profile):
+        planned = absolute_tables(curve, profile, kind=cec.KIND, law=cec.law(options.cec_sense), quantum_um=quantum_um, place={})
+        return _numbered(planned, options, numbers, profile)
+    place: dict[str, int | str] = {"measuring system": options.measuring_system, "axis": profile.axis(curve.input_axis).name}
+    return absolute_tables(curve, profile, kind=eec.KIND, law=eec.LAW, quantum_um=quantum_um, place=place)
+
+
+def _cec_tables(curve: Curve, profile: Profile) -> int:
+    """Return how many CEC tables a curve takes: none for a positioning error that one EEC table holds."""
+    directional = is_directional(curve, profile)
+    return 2 if directional else 0 if curve.name in POSITIONING else 1
+
+
+def _possible(products: Sequence[Product]) -> Iterator[Finding]:
+    """Say what products would hold where the profile does not want them."""
+    worth = float(np.sqrt(sum(product.rms_um**2 for product in products)))
+    if worth >= _WORTH_SAYING_UM:
+        text = (
+            f"angles with their levers leave {worth:.1f} um rms in the volume that products of CEC tables can hold: siemens.products = true"
+        )
+        yield Finding(code="products-possible", severity="info", text=text)
+
+
+def _chosen_remarks(budget: Budget, options: SiemensOptions) -> Iterator[Finding]:
+    if budget.products:
+        held = ", ".join(f"{product.name} {product.rms_um:.2f} um" for product in budget.products)
+        text = f"products (rms in the volume): {held}; linked tables give their product alone (example of K3 p. 252): make the sign test"
+        yield Finding(code="products-written", severity="info", text=text)
+    if budget.left_out:
+        text = f"the control has {options.cec_tables_held} CEC tables; of less worth and left out: {', '.join(budget.left_out)}"
+        yield Finding(code="tables-left-out", severity="info", text=text)
 
 
 def _free_numbers(options: SiemensOptions) -> Iterator[int]:
@@ -191,7 +246,7 @@ def _numbered(planned: Sequence[Table], options: SiemensOptions, free: Iterator[
 
 
 def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Finding]:
-    sized = {eec.KIND: bool(options.eec_points), cec.KIND: options.cec_points is not None}
+    sized = {eec.KIND: bool(options.eec_points), cec.KIND: options.cec_points is not None, KIND: options.cec_points is not None}
     if any(not sized[table.kind] for table in tables):
         text = "MD38000 or MD18342 is not in the profile: the data files write only MIN to MAX, the part programs zero the rest"
         yield Finding(code="surplus-points-unknown", severity="info", text=text)

@@ -9,7 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.siemens import cec, eec, loader
+from stepdiag.exporters.siemens import cec, eec, loader, products
 from stepdiag.exporters.siemens.ini import Assignment, data_file, is_program, read_assignments
 from stepdiag.exporters.siemens.loader import Load
 from stepdiag.exporters.tables.own_files import NO_TABLE_BEFORE
@@ -68,7 +68,7 @@ def cec_kind(tables: Sequence[Table], profile: Profile, decimals: int, *, sense:
         own=tuple(Load(table=table, lines=lines[place]) for place, table in own.items()),
         zeros=tuple(
             Load(table=table, lines=cec.assignments(table, profile, decimals, 0), active=False)
-            for table in zeroed(tables)
+            for table in products.numbered(zeroed(tables))
             if _cec_place(table) not in own
         ),
     )

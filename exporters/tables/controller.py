@@ -6,12 +6,13 @@ files  --parse-> tables --law-----> correction     (verify, merge, sign test)
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Protocol, runtime_checkable
 
 import msgspec
 
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.findings import Finding
@@ -53,6 +54,14 @@ class Plan:
     findings: tuple[Finding, ...] = ()
     listed: tuple[Table, ...] = ()
     options: msgspec.Struct | None = None
+
+
+@runtime_checkable
+class Multiplying(Protocol):
+    """A control that can multiply one table by another."""
+
+    def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
+        """Return the tables for the curves, and for the products as far as the profile wants them and the control has tables."""
 
 
 class Controller(Protocol):

@@ -179,4 +179,12 @@ def require_rising(position_mm: Vector, where: str) -> None:
 
 def zeroed(tables: Iterable[Table]) -> tuple[Table, ...]:
     """Return the same tables with every value 0: what a restore file writes when no table was active before."""
-    return tuple(replace(table, value_um=np.zeros(table.value_um.shape), offset_um=0.0) for table in tables)
+    return tuple(
+        replace(
+            table,
+            value_um=np.zeros(table.value_um.shape),
+            offset_um=0.0,
+            multiplier=None if table.multiplier is None else replace(table.multiplier, value=np.zeros(table.multiplier.value.shape)),
+        )
+        for table in tables
+    )

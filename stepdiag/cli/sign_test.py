@@ -87,11 +87,12 @@ def _steps(test: "Bump", controller: str, profile: Path) -> str:
     places = f"{', '.join(f'{at:g}' for at in decisive)} mm and a few positions between them"
     reading = "--off OFF.csv --on ON.csv (readings of linear runs)" if along else "--run RUN.csv (position_mm,off_um,on_um)"
     expected = f"{measured} moves {test.expected_um:+.1f} um at {test.top_mm:g} mm"
+    aside = "" if test.lever is None else f" {test.lever[0]} stands at {test.lever[1]:g} mm all the time."
     steps = (
-        f"Back the control's tables up. Put up {laser}; drive {moving} to {places}, with the table off. Note the readings.",
+        f"Back the control's tables up. Put up {laser}; drive {moving} to {places}, with the table off. Note the readings.{aside}",
         f"Load {', '.join(file.name for file in test.files if file.role != 'note')} as EXPORT_REPORT.txt of an export says; switch on.",
         f"Reference the axes. At {test.reference_mm:g} mm nothing may jump; if it does, switch off and stop here.",
-        f"Drive {moving} to the same positions. If the stated sign is right, {expected}.",
+        f"Drive {moving} to the same positions.{aside} If the stated sign is right, {expected}.",
         f"Load the restore files ({', '.join(file.name for file in test.restore)}) or your backup.",
         f"stepdiag signtest --controller {controller} --profile {profile.name} --function {test.function} {reading}",
     )

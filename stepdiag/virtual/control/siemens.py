@@ -41,11 +41,12 @@ class SiemensControl:
     """A control that keeps what was loaded: what a later file does not write stays as an earlier one left it.
 
     Only EEC tables of ``measuring_system`` act. A table that was switched off does not act; one that no text ever switched is taken as
-    loaded into a control where the compensation is on.
+    loaded into a control where the compensation is on. ``adds_linked``: see `_cross_tables`.
     """
 
-    def __init__(self, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None) -> None:
+    def __init__(self, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None, adds_linked: bool = False) -> None:
         self._memory = _Memory()
+        self._adds_linked = adds_linked
         self._system = str(measuring_system)
         self._names = AXIS_NAMES | dict(axis_names or {})
 
@@ -60,7 +61,9 @@ class SiemensControl:
         Raises ValueError for an unwritten point (a real control would hold an older value there), a grid that does not fit or a rotary
         table.
         """
-        return _leadscrew_tables(self._memory, self._system, self._names) + _cross_tables(self._memory, self._names)
+        return _leadscrew_tables(self._memory, self._system, self._names) + _cross_tables(
+            self._memory, self._names, adds_linked=self._adds_linked
+        )
 
 
 def load_siemens(text: str, *, measuring_system: int = 0, axis_names: Mapping[str, int] | None = None) -> list[AxisTable]:
@@ -82,17 +85,29 @@ def _leadscrew_tables(memory: _Memory, system: str, names: Mapping[str, int]) ->
     return tables
 
 
-def _cross_tables(memory: _Memory, names: Mapping[str, int]) -> list[AxisTable]:
+def _cross_tables(memory: _Memory, names: Mapping[str, int], *, adds_linked: bool = False) -> list[AxisTable]:
+    """Return the CEC tables that act. Two that are linked by $AN_CEC_MULT_BY_TABLE give their product (K3 p. 249).
+
+    In the example of p. 252 nothing but the product moves the axis, so a linked table adds nothing of its own; ``adds_linked`` is the other
+    reading of the words, a control that adds both tables beside their product.
+    """
+    active = [index for index in memory.indices("AN_CEC_STEP") if not _is_off(memory, index)]
+    linked = {index: (str(int(memory.get("AN_CEC_MULT_BY_TABLE", index, "0")) - 1),) for index in active}
+    linked = {index: by for index, by in linked.items() if by != ("-1",)}
     tables = []
-    for index in memory.indices("AN_CEC_STEP"):
-        output = memory.get("AN_CEC_OUTPUT_AXIS", index)
-        switched_off = memory.get("SN_CEC_TABLE_ENABLE", index, "1").upper() in _OFF
-        if switched_off or memory.get("MA_CEC_ENABLE", (output,), "1").upper() in _OFF:
-            continue
-        factor = int(memory.get("AN_CEC_MULT_BY_TABLE", index, "0"))
-        multiplied = _cross_table(memory, (str(factor - 1),), names, sense=1.0) if factor else None
-        tables.append(_cross_table(memory, index, names, sense=-1.0, factor=multiplied))
+    for index in active:
+        if index in linked:
+            factor = _cross_table(memory, linked[index], names, sense=1.0)
+            tables.append(_cross_table(memory, index, names, sense=-1.0, factor=factor))
+        if adds_linked or (index not in linked and index not in linked.values()):
+            tables.append(_cross_table(memory, index, names, sense=-1.0))
     return tables
+
+
+def _is_off(memory: _Memory, index: tuple[str, ...]) -> bool:
+    output = memory.get("AN_CEC_OUTPUT_AXIS", index)
+    switched_off = memory.get("SN_CEC_TABLE_ENABLE", index, "1").upper() in _OFF
+    return switched_off or memory.get("MA_CEC_ENABLE", (output,), "1").upper() in _OFF
 
 
 def _cross_table(

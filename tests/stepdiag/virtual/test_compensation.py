@@ -110,7 +110,7 @@ def test_siemens_directional_tables_add_up_to_their_mean():
 
 def test_siemens_multiplies_by_the_table_with_the_next_number():
     second = CEC.replace("[0,", "[1,").replace("[0]", "[1]").replace("MULT_BY_TABLE[1]=0", "MULT_BY_TABLE[1]=1")
-    product = load_siemens(CEC + second)[1]
+    (product,) = load_siemens(CEC + second)  # linked tables give their product alone (K3 p. 252)
     point = np.array([[200.0, 0.0, 0.0]])
     assert product.correction_mm(point, np.zeros((1, 3)))[0, 1] == pytest.approx(-0.004 * 0.004)
 

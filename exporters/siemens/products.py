@@ -1,0 +1,174 @@
+"""SINUMERIK products: what angles do with their levers, by one CEC table that is multiplied by another.
+
+Function manual K3 (6FC5397-1BP40-3BA1): the product is added to the total compensation value of the output axis (p. 245), and
+``$AN_CEC_MULT_BY_TABLE[t]`` holds the NUMBER, index + 1, of the table by which table t is multiplied (p. 249). In the example of p. 252
+a tilt along X1, times a straight line along Z1, is all that moves X1: two linked tables give their product and nothing of their own.
+The manual does not say it in so many words. So both tables hold about as much, a tenth of a millimetre, and not an error beside a factor
+of one: on a control that adds the tables themselves the sign test moves the axis by that much, says so, and breaks nothing.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+
+import numpy as np
+
+from stepdiag.exporters.siemens import cec
+from stepdiag.exporters.siemens.cec import TIMES
+from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.fit import Product
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import quantised
+from stepdiag.exporters.tables.tables import Law, Multiplier, Table
+from stepdiag.solver.errors import DataError
+
+KIND = "cec-product"
+LEVER_MM = 0.1
+"""The largest value of the table that multiplies; the other one holds the movement divided by it, read in millimetres."""
+_MOST = 12
+"""Products that are weighed against each other: more than the angles of a machine with three axes are worth."""
+
+
+def product_table(product: Product, profile: Profile, law: Law, decimals: int, place: Mapping[str, int | str]) -> Table:
+    """Return the table of a product on the grids of its two axes, to the resolution that both tables have."""
+    grid, by = profile.grid_mm(product.input_axis), profile.grid_mm(product.by_axis)[[0, -1]]
+    lever = (by - product.middle_mm) / product.half_mm
+    largest = float(np.max(np.abs(lever)))
+    quantum_um = 1000.0 * 10.0**-decimals * LEVER_MM
+    along = np.interp(grid, product.position_mm, product.value_um) * largest
+    step = 10.0**-decimals / LEVER_MM
+    return Table(
+        kind=KIND,
+        input_axis=product.input_axis,
+        output_axis=product.output_axis,
+        position_mm=grid,
+        value_um=quantised(-law.factor * along, quantum_um),
+        quantum_um=quantum_um,
+        law=law,
+        reference_mm=profile.axis(product.input_axis).reference_mm,
+        place=place,
+        multiplier=Multiplier(axis=product.by_axis, position_mm=by, value=quantised(lever / largest, step)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """What was chosen for the tables that a control has: names of the curves that stay, the products, and what was left out."""
+
+    curves: tuple[str, ...]
+    products: tuple[Product, ...]
+    left_out: tuple[str, ...]
+
+
+def chosen(curves: Sequence[Curve], tables_of: Mapping[str, int], products: Sequence[Product], tables: int | None) -> Budget:
+    """Return the curves and products that are worth most within ``tables`` CEC tables (None: as many as there are).
+
+    ``tables_of`` says how many CEC tables each curve takes. A product takes one, and one more for its lever, which products of the same
+    lever and output axis share. What is left out of orthogonal parts adds up in squares: the choice is the one that leaves least.
+    """
+    given = [product for product in products[:_MOST] if product.rms_um > 0.0]
+    worth = {curve.name: _rms_um(curve) for curve in curves if tables_of[curve.name]}
+    best: tuple[float, tuple[str, ...], tuple[Product, ...]] | None = None
+    for count in range(len(given) + 1):
+        for some in combinations(given, count):
+            room = None if tables is None else tables - taken_by(some)
+            kept = _most_valuable(worth, tables_of, room)
+            if kept is not None:
+                held = sum(worth[name] ** 2 for name in kept) + sum(product.rms_um**2 for product in some)
+                if best is None or held > best[0] + 1e-12:
+                    best = held, kept, some
+    if best is None:
+        return Budget(curves=(), products=(), left_out=tuple(worth))
+    _, kept, some = best
+    left = [name for name in worth if name not in kept] + [product.name for product in given if product not in some]
+    return Budget(curves=kept, products=tuple(some), left_out=tuple(left))
+
+
+def taken_by(products: Sequence[Product]) -> int:
+    """Return how many tables these products take, levers included."""
+    return len(products) + len({(product.by_axis, product.output_axis) for product in products})
+
+
+def _most_valuable(worth: Mapping[str, float], tables_of: Mapping[str, int], room: int | None) -> tuple[str, ...] | None:
+    """Return the curves to keep in ``room`` tables, the most valuable a table first; None where there is no room at all."""
+    if room is None:
+        return tuple(worth)
+    if room < 0:
+        return None
+    kept: list[str] = []
+    for name in sorted(worth, key=lambda name: -(worth[name] ** 2) / tables_of[name]):
+        if tables_of[name] <= room:
+            kept.append(name)
+            room -= tables_of[name]
+    return tuple(name for name in worth if name in kept)
+
+
+def _rms_um(curve: Curve) -> float:
+    """Return what the volume loses without the curve: its spread along its axis."""
+    at = np.linspace(curve.position_mm[0], curve.position_mm[-1], 201)
+    return float(np.std(curve.at(at)))
+
+
+def numbered(tables: Sequence[Table]) -> list[Table]:
+    """Return the tables as the control numbers them: a product as two, the first of which says by which other it is multiplied.
+
+    A product whose multiplier is zero throughout, as restore files write it, is multiplied by nothing.
+    """
+    found: list[Table] = []
+    levers: dict[int, Table] = {}
+    for table in tables:
+        if table.multiplier is None:
+            found.append(table)
+            continue
+        times = int(table.place[TIMES])
+        linked = times if table.multiplier.value.any() else -1
+        found.append(
+            replace(table, value_um=table.value_um / LEVER_MM, multiplier=None, place={"table": table.place["table"], TIMES: linked})
+        )
+        levers.setdefault(times, _lever(table, table.multiplier, times))
+    return [*found, *levers.values()]
+
+
+def _lever(table: Table, multiplier: Multiplier, number: int) -> Table:
+    """Return the table that multiplies, as the control holds it."""
+    return replace(
+        table, input_axis=multiplier.axis, position_mm=multiplier.position_mm, value_um=multiplier.value * LEVER_MM * 1000.0,
+        direction=0, multiplier=None, place={"table": number},
+    )  # fmt: skip
+
+
+def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
+    """Return the tables with every two that are linked as one product; those that only multiply are gone.
+
+    Raises ``DataError`` for a link to a table that is not there, that is linked itself, or that does not move the same axis.
+    """
+    by_number = {int(table.place["table"]): table for table in tables if table.kind == cec.KIND}
+    linked = {number: int(table.place[TIMES]) for number, table in by_number.items() if TIMES in table.place}
+    for number, times in linked.items():
+        other = by_number.get(times)
+        if other is None or times in linked or other.output_axis != by_number[number].output_axis or other.direction:
+            raise DataError(
+                f"{where}: table [{number}]", expected="a plain table of the same output axis to be multiplied by",
+                found=f"$AN_CEC_MULT_BY_TABLE {times + 1}",
+            )  # fmt: skip
+    return tuple(_joined(tables, by_number, linked))
+
+
+def _joined(tables: Sequence[Table], by_number: Mapping[int, Table], linked: Mapping[int, int]) -> Iterator[Table]:
+    for table in tables:
+        number = int(table.place["table"]) if table.kind == cec.KIND else -1
+        if number in linked:
+            lever = by_number[linked[number]]
+            largest_mm = float(np.max(np.abs(lever.value_um))) / 1000.0
+            yield replace(
+                table,
+                kind=KIND,
+                value_um=table.value_um * largest_mm,
+                quantum_um=table.quantum_um * largest_mm or table.quantum_um,
+                multiplier=Multiplier(
+                    axis=lever.input_axis, position_mm=lever.position_mm,
+                    value=lever.value_um / 1000.0 / largest_mm if largest_mm else np.zeros(lever.value_um.shape),
+                ),
+            )  # fmt: skip
+        elif number not in linked.values():
+            yield table
