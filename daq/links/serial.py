@@ -7,7 +7,7 @@ Python code is busy. A read takes all that is there in one call; reading lines w
 import time
 from collections.abc import Callable
 
-from stepdiag.daq.links.port import LARGEST_READ, OpenPort, SerialSettings
+from stepdiag.daq.links.port import OpenPort, SerialSettings
 from stepdiag.daq.links.port_thread import PortThread
 from stepdiag.daq.links.reconnect import Report
 from stepdiag.daq.timing.host_clock import stamp_ns
@@ -19,6 +19,8 @@ PLAIN_GAP_S, LOW_LATENCY_GAP_S = 0.02, 0.005
 """Silence that ends an answer: longer than the 16 ms that a USB adapter may sit on bytes, unless it is told not to."""
 GATHER_S = 0.02
 """What arrives within so long is one chunk: a chunk for each of a thousand lines a second would cost an eighth of a core."""
+LARGEST_CHUNK = 16_384
+"""Bytes: a chunk of nothing but the shortest lines is still worked through in a tenth of a second."""
 BUSY_BYTES_PER_S = 100_000
 """Above it the reader does not sleep while it gathers, nor asks whether there is something to read: a pty holds 4 KiB."""
 _READ_S = 0.02
@@ -126,7 +128,7 @@ def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, 
         last_ns = stamp_ns()
         parts.append(data)
         size += len(data)
-        if size > LARGEST_READ or (len(parts) > 1 and time.monotonic() >= end_s):
+        if size > LARGEST_CHUNK or (len(parts) > 1 and time.monotonic() >= end_s):
             break
     return b"".join(parts), last_ns, len(parts)
 

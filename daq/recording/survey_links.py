@@ -14,7 +14,7 @@ from stepdiag.daq.links.poller import ModbusPoller
 from stepdiag.daq.links.port import SerialSettings
 from stepdiag.daq.links.reconnect import Reconnector, Report
 from stepdiag.daq.links.serial import OnChunk, PolledSerial, SerialStream
-from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock, Stream
+from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.records.status import LinkState, LinkStatus
 from stepdiag.daq.survey.file import head_decoder, laser_decoder
 from stepdiag.daq.survey.models import Plc, SerialSection, Survey
@@ -24,6 +24,10 @@ from stepdiag.daq.timing.samples import Decoder
 Consume = Callable[[Event], None]
 WAKE_NS = 30_000_000
 """A chunk that comes so long after the last ones were collected wakes the loop."""
+SLICE_NS = 100_000_000
+"""How long the loop works on chunks before it looks at everything else: seconds of any instrument that behaves."""
+MOST_WAITING_BYTES = 4_000_000
+"""Chunks beyond these are lost, and said to be: ten seconds of the fastest line."""
 
 
 class SurveyLinks:
@@ -40,6 +44,9 @@ class SurveyLinks:
         self._details: dict[str, str] = {}
         self._arrived: deque[Chunk] = deque()
         self._collected_ns = 0
+        self._woken = False
+        self._rests_until_ns = 0
+        self._arrived_bytes = self._lost_chunks = self._lost_bytes = 0
         self._streams: list[SerialStream] = []
         self._lines = {"laser": self._line("laser", survey.laser, laser_decoder(survey))}
         if survey.head is not None:
@@ -60,12 +67,27 @@ class SurveyLinks:
             self.collect()
 
     def collect(self) -> None:
-        """Hand on the chunks that have arrived."""
-        self._collected_ns = now_ns()
+        """Hand on the chunks that have arrived.
+
+        Where a line brings more than can be worked through, every other turn belongs to the machine, the page and whoever wants to end the
+        daemon: after `SLICE_NS` nothing is handed on for as long again.
+        """
+        self._woken = False
+        self._collected_ns = began_ns = now_ns()
+        if began_ns < self._rests_until_ns:
+            return
         while self._arrived:
             chunk = self._arrived.popleft()
+            self._arrived_bytes -= len(chunk.data)
             self._heard_ns[chunk.stream] = chunk.arrival_ns
             self._consume(chunk)
+            if self._arrived and (took_ns := now_ns() - began_ns) > SLICE_NS:
+                self._rests_until_ns = began_ns + 2 * took_ns
+                self._loop.call_later(took_ns * 1e-9, self.collect)
+                return
+        if self._lost_chunks and not self._arrived:
+            chunks, size, self._lost_chunks, self._lost_bytes = self._lost_chunks, self._lost_bytes, 0, 0
+            self._consume(Loss(now_ns(), chunks, size, "a line brings more than can be worked through"))
 
     def hurry(self) -> None:
         """Have what the instruments said until now brought at once: somebody waits for it."""
@@ -110,11 +132,22 @@ class SurveyLinks:
         """Return what the reading thread calls: the chunk, stamped there, waits until the loop collects it."""
 
         def arrived(data: bytes, arrival_ns: int) -> None:
+            if self._arrived_bytes > MOST_WAITING_BYTES:
+                self._lost_chunks += 1
+                self._lost_bytes += len(data)
+                return
+            self._arrived_bytes += len(data)
             self._arrived.append(Chunk(stream, arrival_ns, data))
             if arrival_ns - self._collected_ns > WAKE_NS:
-                self._loop.call_soon_threadsafe(self.collect)
+                self._wake()
 
         return arrived
+
+    def _wake(self) -> None:
+        """Have the loop collect once more, after all that waits there; from any thread, and once however often it is asked for."""
+        if not self._woken:
+            self._woken = True
+            self._loop.call_soon_threadsafe(self.collect)
 
     def _reporter(self, name: str) -> Report:
         def changed(state: LinkState, detail: str) -> None:

@@ -6,14 +6,18 @@ usual; and the collector of garbage, which holds everything up for 20 ms when it
 
 import gc
 import sys
-from collections.abc import AsyncIterator, Sequence
+from collections import Counter
+from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import AsyncExitStack, asynccontextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
+    import asyncio
+
     from stepdiag.daq.service.daemon import Daemon
 
+MOST_KINDS = 100
 GIVE_WAY_S = 0.0005
 """How long a thread that computes may go on while another one waits."""
 
@@ -36,8 +40,11 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
 
     Raises what refuses the survey file or the folder, and DeviceError where the page's address is taken.
     """
+    import asyncio
+
     from stepdiag.daq.service.daemon import Daemon
 
+    asyncio.get_running_loop().set_exception_handler(_said_seldom())
     daemon = Daemon(survey_file, completion, archiving, _programs(survey_file))
     page, metrics = daemon.survey.page, daemon.survey.metrics
     async with AsyncExitStack() as beside:
@@ -46,6 +53,25 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
         gc.freeze()
         gc.enable()
         await daemon.run()
+
+
+def _said_seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
+    """Return what says in one line that something went wrong aside of all tasks: a PLC that answers nonsense causes as much as it likes.
+
+    Each kind is said for the first, the tenth, the hundredth time.
+    """
+    import structlog
+
+    log, counts = structlog.get_logger("service"), Counter[str]()
+
+    def say(_loop: "asyncio.AbstractEventLoop", context: "dict[str, Any]") -> None:
+        what = f"{context['message']}: {context.get('exception')!r}"[:300]
+        counts[what if len(counts) < MOST_KINDS else ""] += 1
+        count = counts[what]
+        if str(count).strip("0") == "1":
+            log.error("aside", said=what, count=count)
+
+    return say
 
 
 @asynccontextmanager

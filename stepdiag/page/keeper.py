@@ -49,7 +49,7 @@ MOST_UNREAD = 1_000_000
 AGAIN_S = (0.2, 1.0, 5.0, 30.0)
 """How long to wait before the page is started for the second time, the third, and so on; anew after it lived `LIVED_S`."""
 LIVED_S = 60.0
-GRACE_S = 2.0
+GRACE_S = 1.0
 """How long the page may take to end its streams and downloads once the daemon ends."""
 BACKLOG = 128
 LAST_WORDS = 2000

@@ -62,6 +62,7 @@ def main(page: str, metrics: str) -> None:
     mimetypes.init()  # reads /etc
     still_open = confine(_readable(settings))
     asyncio.run(_serve(daemon, hears, servers, still_open))
+    os._exit(0)  # nothing is left to be written, and the daemon waits
 
 
 def _own_output() -> BinaryIO:

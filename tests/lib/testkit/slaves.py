@@ -120,6 +120,8 @@ class TcpServer:
                     request = connection.recv(300)
                 except TimeoutError:
                     continue
+                except ConnectionResetError:
+                    return
                 if not request:
                     return
                 pdu = self._answer(request[7:])
