@@ -148,7 +148,7 @@ def test_who_is_in_a_hurry_gets_what_is_there(pty, monkeypatch):
 def test_a_busy_line_is_handed_over_too_when_somebody_is_in_a_hurry(pty, monkeypatch):
     """The line is read without listening to the bell, and here a chunk lasts for an hour or until a silence, which does not come."""
     monkeypatch.setattr(serial, "GATHER_S", 3600.0)
-    monkeypatch.setattr(serial, "LARGEST_READ", 1 << 40)
+    monkeypatch.setattr(serial, "LARGEST_CHUNK", 1 << 40)
     chunks, states, block = [], States(), bytes(4096)
     stream = SerialStream(settings(pty), lambda *chunk: chunks.append(chunk))
 
