@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 from stepdiag.daq.capture.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
@@ -43,6 +43,8 @@ class Completed:
     result: Result
     exports: tuple[ExportReport, ...]
     refusals: dict[str, str]
+    language: Literal["en", "de"] = "en"
+    """The survey's, for what people read."""
 
 
 def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Completed:
@@ -72,7 +74,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
     _write_prediction(out / PREDICTION, exports)
     write_once(out / RESULT, text)
-    return Completed(out, result, exports, refusals)
+    return Completed(out, result, exports, refusals, replayed.survey.page.language)
 
 
 def solve_logs(replayed: Replayed, method: str | None = None, environment: Mapping[str, float] | None = None) -> tuple[Result, str]:
@@ -141,8 +143,20 @@ def _facts(replayed: Replayed) -> dict[str, Any]:
         "operator": run.get("operator", identity.operator),
         "workpiece": run.get("workpiece", identity.workpiece),
         "date": survey_date(replayed).isoformat(),
+        **_certificate(replayed),
         **compensation_of(replayed.survey, replayed.files).as_json(),
     }
+
+
+def _certificate(replayed: Replayed) -> dict[str, Any]:
+    """Return what a certificate says beside the figures: when, with what, by which convention; empty entries are left out."""
+    survey = replayed.survey
+    times = [stop.time_s for each in replayed.book.passes for stop, _ in each.chosen().values()]
+    begun, ended = (datetime.fromtimestamp(edge(times), UTC).strftime("%Y-%m-%d %H:%M UTC") for edge in (min, max))
+    said = {name: getattr(survey.report, name) for name in survey.report.__struct_fields__}
+    about = {"begun": begun, "ended": ended, "temperature_note": survey.identity.temperature_note, **said}
+    wavelength = {} if survey.laser.compensated else {"wavelength_nm": survey.laser.wavelength_nm}
+    return {**{name: text for name, text in about.items() if text}, **wavelength, "at_20_c": survey.machine.apply_expansion}
 
 
 def _conditions(replayed: Replayed) -> dict[str, list[float]]:

@@ -272,6 +272,17 @@ class Page(msgspec.Struct, frozen=True, kw_only=True):
     language: Literal["en", "de"] = "en"
 
 
+class Certificate(msgspec.Struct, frozen=True, kw_only=True):
+    """What the first page of the report says of customer, machine and instruments; empty entries are left out there."""
+
+    customer: str = ""
+    machine_serial: str = ""
+    instrument: str = ""
+    instrument_serial: str = ""
+    instrument_certificate: str = ""
+    sensors: str = ""
+
+
 class Recording(msgspec.Struct, frozen=True, kw_only=True):
     max_gb: NotNegative = 0.0
     min_free_gb: NotNegative = 1.0
@@ -297,6 +308,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     environment: Environment = Environment()
     solver: Solver = Solver()
     exports: tuple[Export, ...] = msgspec.field(name="export", default=())
+    report: Certificate = Certificate()
     page: Page = Page()
     metrics: Metrics = Metrics()
     recording: Recording = Recording()

@@ -10,6 +10,8 @@ import typer
 from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
+    from stepdiag.report.certificate import AsLeft
+    from stepdiag.report.exported import Exported
     from stepdiag.solver.result.result import Result
 
 
@@ -27,6 +29,10 @@ def report(
     out: Annotated[Path, typer.Option(help="FILE.html, or a folder for the HTML and every figure as CSV.")] = Path("report.html"),
     readings: Annotated[Path | None, typer.Option(help="The readings (CSV) the result rests on: shows them and ISO 230-6.")] = None,
     profile: Annotated[Path | None, typer.Option(help="The machine's profile the files were written with.")] = None,
+    after: Annotated[
+        Path | None, typer.Option("--as-left", help="The result of the survey after loading: predicted against measured.")
+    ] = None,
+    letterhead: Annotated[Path | None, typer.Option(help="Settings (TOML) with company, address and logo.")] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Also print a PDF (needs chromium).")] = False,
     language: Annotated[str, typer.Option(help="en or de")] = "en",
     as_json: Annotated[bool, typer.Option("--json", help="Say what was written as JSON.")] = False,
@@ -36,6 +42,7 @@ def report(
     One HTML file with every figure, and each figure as CSV.
     """
     from stepdiag.exporters.files.files import read_text
+    from stepdiag.report.certificate import read_letterhead
     from stepdiag.report.document import build_report
     from stepdiag.report.exported import exported_in
     from stepdiag.report.output import write_report
@@ -46,10 +53,13 @@ def report(
     if chosen is None:
         raise UsageError("--language", expected=" or ".join(LANGUAGES), found=language)
     found = read_result(result)
+    exported = [exported_in(found, files, profile)] if files else []
     built = build_report(
         found,
         source=result.name,
-        exported=[exported_in(found, files, profile)] if files else [],
+        exported=exported,
+        left=_as_left(found, exported, after) if after is not None else None,
+        letterhead=read_letterhead(letterhead) if letterhead is not None else None,
         readings=parse_readings(read_text(readings), readings.name) if readings is not None else None,
         language=chosen,
     )
@@ -58,6 +68,18 @@ def report(
         typer.echo(json.dumps({"written": [str(path) for path in written]}))
     else:
         typer.echo(f"report: {written[0]}" + (f", {len(written) - 1} more files beside it" if len(written) > 1 else ""))
+
+
+def _as_left(before: "Result", exported: "list[Exported]", path: Path) -> "AsLeft":
+    """Return what the survey after loading says. Raises ``DataError`` where it is another machine's."""
+    from stepdiag.comparing.compare import same_machine
+    from stepdiag.conclusion import conclude
+    from stepdiag.report.certificate import as_left
+
+    after = read_result(path)
+    same_machine(before, after)
+    predicted = conclude(before, [one.concluded for one in exported if one.concluded is not None]).reach.rms_after
+    return as_left(path.name, conclude(after), predicted)
 
 
 def read_result(path: Path) -> "Result":

@@ -61,8 +61,29 @@ def coverage_factor(nodes: int) -> float:
     return NormalDist().inv_cdf(1 - single / 2)
 
 
+def same_machine(before: Result, after: Result) -> None:
+    """Raise ``DataError`` where both results name their machine and the names, or the serial numbers, differ."""
+    for entry in ("machine", "machine_serial"):
+        first, second = (_said(result, entry) for result in (before, after))
+        if first and second and first != second:
+            remedy = "compare results of one machine; where it was only renamed, put the old name into the result's survey.machine"
+            raise DataError(
+                f"{after.source}: survey.{entry}", expected=f"{first!r} as in {before.source}", found=repr(second), remedy=remedy
+            )
+
+
+def _said(result: Result, entry: str) -> str:
+    survey = result.extra.get("survey")
+    value = survey.get(entry) if isinstance(survey, dict) else None
+    return value if isinstance(value, str) else ""
+
+
 def compare(before: Result, after: Result) -> Comparison:
-    """Return what changed. Raises ``DataError`` where the results are not of one machine as it stood: other chain, no common volume."""
+    """Return what changed. Raises ``DataError`` where the results are not of one machine as it stood.
+
+    That is another name or serial number, another chain, or no common volume.
+    """
+    same_machine(before, after)
     if before.chain != after.chain:
         raise DataError(
             "chain", expected=f"{before.chain} as in the first result", found=after.chain, remedy="compare results of one machine"

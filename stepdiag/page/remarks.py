@@ -9,13 +9,13 @@ from stepdiag.texts.findings import advice_of, place_of, told
 
 
 def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
-    """Return one entry a cause: code, severity, how often, and per language where it was, what was said and what to do.
+    """Return one entry a cause: code, severity, how often, open or past, and per language where it was, what was said and what to do.
 
     Findings are given in the order in which they arose; a cause that was said again stands where it was said last.
     """
-    groups: dict[tuple[str, str], list[FindingStatus]] = {}
+    groups: dict[tuple[str, str, str], list[FindingStatus]] = {}
     for one in findings:
-        key = (one.code, place_of(one.text).run)
+        key = (one.state, one.code, place_of(one.text).run)
         groups[key] = [*groups.pop(key, []), one]
     return [_entry(members) for members in reversed(groups.values())]
 
@@ -27,4 +27,6 @@ def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:
     severity = max((one.severity for one in members), key=order.index)
     said = {language: told(last.code, last.text, language, stops) for language in LANGUAGES}
     todo = {language: advice_of(last.code, language) for language in LANGUAGES}
-    return {"code": last.code, "severity": severity, "times": len(members), "said": said, "advice": todo}
+    places = sorted({one.place for one in members if one.place})
+    about = {"state": last.state, "places": places, "word": last.word}
+    return {"code": last.code, "severity": severity, "times": len(members), "said": said, "advice": todo, **about}

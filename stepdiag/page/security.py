@@ -19,7 +19,8 @@ CONTENT_POLICY = (
 )
 """Nothing inline, nothing from elsewhere."""
 REPORT_POLICY = (
-    "sandbox allow-scripts allow-downloads allow-modals; default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'"
+    "sandbox allow-scripts allow-downloads allow-modals; default-src 'none'; img-src data:; "
+    "script-src 'unsafe-inline'; style-src 'unsafe-inline'"
 )
 """A report is a document of its own: it may turn its drawings, but neither reach the page nor the daemon."""
 HEADERS = {

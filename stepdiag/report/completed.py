@@ -20,7 +20,7 @@ def write_completed_report(done: Completed) -> Path:
     conclusion = concluded(done)
     correction = next((one.correction for one in exported if one.correction is not None), None)
     write_once(done.folder / CONCLUSION, conclusion_json(conclusion, field_of(done.result, correction)))
-    report = build_report(done.result, source=RESULT, exported=exported, readings=readings, conclusion=conclusion)
+    report = build_report(done.result, source=RESULT, exported=exported, readings=readings, conclusion=conclusion, language=done.language)
     return write_report(report, done.folder / "report.html")[0]
 
 

@@ -2,6 +2,7 @@
 
 import base64
 import hashlib
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -9,7 +10,8 @@ from importlib.resources import files
 import jinja2
 
 from stepdiag.conclusion import Conclusion, conclude, conclusion_document, titles_of, words_of
-from stepdiag.report import measured, sections
+from stepdiag.report import certificate, measured, sections
+from stepdiag.report.certificate import AsLeft, Letterhead
 from stepdiag.report.exported import Exported
 from stepdiag.report.figure import Figure
 from stepdiag.report.figures import (
@@ -22,7 +24,11 @@ from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.result import Result
-from stepdiag.texts.texts import Language, catalogue
+from stepdiag.texts.sentences import translated
+from stepdiag.texts.texts import Language, catalogue, localised
+
+_BETWEEN = re.compile(r"(<(?:td|th|text|li|p|h3|figcaption|title)(?: [^<>]*)?>)([^<>]+)<")
+"""What a person reads: the text right behind these tags."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,6 +46,8 @@ def build_report(
     exported: Sequence[Exported] = (),
     readings: Readings | None = None,
     conclusion: Conclusion | None = None,
+    letterhead: Letterhead | None = None,
+    left: AsLeft | None = None,
     language: Language = "en",
 ) -> Report:
     """Return the report of a result; ``source`` names the result file in it.
@@ -59,6 +67,8 @@ def build_report(
         "budget": budget_figures(sections.budget_of(result), _units(result)),
     }
     tables = {
+        "facts": certificate.facts_table(result, words),
+        "effect": certificate.effect_table(known, left, words),
         "machine": sections.machine_table(result, words),
         "conditions": sections.conditions_table(result, readings, words),
         "setups": sections.setups_table(result, words),
@@ -74,8 +84,16 @@ def build_report(
         **_page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
         concluded=words_of(conclusion_document(known), language), titles=titles_of(language), predicted=correction is not None,
+        letterhead=letterhead or Letterhead(), left=left, said=lambda text: translated(text, language) if language != "en" else text,
     )  # fmt: skip
-    return Report(html=html, figures=tuple(figure for group in figures.values() for figure in group))
+    return Report(html=_localised(html, language), figures=tuple(figure for group in figures.values() for figure in group))
+
+
+def _localised(html: str, language: Language) -> str:
+    """Return the document with the numbers between its tags as the language writes them; styles, scripts and hashes stay as they are."""
+    if language == "en":
+        return html
+    return _BETWEEN.sub(lambda found: f"{found[1]}{localised(found[2], language)}<", html)
 
 
 def _standards(result: Result, layout: Layout | None) -> object:

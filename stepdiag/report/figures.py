@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stepdiag.report import charts, space
+from stepdiag.report import charts, slices, space
 from stepdiag.report.charts import Series
 from stepdiag.report.figure import Figure, csv_table
 from stepdiag.solver.geometry.volume import Vector
@@ -72,9 +72,13 @@ def field_figures(result: Result, correction: Correction | None, words: dict[str
         drawing = space.field_drawing(result.volume, errors, longest_um=longest, label=title)
         header = ["x_mm", "y_mm", "z_mm", "dx_um", "dy_um", "dz_um"]
         table = csv_table(header, np.column_stack([points, errors]).tolist())
+        (x, y, z), worst = slices.worst_point(result.volume, errors)
+        where = words["worst"].format(um=f"{worst:.1f}", x=f"{x:.0f}", y=f"{y:.0f}", z=f"{z:.0f}")
         factor = f"{space.magnification(result.volume, longest):.0f}"
-        caption = f"{title}; {words['magnified'].format(factor=factor)}"
+        caption = f"{title}: {where}; {words['magnified'].format(factor=factor)}"
         figures.append(Figure(name=name, title=caption, drawing=drawing, table=table))
+        planes = slices.slices_drawing(result.volume, errors, longest_um=longest, label=f"{title}, {words['slices']}")
+        figures.append(Figure(name=f"{name}-slices", title=f"{title}, {words['slices']}", drawing=planes, table=table))
     return figures
 
 

@@ -6,15 +6,13 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
+from stepdiag.texts.findings import told
 from stepdiag.texts.texts import Language, finding_advice
 
 COVERAGE = 2.0
 SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
-SURVEY_FACTS = ("machine", "survey", "operator", "workpiece")
-"""Entries of ``survey`` in the result that the report shows under these names."""
 POSITIONING_FIGURES = {"E_up": "E↑", "R_up": "R↑", "A_up": "A↑", "E": "E", "B": "B", "M": "M", "R": "R", "A": "A"}
 """The figures of ISO 230-2 by their names in `solver.standards.iso230`, as the standard writes them."""
 MOST_ROWS = 200
@@ -57,13 +55,9 @@ def shown(value: object, decimals: int | None = None) -> str:
 
 
 def machine_table(result: Result, words: Mapping[str, str]) -> Table:
-    """Return what was measured, where, and how."""
-    facts = result.extra.get("survey")
-    known = facts if isinstance(facts, dict) else {}
-    rows = [(words[name], shown(known[name])) for name in SURVEY_FACTS if known.get(name)]
-    rows.append((words["compensation"], stated_in(result).words()))
+    """Return the volume measured, the chain, and how it was computed."""
     volume = result.volume
-    rows += [
+    rows = [
         (words["chain"], result.chain),
         (words["origin"], " / ".join(shown(v) for v in volume.origin_mm) + " mm"),
         (words["size"], " / ".join(shown(v) for v in volume.size_mm) + " mm"),
@@ -225,7 +219,7 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
             severity=one.severity,
             severity_word=words[f"severity_{one.severity}"],
             code=one.code,
-            text=one.text,
+            text=told(one.code, one.text, language),
             advice=finding_advice(one.code, language),
         )
         for one in sorted(result.findings, key=lambda finding: order[finding.severity])

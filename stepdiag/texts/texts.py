@@ -9,7 +9,7 @@ from typing import Literal, get_args
 Language = Literal["en", "de"]
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 SECTIONS = ("common", "conclusion", "report", "page", "finding", "finding_place", "sentence")
-_POINT = re.compile(r"(?<=\d)\.(?=\d)")
+_POINT = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?!\.?\w)")
 
 
 @cache
@@ -32,4 +32,4 @@ def finding_advice(code: str, language: Language) -> str:
 
 def localised(text: str, language: Language) -> str:
     """Return a text with its numbers as the language writes them: a decimal comma in German."""
-    return _POINT.sub(",", text) if language == "de" else text
+    return _POINT.sub(r"\1,\2", text) if language == "de" else text

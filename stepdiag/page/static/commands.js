@@ -84,7 +84,7 @@ async function unlock(given) {
   return put("answer", "");
 }
 
-async function order(name, given = {}) {
+export async function order(name, given = {}) {
   const answer = await post("/command", { name, arguments: given }).catch(() => null);
   if (answer === null) return put("answer", say("disconnected"));
   if (answer.status === 403) return lock(say("wrong_token"));

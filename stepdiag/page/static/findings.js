@@ -1,5 +1,6 @@
 // Findings grouped by cause (stepdiag/page/remarks.py), the newest cause first; what does not fit the screen is behind "all".
 
+import { order } from "./commands.js";
 import { node, put } from "./draw.js";
 import { common, language, say } from "./words.js";
 
@@ -13,28 +14,51 @@ export function forget() {
 
 export function open() {
   document.getElementById("all-findings").addEventListener("click", () => document.getElementById("all").showModal());
+  document.getElementById("accept").addEventListener("submit", (event) => {
+    event.preventDefault();
+    const given = Object.fromEntries(["place", "name", "reason"].map((field) => [field, document.getElementById(`accept-${field}`).value]));
+    document.getElementById("accept").hidden = true;
+    order("accept", given);
+  });
+}
+
+function ask(place) {
+  document.getElementById("accept").hidden = false;
+  document.getElementById("accept-place").value = place;
+  document.getElementById("accept-reason").focus();
 }
 
 export function update({ findings }) {
   const key = JSON.stringify(findings);
   if (key === drawn) return;
   drawn = key;
-  const loud = findings.filter(({ severity }) => severity !== "info");
-  const few = (loud.length ? loud : findings).slice(0, SHOWN).map(item);
+  const open = findings.filter(({ state }) => state === "open");
+  const loud = open.length ? open : findings.filter(({ severity, state }) => severity !== "info" && state !== "accepted");
+  const few = (loud.length ? loud : findings).slice(0, SHOWN).map((one) => item(one));
   document.getElementById("findings").replaceChildren(...(few.length ? few : [node("li", { class: "quiet" }, say("no_findings"))]));
-  document.getElementById("all-list").replaceChildren(...findings.map(item));
+  document.getElementById("all-list").replaceChildren(...findings.map((one) => item(one, true)));
   put("all-findings", say("all_findings", { count: findings.length })).hidden = findings.length <= few.length;
 }
 
-function item({ code, severity, said, advice, times }) {
+// A doubt that keeps its pass open can be accepted by a person with the token, who says why.
+function item({ code, severity, said, advice, times, state, places, word }, whole = false) {
+  const accept = whole && state === "open" && places.length ? places.map((place) => button(place)) : [];
   return node(
     "li",
-    { class: `finding ${severity}` },
+    { class: `finding ${severity} ${state}` },
     node("strong", {}, common(`severity_${severity}`)),
     `: ${said[language].replace(/[^.!?]$/, "$&.")} `,
     ...(times > 1 ? [node("strong", {}, `×${times} `)] : []),
     node("span", { class: "quiet" }, advice[language]),
     " ",
     node("code", {}, code),
+    ...(word ? [node("p", {}, say("accepted_by", { word }))] : []),
+    ...accept,
   );
+}
+
+function button(place) {
+  const one = node("button", { type: "button", class: "accept" }, say("accept_place", { place }));
+  one.addEventListener("click", () => ask(place));
+  return one;
 }

@@ -15,6 +15,8 @@ from typer.testing import CliRunner
 
 from stepdiag.cli.app import build
 from stepdiag.cli.report import read_result
+from stepdiag.comparing.compare import same_machine
+from stepdiag.report.certificate import read_letterhead
 from stepdiag.report.charts import ticks
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import Exported, ExportedFile
@@ -23,7 +25,7 @@ from stepdiag.report.measured import layout_of, setup_figures
 from stepdiag.report.output import print_pdf, write_report
 from stepdiag.report.sections import conditions_table
 from stepdiag.report.space import lattice_mm, view_matrix
-from stepdiag.solver.errors import DataError
+from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
@@ -286,3 +288,67 @@ def test_the_report_prints_as_pdf(tmp_path: Path) -> None:
     pdf = print_pdf(document).read_bytes()
     assert pdf.startswith(b"%PDF-")
     assert re.search(rb"/MediaBox \[0 0 59[45][.\d]* 84[12]", pdf)
+
+
+def survey_facts(**more: str) -> dict[str, str]:
+    """Return what a survey says of itself."""
+    return {"machine": "VM 500", "customer": "Werk Süd", "operator": "A", "instrument": "laser", "instrument_serial": "17", **more}
+
+
+def test_the_first_page_says_who_what_and_with_what() -> None:
+    """Customer, machine, instrument, conventions and the volume as found, predicted and as left stand before everything else."""
+    html = build_report(made_up_result(survey=survey_facts()), source="r").html
+    first = html[html.index("<main>") : html.index("Error functions")]
+    for word in (
+        "Werk Süd",
+        "VM 500",
+        "17",
+        "actual - commanded",
+        "ISO 230-1:2012",
+        "as found",
+        "predicted",
+        "as left",
+        "not measured yet",
+    ):
+        assert word in first
+
+
+def test_a_german_report_writes_commas_and_keeps_versions_and_hashes() -> None:
+    """Numbers between tags get a comma; software, file names and hashes do not."""
+    listed = ExportedFile(name="AX.1.5.INI", size_bytes=12, sha256="0.5" + "a" * 61)
+    html = build_report(
+        made_up_result(), source="r.1.2.json", exported=[Exported(controller="siemens", files=(listed,))], language="de"
+    ).html
+    assert "<td>20,00</td>" in html
+    assert "0.1.0" in html
+    assert listed.sha256 in html
+
+
+def test_as_left_states_predicted_against_measured(tmp_path: Path) -> None:
+    """The survey after loading closes the certificate; that of another machine is refused by name."""
+    paths = {}
+    for name, amplitude, machine in (("before", 8.0, "VM 500"), ("after", 1.0, "VM 500"), ("other", 1.0, "VM 700")):
+        paths[name] = tmp_path / f"{name}.json"
+        result = made_up_result(amplitude_um=amplitude, scales=True, survey=survey_facts(machine=machine))
+        paths[name].write_text(result.to_json(), encoding="utf-8")
+    out = tmp_path / "report.html"
+    run = CliRunner().invoke(build(), ["report", str(paths["before"]), "--as-left", str(paths["after"]), "--out", str(out)])
+    assert run.exit_code == 0, run.output
+    html = out.read_text(encoding="utf-8")
+    assert "Measured again after loading" in html
+    assert "after.json" in html
+    with pytest.raises(DataError, match="VM 700"):
+        same_machine(read_result(paths["before"]), read_result(paths["other"]))
+
+
+def test_a_letterhead_comes_from_a_settings_file(tmp_path: Path) -> None:
+    """Company, address and logo stand in the document itself; what is no picture is refused."""
+    (tmp_path / "logo.svg").write_text('<svg xmlns="http://www.w3.org/2000/svg"/>', encoding="utf-8")
+    settings = tmp_path / "us.toml"
+    settings.write_text('company = "Messdienst"\naddress = "Weg 1\\nOrt"\nlogo = "logo.svg"\n', encoding="utf-8")
+    html = build_report(made_up_result(), source="r", letterhead=read_letterhead(settings)).html
+    assert "Messdienst" in html
+    assert 'src="data:image/svg+xml;base64,' in html
+    settings.write_text('logo = "us.toml"\n', encoding="utf-8")
+    with pytest.raises(UsageError, match="a picture"):
+        read_letterhead(settings)

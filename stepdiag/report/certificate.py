@@ -1,0 +1,113 @@
+"""The first page of the report: who, what, when, with what and by which convention, and the volume as found, predicted and as left."""
+
+import base64
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from stepdiag.conclusion import Conclusion
+from stepdiag.exporters.files.files import read_bytes, read_text
+from stepdiag.exporters.safety.compensation import stated_in
+from stepdiag.report.sections import Table, shown
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.result import Result
+
+FACTS = (
+    "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",
+    "instrument", "instrument_serial", "instrument_certificate", "wavelength_nm", "sensors", "temperature_note",
+)  # fmt: skip
+"""Entries of ``survey`` in the result, in the order of the page; each is a word of the catalogue."""
+PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
+LARGEST_LOGO_BYTES = 500_000
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Letterhead:
+    """Who hands the report over: ``logo`` is a picture as a data address, empty without one."""
+
+    company: str = ""
+    address: tuple[str, ...] = ()
+    logo: str = ""
+
+
+def read_letterhead(path: Path) -> Letterhead:
+    """Return the letterhead in a settings file: ``company``, ``address``, ``logo`` (a picture beside it). Raises UsageError."""
+    try:
+        said = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as why:
+        raise UsageError(str(path), expected="a settings file (TOML)", found=str(why)) from why
+    unknown = sorted(said.keys() - {"company", "address", "logo"})
+    if unknown or not all(isinstance(said.get(name, ""), str) for name in ("company", "address", "logo")):
+        raise UsageError(
+            str(path), expected='texts "company", "address" and "logo"', found=", ".join(unknown) or "something else than text"
+        )
+    logo = said.get("logo", "")
+    return Letterhead(
+        company=said.get("company", ""),
+        address=tuple(said.get("address", "").splitlines()),
+        logo=_picture(path.parent / logo) if logo else "",
+    )
+
+
+def _picture(path: Path) -> str:
+    kind = PICTURES.get(path.suffix.lower())
+    if kind is None:
+        raise UsageError(str(path), expected=f"a picture ({', '.join(PICTURES)})", found=path.suffix or "no ending")
+    data = read_bytes(path)
+    if len(data) > LARGEST_LOGO_BYTES:
+        raise UsageError(str(path), expected=f"a logo of at most {LARGEST_LOGO_BYTES} bytes", found=f"{len(data)}")
+    return f"data:{kind};base64,{base64.b64encode(data).decode()}"
+
+
+def facts_table(result: Result, words: Mapping[str, str]) -> Table:
+    """Return who measured what, when and with what; what the survey does not say is left out."""
+    said = result.extra.get("survey")
+    known: Mapping[str, Any] = said if isinstance(said, dict) else {}
+    shadowed = {"date"} if known.get("begun") else set()
+    rows = [(words[name], shown(known[name])) for name in FACTS if known.get(name) and name not in shadowed]
+    rows.append((words["compensation"], stated_in(result).words()))
+    rows.append((words["reference_temperature"], words["at_20_c" if known.get("at_20_c") else "as_measured"]))
+    rows.append((words["sign"], words["sign_convention"]))
+    rows.append((words["standards"], words["standards_used"]))
+    return Table(header=(), rows=rows)
+
+
+def effect_table(conclusion: Conclusion, as_left: "AsLeft | None", words: Mapping[str, str]) -> Table:
+    """Return the volume as found, predicted and as left, rms and largest vector, in um at k = 2."""
+    reach = conclusion.reach
+    rows = [(words["as_found"], _cell(reach.rms_before), _cell(reach.largest_before))]
+    rows.append((words["predicted"], _cell(reach.rms_after), _cell(reach.largest_after)))
+    left = (_cell(as_left.rms), _cell(as_left.largest)) if as_left is not None else (words["not_yet"], words["not_yet"])
+    rows.append((words["as_left"], *left))
+    return Table(header=(words["field"], f"{words['rms']} / µm", f"{words['maximum']} / µm"), rows=rows)
+
+
+def _cell(found: Interval | None) -> str:
+    if found is None:
+        return shown(None)
+    low, high = found.shown()
+    return f"{low} … {high}" if low else f"≥ {found.best()}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AsLeft:
+    """The volume measured again after the files were loaded: its figures, where they stand, and whether the prediction came true."""
+
+    source: str
+    rms: Interval
+    largest: Interval
+    kept: bool | None
+    """Whether the measured rms lies within what was predicted, both with their U; None where one of them has none."""
+
+
+def as_left(source: str, again: Conclusion, predicted: Interval | None) -> AsLeft:
+    """Return what a survey after loading says of the prediction before it."""
+    rms = again.reach.rms_before
+    known = predicted is not None and None not in (predicted.low_um, predicted.high_um, rms.low_um, rms.high_um)
+    kept = None
+    if known and predicted is not None:
+        kept = bool(rms.low_um <= predicted.high_um and rms.high_um >= predicted.low_um)  # type: ignore[operator]
+    return AsLeft(source=source, rms=rms, largest=again.reach.largest_before, kept=kept)

@@ -1,0 +1,43 @@
+"""One zip a control, with the files' own names, so that its SHA256SUMS holds."""
+
+import hashlib
+import io
+import zipfile
+from datetime import date
+from pathlib import Path
+
+from stepdiag.daq.service.downloads import downloads_of
+from stepdiag.exporters.export.export import export
+from stepdiag.page.bundle import bundle_of
+from testkit.madeup import made_up_result
+
+
+def unpacked(data: bytes) -> dict[str, bytes]:
+    """Return the files of a zip."""
+    with zipfile.ZipFile(io.BytesIO(data)) as archive:
+        return {name: archive.read(name) for name in archive.namelist()}
+
+
+def test_load_and_restore_are_apart_and_their_sums_hold(tmp_path: Path) -> None:
+    """Nobody loads a restore file by unpacking everything; together both hold the whole folder."""
+    folder = tmp_path / "exports" / "siemens"
+    written = export(made_up_result(scales=True), "siemens", None, step_mm=25.0, out_dir=folder, today=date(2026, 1, 1))
+    load, restore = (unpacked(bundle_of(folder, restore=each)) for each in (False, True))
+    assert restore.keys() - {"SHA256SUMS"} == {name for name in written.files if "_RESTORE" in name}
+    assert load.keys() | restore.keys() == set(written.files)
+    for files in (load, restore):
+        listed = dict(line.split("  ")[::-1] for line in files["SHA256SUMS"].decode().splitlines())
+        assert listed == {name: hashlib.sha256(data).hexdigest() for name, data in files.items() if name != "SHA256SUMS"}
+    assert bundle_of(folder, restore=False) == bundle_of(folder, restore=False)
+
+
+def test_a_set_that_was_altered_is_no_bundle(tmp_path: Path) -> None:
+    """The page offers whole sets only."""
+    folder = tmp_path / "exports" / "siemens"
+    export(made_up_result(scales=True), "siemens", None, step_mm=25.0, out_dir=folder, today=date(2026, 1, 1))
+    assert [(one.kind, one.name) for one in downloads_of(tmp_path) if one.group] == [
+        ("bundle", "siemens.zip"),
+        ("restore", "siemens-restore.zip"),
+    ]
+    next(folder.glob("*.INI")).write_text("altered")
+    assert [one for one in downloads_of(tmp_path) if one.group] == []

@@ -1,0 +1,80 @@
+"""German out of English sentences: whole or not at all, with its arguments and its comma."""
+
+import re
+
+import pytest
+
+from stepdiag.texts import catalogue, localised
+from stepdiag.texts.findings import advice_of, place_of, ranges, told
+from stepdiag.texts.sentences import is_known, translated
+
+ENGLISH = re.compile(r"\b(the|and|of|was|were|stop|stops|pass|beam|count|with|not|this|from|again|drive|which|are|is)\b")
+"""Words that no German sentence has ("was" is German too: it stands here for English only where another one does)."""
+SENTENCES = catalogue("sentence", "en")
+
+
+def is_english(text: str) -> bool:
+    """Tell whether a text holds English words; file names, settings and "was" do not count."""
+    bare = re.sub(r"\S*[._=/]\w\S*|`[^`]*`", " ", text)
+    return bool(set(ENGLISH.findall(bare.lower())) - {"was"})
+
+
+@pytest.mark.parametrize("key", SENTENCES)
+def test_every_sentence_reads_in_german(key: str) -> None:
+    """The English pattern finds itself; all arguments arrive; no English word stays."""
+    german = catalogue("sentence", "de")[key]
+    names = re.findall(r"\{(\w+)\}", SENTENCES[key])
+    assert sorted(set(names)) == sorted(set(re.findall(r"\{(\w+)\}", german)))
+    given = {name: f"X{index}" for index, name in enumerate(dict.fromkeys(names))}
+    assert is_known(SENTENCES[key].format(**given))
+    assert translated(SENTENCES[key].format(**given), "de") == localised(german.format(**given), "de") or len(names) > 0
+    assert not is_english(translated(SENTENCES[key].format(**given), "de"))
+
+
+@pytest.mark.parametrize("code", catalogue("finding", "en"))
+def test_no_finding_is_half_english(code: str) -> None:
+    """What no pattern knows is told by what the code means; its advice is German too."""
+    said = told(code, "ppp out, stop 5 of 30: something that nobody has put into German yet", "de")
+    assert said.startswith("ppp hin, Messpunkt 5: ")
+    assert not is_english(said)
+    assert not is_english(advice_of(code, "de"))
+
+
+def test_a_sentence_within_a_sentence() -> None:
+    """Reasons are lists of sentences with sentences in them."""
+    english = (
+        "pass 1: stops 5, 6 do not reach back to the start (no sample was seen for 1.5 s): drive again from stop 4 on, or the whole pass"
+    )
+    german = (
+        "Durchgang 1: Messpunkte 5, 6 reichen nicht bis zum Anfang zurück (1,5 s lang kam kein Wert): "
+        "ab Messpunkt 4 wiederholen oder den ganzen Durchgang"
+    )
+    assert translated(english, "de") == german
+    assert translated(f"{english}; pass 2: stops 3 are missing: drive again from stop 2 on, or the whole pass", "de").startswith(
+        f"{german}; "
+    )
+    assert translated(english, "en") == english
+
+
+def test_the_place_of_a_finding() -> None:
+    """Setup, way and stop are read from the sentence; what has no place stays whole."""
+    place = place_of("npp+1 back, stop 7 of 30: the count was lost")
+    assert (place.run, place.stop, place.said) == ("npp+1 back", 7, "the count was lost")
+    assert place_of("laser: firmware 264").run == ""
+    assert ranges([5, 6, 7, 9, 11, 12]) == "5–7, 9, 11–12"
+
+
+@pytest.mark.parametrize(
+    ("text", "german"),
+    [
+        ("1.5 µm", "1,5 µm"),
+        ("stepdiag 0.1.0", "stepdiag 0.1.0"),
+        ("192.168.1.10", "192.168.1.10"),
+        ("−20.05", "−20,05"),
+        ("Ende 5.", "Ende 5."),
+    ],
+)
+def test_only_numbers_get_a_comma(text: str, german: str) -> None:
+    """Versions, addresses and the ends of sentences keep their points."""
+    assert localised(text, "de") == german
+    assert localised(text, "en") == text
