@@ -233,6 +233,17 @@ def run_checks(case: Case) -> tuple[Finding, ...]:
     return broken or tuple(finding for check in CHECKS for finding in check(case))
 
 
+LIMITS: tuple[Check, ...] = (check_finite, check_values, check_slope, check_points, check_units)
+"""The checks that need nothing but a table, its control and a profile."""
+
+
+def limit_findings(controller: Controller, profile: Profile, result: Result, tables: Sequence[Table]) -> tuple[Finding, ...]:
+    """Return what the limits of control and profile say about tables, wherever they come from."""
+    today = date.min  # no check of a limit asks for the day
+    case = Case(controller=controller, profile=profile, result=result, curves=(), tables=tables, previous=(), today=today)
+    return tuple(finding for check in LIMITS for finding in check(case))
+
+
 def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterator[Finding]:
     """11: what the control reads from the bytes is what was planned, to half a unit at every point."""
     for table in planned:

@@ -13,11 +13,15 @@ import numpy as np
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
+from stepdiag.exporters.safety.checks import limit_findings
+from stepdiag.exporters.safety.compensation import require_agreement, stated_in
+from stepdiag.exporters.safety.judgement import Judgement, judge
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
-from stepdiag.solver.errors import DataError
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.interval import Interval
@@ -25,6 +29,8 @@ from stepdiag.solver.result.result import Result
 
 Correction = Callable[[Vector], Vector]
 """Commanded points (N, 3) in mm to what is added there in um."""
+ROUNDING_UM = 0.3
+"""What the rounding of tables in units of 1 um may add to the rms of an error."""
 NODES = 11
 """Points along each axis of the grid on which the effect is predicted."""
 
@@ -73,6 +79,12 @@ class Prediction:
         before, after = self.figures(rigid_motion=False)
         return after.largest_um > before.largest_um
 
+    @property
+    def clearly_worse(self) -> bool:
+        """Tell whether the machine errs more with the files by more than rounding can do."""
+        before, after = self.figures(rigid_motion=False)
+        return after.rms_um > before.rms_um * 1.02 + ROUNDING_UM
+
     def picture(self) -> dict[str, list[list[float]]]:
         """Return plain lists for a plot: points in mm, error vectors before and after in um without rigid motion."""
         before, after = (self._errors(errors, False) for errors in (self.before_um, self.after_um))
@@ -84,12 +96,23 @@ class Prediction:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verification:
-    """What was found in the files and what it will do; ``assumed`` says that axis names and references were (no profile)."""
+    """What was found in the files, what it is and what it will do; ``assumed`` says that axis names and references were (no profile).
+
+    ``judgements`` has one entry for each table, ``findings`` what the limits of control and profile say.
+    """
 
     controller: str
     assumed: bool
     tables: tuple[Table, ...]
     prediction: Prediction
+    judgements: tuple[Judgement, ...] = ()
+    findings: tuple[Finding, ...] = ()
+
+    @property
+    def right(self) -> bool:
+        """Return whether the files may be loaded: no table is wrong or beyond a limit, and the machine does not get worse."""
+        within = all(finding.severity != "error" for finding in self.findings)
+        return within and all(each.harmless for each in self.judgements) and not self.prediction.clearly_worse
 
 
 def grid_points_mm(volume: Volume, nodes: int = NODES) -> Vector:
@@ -114,18 +137,31 @@ def predict_moved(result: Result, moved: Correction, replaced: Correction | None
 
 
 def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:
-    """Return what the files of one controller, told by their contents, will do to the machine of the result.
+    """Return what the files of one controller, told by their contents, are, and what they will do to the machine of the result.
 
-    Without a profile the axes are AX1 AX2 AX3. Raises ``DataError`` for files that no controller knows or that are mixed or damaged.
+    Without a profile the axes are AX1 AX2 AX3. Raises ``DataError`` for files that no controller knows or that are mixed or damaged,
+    ``SafetyError`` where profile and result disagree about what was active while measuring, ``UsageError`` where a profile has to say it.
     """
+    if stated_in(result).state == "on" and profile is None:
+        expected = "the profile of the machine: a compensation was active while measuring, and what it did is in machine.existing"
+        raise UsageError("--profile", expected=expected, found="none")
+    if profile is not None:
+        require_agreement(result, profile)
     if len(files) == 1 and lattice.recognises(files[0]):
         prediction = predict_moved(result, lattice.parse(files[0]).correction_um, nodes=nodes)
         return Verification(controller=lattice.NAME, assumed=False, tables=(), prediction=prediction)
     controller = controller_of(files)
     reading = profile or quick_profile(controller, result.volume, float(result.volume.step_mm[0]))
     tables = controller.parse(files, reading)
-    prediction = predict(result, tables, nodes=nodes)
-    return Verification(controller=controller.name, assumed=reading.assumed, tables=tables, prediction=prediction)
+    replaced = controller.parse(reading.existing, reading) if reading.machine.measured_with == "on" else ()
+    return Verification(
+        controller=controller.name,
+        assumed=reading.assumed,
+        tables=tables,
+        prediction=predict(result, tables, replaced, nodes=nodes),
+        judgements=judge(result, tables, replaced, reading),
+        findings=limit_findings(controller, reading, result, tables),
+    )
 
 
 def controller_of(files: Sequence[ControlFile]) -> Controller:

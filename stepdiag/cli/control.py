@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from stepdiag.solver.geometry.volume import Volume
     from stepdiag.solver.result.result import Result
 
+JUDGED_WRONG = 5
+"""Exit code of ``verify`` for a file that must not be loaded (contract 5)."""
 ControlName = Annotated[str, typer.Option(help="The control: siemens, fanuc, heidenhain, linuxcnc, beckhoff, mitsubishi, fagor, neutral.")]
 ProfileFile = Annotated[Path | None, typer.Option(help="The machine's profile (TOML); `stepdiag profile C` writes one to fill in.")]
 OutFolder = Annotated[Path, typer.Option(help="The folder to write into; what is there is never overwritten with other bytes.")]
@@ -140,9 +142,9 @@ def verify(
     out: Annotated[Path | None, typer.Option(help="Where to draw the error before and after: FILE.svg or FILE.html.")] = None,
     as_json: AsJson = False,
 ) -> None:
-    """Predict the error before and after, from the files.
+    """Judge compensation files and predict the error before and after.
 
-    They are read as the control will read them.
+    They are read as the control will read them; exit code 5 where one of their tables is wrong, beyond a limit, or makes the machine worse.
     """
     from stepdiag.cli.report import read_result
     from stepdiag.exporters.safety.verify import controller_of, verify_files
@@ -161,6 +163,8 @@ def verify(
         _caution(measured, found.prediction)
         if out is not None:
             typer.echo(f"picture: {out}")
+    if not found.right:
+        raise typer.Exit(JUDGED_WRONG)
 
 
 def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":
@@ -199,7 +203,9 @@ def _verification_json(found: "Verification", given: "Sequence[ControlFile]", as
         "controller": found.controller,
         "files": [_file_json(file) for file in given],
         "left_aside": list(aside),
-        "tables": [{"function": table.name, "kind": table.kind, "law": table.law.describe()} for table in found.tables],
+        "verdict": "right" if found.right else "wrong",
+        "tables": [each.as_json() for each in found.judgements],
+        "findings": [finding.as_json() for finding in found.findings],
         "predicted": found.prediction.predicted(),
     }
 
@@ -219,13 +225,17 @@ def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
 def _print_verification(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]") -> None:
     from rich.console import Console
 
-    from stepdiag.terminal.tables import effect_table
+    from stepdiag.terminal.tables import effect_table, finding_lines
 
     typer.echo(f"read as {found.controller}: {', '.join(file.name for file in given)}")
     if aside:
         typer.echo(f"left aside: {', '.join(aside)}")
     for kind, law in dict.fromkeys((table.kind, table.law.describe()) for table in found.tables):
         typer.echo(f"{kind}: {law}")
+    for each in found.judgements:
+        typer.echo(f"{'' if each.harmless else 'WRONG '}{each.code}: {each.text}")
+    for line in finding_lines(found.findings):
+        typer.echo(line)
     Console().print(effect_table(found.prediction))
 
 

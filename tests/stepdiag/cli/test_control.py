@@ -120,7 +120,24 @@ class TestVerify:
         text = (out / "curves.csv").read_text(encoding="ascii")
         turned = re.sub(r",(-?)(\d+\.\d{3})$", lambda found: f",{'' if found[1] else '-'}{found[2]}", text, flags=re.MULTILINE)
         (tmp_path / "curves.csv").write_text(turned, encoding="ascii")
-        assert "WARNING worse-after" in stepdiag("verify", result, tmp_path / "curves.csv").out
+        told = stepdiag("verify", result, tmp_path / "curves.csv")
+        assert (told.code, "WARNING worse-after" in told.out, "WRONG sign-turned" in told.out) == (5, True, True)
+        told = stepdiag("verify", result, tmp_path / "curves.csv", "--json")
+        said = json.loads(told.out)
+        assert (told.code, said["verdict"]) == (5, "wrong")
+        assert "sign-turned" in {table["verdict"] for table in said["tables"]}
+
+    def test_right_files_are_said_to_be_right(self, result, tmp_path):
+        told = stepdiag("verify", result, self.exported(result, tmp_path, "siemens"), "--json")
+        said = json.loads(told.out)
+        assert (told.code, said["verdict"]) == (0, "right")
+        assert {table["verdict"] for table in said["tables"]} == {"right"}
+
+    def test_a_set_that_somebody_changed_is_refused(self, result, tmp_path):
+        out = self.exported(result, tmp_path, "siemens")
+        (out / "AX_EEC_UNTESTED_SIGN.INI").write_bytes(b"")
+        told = stepdiag("verify", result, out)
+        assert (told.code, "expected the bytes that the export wrote" in told.refusal) == (5, True)
 
     @pytest.mark.parametrize(("name", "begins"), [("p.svg", b"<svg"), ("p.html", b"<!doctype html>")])
     def test_draws_before_and_after(self, result, tmp_path, name, begins):

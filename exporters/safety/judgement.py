@@ -1,0 +1,326 @@
+"""Is a table the one that the result asks for? Each is compared with what it should be, and with what goes wrong in practice.
+
+The comparison looks at the movement that the control's law makes of the table, with its mean taken off (an origin is nobody's error), and
+at the curve that the export would write, as far as the table has points to hold it. What fits neither is tried turned in sign, as the
+table of another axis or function, shifted, and scaled.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.result import Result
+
+Code = Literal[
+    "right", "empty", "unidentified", "sign-turned", "axes-swapped", "input-output-swapped", "wrong-measuring-system", "scaled",
+    "beside-volume", "unlike",
+]  # fmt: skip
+HARMLESS: frozenset[Code] = frozenset({"right", "empty", "unidentified"})
+"""Verdicts that do not stop anybody from loading a file."""
+_POINTS = 61
+_SAME = 0.4
+"""What a table may leave of what it should correct and still be the right one."""
+_OTHER = 0.35
+"""What another explanation may leave to be believed."""
+_EXACT = 0.1
+"""What the table of another function leaves when it is just that."""
+_ALIKE = 0.9
+"""Correlation from which a table counts as the right one in another size."""
+_PART = 0.1
+"""Share of the products of a field that one of them must be to be told."""
+_COVERED = 0.5
+"""Share of the measured travel that a table has to cover."""
+_SURE_UM = 0.2
+"""Movements below this are not told from rounding and noise."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Judgement:
+    """What one table is, in a word for programs and a sentence; ``factor`` is its size against the right one where that is told."""
+
+    table: Table
+    code: Code
+    text: str
+    factor: float | None = None
+
+    @property
+    def harmless(self) -> bool:
+        """Return whether the table may be loaded as far as this goes."""
+        return self.code in HARMLESS
+
+    def as_json(self) -> dict[str, object]:
+        """Return the entry of ``verify --json``."""
+        return {
+            "function": self.table.name,
+            "kind": self.table.kind,
+            "place": dict(self.table.place),
+            "law": self.table.law.describe(),
+            "verdict": self.code,
+            "factor": None if self.factor is None else round(self.factor, 4),
+            "text": self.text,
+        }
+
+
+def judge(result: Result, tables: Sequence[Table], replaced: Sequence[Table], profile: Profile) -> tuple[Judgement, ...]:
+    """Return a judgement for every table, in their order; ``replaced`` were active while measuring and give way to the new ones.
+
+    Tables that act together (two directions, two kinds for one function) are judged by their sum.
+    """
+    wanted = _Wanted(result)
+    judged = []
+    for table in tables:
+        fault = _measuring_system(table, profile)
+        if fault is None:
+            together = [each for each in tables if each.name == table.name and _alike(each, table)]
+            before = [each for each in replaced if each.name == table.name and _alike(each, table)]
+            case = _Case(table, together, before)
+            fault = _of_product(case, result) if table.multiplier is not None else _of_curve(case, wanted, result.volume)
+        judged.append(fault)
+    return tuple(judged)
+
+
+@dataclass(frozen=True, slots=True)
+class _Case:
+    table: Table
+    together: Sequence[Table]
+    before: Sequence[Table]
+
+    @property
+    def is_slope(self) -> bool:
+        """Return whether the table is one number, the slope of a straight line."""
+        return len(self.table.position_mm) == 2 and self.table.law.ends == "extended"
+
+    def moved_um(self, position_mm: Vector) -> Vector:
+        """Return what the tables add to what was active, mean of both directions, steps joined by straight lines, in um."""
+        ways = [
+            sum((correction_um(_joined(each), position_mm, way) for each in tables), np.zeros(position_mm.shape)) * sign
+            for tables, sign in ((self.together, 1.0), (self.before, -1.0))
+            for way in (1, -1)
+        ]
+        return np.asarray(sum(ways) / 2.0)
+
+    def says(self, code: Code, text: str, factor: float | None = None) -> Judgement:
+        return Judgement(table=self.table, code=code, text=f"{self.table.label}: {text}", factor=factor)
+
+
+def _joined(table: Table) -> Table:
+    return replace(table, law=replace(table.law, between="linear"))
+
+
+class _Wanted:
+    """The curves that the result asks for, each squareness in one or the other of its two functions."""
+
+    def __init__(self, result: Result) -> None:
+        other = {name: next(one for one in slopes if one != FOLD_DEFAULT[name]) for name, slopes in SQUARENESS_SLOPE.items()}
+        self._curves: dict[str, list[Curve]] = {name: [] for name in FUNCTIONS}
+        for name in FUNCTIONS:
+            for fold in (FOLD_DEFAULT, other):
+                try:
+                    self._curves[name] += fitted(result, [name], fold).curves
+                except DataError:
+                    continue
+
+    def of(self, name: str) -> list[Curve]:
+        return self._curves.get(name, [])
+
+    def as_slope(self, name: str) -> list[Curve]:
+        """Return the curves for a control that holds one slope for both functions of a pair of axes: that of the other one is added."""
+        plain = [curve for curve in self.of(f"E{name[2]}{name[1]}") if not any(part in SQUARENESS_SLOPE for part in curve.parts)]
+        slope = straight_line_um_mm(plain[0]) if plain else 0.0
+        return [replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None) for curve in self.of(name)]
+
+
+def _alike(one: Table, other: Table) -> bool:
+    return (one.multiplier is None) == (other.multiplier is None) and (one.multiplier is None or one.place == other.place)
+
+
+def _measuring_system(table: Table, profile: Profile) -> Judgement | None:
+    system, used = table.place.get("measuring system"), getattr(profile.options, "measuring_system", None)
+    if profile.assumed or system is None or used is None or system == used:
+        return None
+    text = f"{table.label}: written for measuring system {system}, the profile says that {used} is in use: it would not act"
+    return Judgement(table=table, code="wrong-measuring-system", text=text)
+
+
+def _of_curve(case: _Case, wanted: _Wanted, volume: Volume) -> Judgement:
+    own = wanted.as_slope(case.table.name) if case.is_slope else wanted.of(case.table.name)
+    if not own:
+        return case.says("unidentified", "the result does not identify what it corrects: nothing to compare it with")
+    fits = [_Fit.of(case, curve) for curve in own]
+    known = [fit for fit in fits if fit is not None]
+    if known and any(fit.is_right for fit in known):
+        return case.says("right", "what the result asks for", min(known, key=lambda fit: fit.left).factor)
+    if known and all(fit.moved_um < fit.sure_um for fit in known):
+        return case.says("empty", f"no correction, where the result asks for {max(fit.wanted_um for fit in known):.1f} um")
+    return (
+        _turned(case, known)
+        or _swapped(case, wanted, min((fit.left_scaled for fit in known), default=1.0))
+        or _shifted(case, own, volume)
+        or _scaled(case, known)
+        or case.says("unlike", "nothing like what the result asks for: of another machine, another survey, or damaged")
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A table against one curve, over the travel they share: sizes in um (rms), what it leaves as a share, and its factor."""
+
+    wanted_um: float
+    moved_um: float
+    left: float
+    turned: float
+    factor: float
+    alike: float
+    sure_um: float
+
+    @property
+    def is_right(self) -> bool:
+        """Return whether the table corrects the curve, or both are too small to tell."""
+        return self.left <= _SAME or max(self.wanted_um, self.moved_um) < self.sure_um
+
+    @property
+    def left_scaled(self) -> float:
+        """Return what the table leaves of the curve, as a share, once it is brought to the right size."""
+        return float(np.sqrt(max(0.0, 1.0 - self.alike**2)))
+
+    @classmethod
+    def of(cls, case: _Case, curve: Curve, shift_mm: float = 0.0) -> "_Fit | None":
+        """Return the comparison; None where the table does not cover the measured travel."""
+        position = case.table.position_mm + shift_mm
+        first, last = curve.position_mm[[0, -1]]
+        low, high = max(first, position[0]), min(last, position[-1])
+        if high - low < _COVERED * (last - first):
+            return None
+        at = np.linspace(low, high, _POINTS)
+        moved = _centred(case.moved_um(at - shift_mm))
+        wanted = _centred(_held(-curve.at(at), at, position))
+        sure = max(_SURE_UM, case.table.quantum_um, 2.0 * _typical_u(curve))
+        size, size_moved = _rms(wanted), _rms(moved)
+        product = float(np.mean(moved * wanted))
+        return cls(
+            wanted_um=size,
+            moved_um=size_moved,
+            left=_rms(moved - wanted) / max(size, sure),
+            turned=_rms(moved + wanted) / max(size, sure),
+            factor=product / size**2 if size > 0 else np.nan,
+            alike=product / (size * size_moved) if size > 0 and size_moved > 0 else 0.0,
+            sure_um=sure,
+        )
+
+
+def _turned(case: _Case, fits: Iterable[_Fit]) -> Judgement | None:
+    if any(fit.turned <= _SAME and fit.wanted_um > fit.sure_um for fit in fits):
+        return case.says("sign-turned", "the right shape with the opposite sign: it would double the error", -1.0)
+    return None
+
+
+def _swapped(case: _Case, wanted: _Wanted, left_scaled: float) -> Judgement | None:
+    """Return a judgement where the table is that of another function, the mirrored one of the same two axes first.
+
+    Not where the right shape in another size explains the table as well, unless the other function fits in size and all.
+    """
+    own = case.table.name
+    mirrored = f"E{own[2]}{own[1]}"
+    for name in (mirrored, *(each for each in FUNCTIONS if each not in (own, mirrored))):
+        for fit in (_Fit.of(case, curve) for curve in wanted.of(name) if name != own):
+            if fit is None or fit.wanted_um < 2.0 * fit.sure_um or min(fit.left, fit.turned) > min(_OTHER, max(_EXACT, left_scaled)):
+                continue
+            turned = " with the opposite sign" if fit.turned < fit.left else ""
+            code: Code = "input-output-swapped" if name == mirrored else "axes-swapped"
+            return case.says(code, f"this is the table of {name}{turned}")
+    return None
+
+
+def _shifted(case: _Case, own: Sequence[Curve], volume: Volume) -> Judgement | None:
+    """Return a judgement where the table lies elsewhere than the measured volume."""
+    first, last = case.table.position_mm[[0, -1]]
+    axis = AXES.index(case.table.input_axis.lower())
+    low, high = volume.origin_mm[axis], volume.origin_mm[axis] + volume.size_mm[axis]
+    for shift in (low - first, high - last):
+        fits = [_Fit.of(case, curve, shift) for curve in own] if abs(shift) > 1e-6 else []
+        if any(fit is not None and fit.left <= _OTHER and fit.wanted_um > fit.sure_um for fit in fits):
+            return case.says("beside-volume", f"right if it lay {shift:+g} mm from where it lies ({first:g} to {last:g} mm)")
+    if min(last, high) - max(first, low) < _COVERED * (high - low):
+        return case.says("beside-volume", f"{first:g} to {last:g} mm, the measured travel is {low:g} to {high:g} mm")
+    return None
+
+
+def _scaled(case: _Case, fits: Sequence[_Fit]) -> Judgement | None:
+    alike = [fit for fit in fits if abs(fit.alike) >= _ALIKE and fit.wanted_um > fit.sure_um]
+    if not alike:
+        return None
+    factor = max(alike, key=lambda fit: abs(fit.alike)).factor
+    sign = " and turned in sign" if factor < 0 else ""
+    return case.says("scaled", f"the right shape, {abs(factor):.3g} times as large as it should be{sign}", factor)
+
+
+def _of_product(case: _Case, result: Result) -> Judgement:
+    """Return the judgement of a product table: what it does is compared with the part of the field that no curve holds."""
+    points = _grid_mm(result.volume)
+    axis = AXES.index(case.table.output_axis.lower())
+    shape = (_NODES, _NODES, _NODES)
+    moved = (mean_correction_um(case.together, points) - mean_correction_um(case.before, points))[:, axis].reshape(shape)
+    asked = -error_field_um(result, points)[:, axis].reshape(shape)
+    moved, asked = _without_curves(moved), _without_curves(asked)
+    size = _rms(moved)
+    if size < _SURE_UM / 2:
+        return case.says("empty", "no correction")
+    share = float(np.mean(moved * asked)) / size**2
+    if abs(share) * size < _PART * _rms(asked):
+        return case.says("unlike", "the field of the result holds nothing like this product")
+    if share < 0:
+        return case.says("sign-turned", "a product with the opposite sign: it would double what it should correct", 1.0 / share)
+    if not 1.0 / 2.0 <= share <= 2.0:
+        return case.says("scaled", f"{1.0 / share:.3g} times as large as it should be", 1.0 / share)
+    return case.says("right", "what the result asks for", 1.0 / share)
+
+
+_NODES = 9
+
+
+def _grid_mm(volume: Volume) -> Vector:
+    axes = [low + size * np.linspace(0.0, 1.0, _NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _without_curves(values: Vector) -> Vector:
+    """Return what is left of values on a grid without their means along each axis: no curve of one axis can hold it."""
+    left = values - np.mean(values)
+    for axes in ((1, 2), (0, 2), (0, 1)):
+        left = left - np.mean(left, axis=axes, keepdims=True)
+    return np.asarray(left)
+
+
+def _held(values: Vector, at: Vector, position_mm: Vector) -> Vector:
+    """Return what a table with points at ``position_mm`` can hold of values best: straight lines between its points."""
+    if len(position_mm) >= _POINTS:
+        return values
+    hats = np.array([np.interp(at, position_mm, row) for row in np.eye(len(position_mm))]).T
+    return np.asarray(hats @ np.linalg.lstsq(hats, values, rcond=None)[0])
+
+
+def _typical_u(curve: Curve) -> float:
+    known = curve.u_um[np.isfinite(curve.u_um)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0
+
+
+def _centred(values: Vector) -> Vector:
+    return np.asarray(values - np.mean(values))
+
+
+def _rms(values: Vector) -> float:
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def worst(judgements: Iterable[Judgement]) -> Iterator[Judgement]:
+    """Yield the judgements for which a file must not be loaded."""
+    return (each for each in judgements if not each.harmless)

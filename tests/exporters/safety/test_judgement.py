@@ -1,0 +1,165 @@
+"""Verify judges: files that were mistaken for others are named as what they are, on every control that can hold them."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
+from stepdiag.exporters.safety.judgement import judge
+from stepdiag.exporters.safety.verify import verify_files
+from stepdiag.exporters.tables.curves import FUNCTIONS
+from stepdiag.exporters.tables.fit import fitted
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Multiplier, Table
+from stepdiag.solver.result.result import Result
+from testkit.machines import profile_of
+from testkit.results import VOLUME, made_result
+
+ERRORS = {
+    "EXX": [0, 3, 8, 12, 20], "EYY": [0, -9, -5, -12, -19], "EZZ": [0, 6, -4, 5, 9], "EYX": [0, 5, 8, 4, 0], "EZX": [0, -6, 2, 5, 0],
+    "EXY": [0, 4, -6, 3, 0], "EZY": [0, 2, 7, 1, 0], "EXZ": [0, -5, 1, 6, 0], "EYZ": [0, 3, -3, 6, 0],
+}  # fmt: skip
+RESULT = made_result(ERRORS, squareness={"C0Y": 15.0, "B0Z": -12.0, "A0Z": 11.0}, u_um=0.1)
+
+
+def tables_of(name: str = "siemens", result: Result = RESULT, profile: Profile | None = None) -> tuple[list[Table], Profile]:
+    profile = profile or profile_of(name, VOLUME, sections=8)
+    curves = fitted(result, profile.machine.functions, profile.machine.squareness_into).curves
+    plan = controller_named(name).plan(curves, profile)
+    return list(plan.tables), replace(profile, options=plan.options or profile.options)
+
+
+def codes(tables: list[Table], profile: Profile, result: Result = RESULT) -> set[str]:
+    return {each.code for each in judge(result, tables, (), profile)}
+
+
+def changed(tables: list[Table], name: str, **changes: object) -> list[Table]:
+    return [replace(table, **changes) if table.name == name else table for table in tables]
+
+
+def verdict_on(name: str, tables: list[Table], profile: Profile, result: Result = RESULT) -> str:
+    by_name = {each.table.name: each for each in judge(result, tables, (), profile)}
+    others = {each.code for key, each in by_name.items() if key != name}
+    assert others <= {"right"}, others
+    return by_name[name].code
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+@pytest.mark.parametrize("fold", [{}, {"C0Y": "EYX", "B0Z": "EZX", "A0Z": "EZY"}])
+def test_what_an_export_writes_is_right(name, fold):
+    """On every control, squareness in either function, read back from the bytes."""
+    profile = profile_of(name, VOLUME, sections=8)
+    profile = replace(profile, machine=msgspec.structs.replace(profile.machine, squareness_into=profile.machine.squareness_into | fold))
+    tables, settled = tables_of(name, profile=profile)
+    files = [file for file in controller_named(name).render(tables, settled) if file.role == "data"]
+    found = verify_files(RESULT, files, settled)
+    assert {each.code for each in found.judgements} == {"right"}
+    assert found.right
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+class TestMistakes:
+    def test_sign_turned(self, function):
+        tables, profile = tables_of()
+        (table,) = (table for table in tables if table.name == function)
+        assert verdict_on(function, changed(tables, function, value_um=-table.value_um), profile) == "sign-turned"
+
+    @pytest.mark.parametrize("factor", [10.0, 0.1, 25.4, 2.5])
+    def test_scaled(self, function, factor):
+        tables, profile = tables_of()
+        (table,) = (table for table in tables if table.name == function)
+        wrong = changed(tables, function, value_um=factor * table.value_um)
+        assert verdict_on(function, wrong, profile) == "scaled"
+        judged = next(each for each in judge(RESULT, wrong, (), profile) if each.table.name == function)
+        assert judged.factor == pytest.approx(factor, rel=0.2)
+
+    def test_beside_the_volume(self, function):
+        tables, profile = tables_of()
+        (table,) = (table for table in tables if table.name == function)
+        for shift in (250.0, 5000.0):
+            assert verdict_on(function, changed(tables, function, position_mm=table.position_mm + shift), profile) == "beside-volume"
+
+    def test_another_machines_table(self, function):
+        tables, profile = tables_of()
+        (table,) = (table for table in tables if table.name == function)
+        waves = 12.0 * np.cos(np.linspace(0.0, 14.0, len(table.position_mm)))
+        assert verdict_on(function, changed(tables, function, value_um=waves), profile) == "unlike"
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "code"),
+    [("EYX", "EXY", "input-output-swapped"), ("EZX", "EXZ", "input-output-swapped"), ("EZY", "EYZ", "input-output-swapped"),
+     ("EXX", "EYY", "axes-swapped"), ("EYX", "EZX", "axes-swapped"), ("EXZ", "EYZ", "axes-swapped")],
+)  # fmt: skip
+def test_two_functions_in_each_others_place(one, other, code):
+    """Axis names mixed up: each table stands, with its own grid, where the other belongs."""
+    tables, profile = tables_of()
+    tables = [table for table in tables if table.name in (one, other)]
+    swapped = [
+        replace(table, input_axis=taken.input_axis, output_axis=taken.output_axis)
+        for table, taken in zip(tables, tables[::-1], strict=True)
+    ]
+    assert codes(swapped, profile) == {code}
+
+
+def test_a_table_for_the_encoder_that_is_not_in_use():
+    tables, profile = tables_of()
+    wrong = changed(tables, "EXX", place={"measuring system": 2, "axis": "AX1"})
+    assert verdict_on("EXX", wrong, profile) == "wrong-measuring-system"
+
+
+def test_zeros_correct_nothing_and_harm_nothing():
+    tables, profile = tables_of()
+    assert verdict_on("EXX", changed(tables, "EXX", value_um=np.zeros(9)), profile) == "empty"
+
+
+def test_what_the_result_does_not_identify_is_not_judged():
+    tables, profile = tables_of()
+    assert (
+        verdict_on("EYX", tables, profile, made_result({**ERRORS, "EYX": None}, squareness={"C0Y": 15.0, "B0Z": -12.0, "A0Z": 11.0}))
+        == "unidentified"
+    )
+
+
+def test_old_and_new_together_are_right_after_a_survey_with_the_old_one_active():
+    """The result holds the residual; the new table holds old plus residual."""
+    old, profile = tables_of(result=made_result({"EXX": [0, 3, 8, 12, 20]}))
+    residual = made_result({"EXX": [0, 4, -3, 5, 6]})
+    new = [
+        replace(table, value_um=table.value_um + np.interp(table.position_mm, VOLUME.nodes_mm(0), [0, 4, -3, 5, 6]) * (table.name == "EXX"))
+        for table in old
+    ]
+    judged = {each.table.name: each.code for each in judge(residual, new, old, profile)}
+    assert judged["EXX"] == "right"
+    assert {each.code for each in judge(residual, new, (), profile) if each.table.name == "EXX"} == {"unlike"}
+
+
+@pytest.mark.parametrize(("factor", "code"), [(1.0, "right"), (-1.0, "sign-turned"), (10.0, "scaled"), (0.1, "scaled")])
+def test_products(factor, code):
+    """A pitch of X lifts Z by x's angle times the lever along y: only a product of two tables holds it."""
+    roll = np.array([0.0, 30.0, -20.0, 10.0, 40.0])
+    result = made_result(ERRORS)
+    result.errors["EAX"] = replace(result.errors["EXX"], value=roll, u=np.full(5, 0.1), unit="urad")
+    product = fitted(result).products[0]
+    half = product.half_mm
+    axis = "XYZ".index(product.by_axis)
+    low, high = VOLUME.origin_mm[axis], VOLUME.origin_mm[axis] + VOLUME.size_mm[axis]
+    lever = Multiplier(axis=product.by_axis, position_mm=np.array([low, high]), value=(np.array([low, high]) - product.middle_mm) / half)
+    (eyx,) = (table for table in tables_of()[0] if table.name == "EYX")
+    table = replace(
+        eyx, input_axis=product.input_axis, output_axis=product.output_axis, position_mm=product.position_mm,
+        value_um=factor * product.value_um, multiplier=lever,
+    )  # fmt: skip
+    assert codes([table], profile_of("siemens", VOLUME), result) == {code}
+
+
+def test_limits_are_applied_to_files_from_anywhere():
+    """A file that is right but beyond the control's own limits is not to be loaded."""
+    tables, profile = tables_of()
+    profile = replace(profile, options=msgspec.structs.replace(profile.options, cec_tables_held=5))
+    files = [file for file in controller_named("siemens").render(tables, profile) if file.role == "data"]
+    found = verify_files(RESULT, files, profile)
+    assert "tables-beyond-limit" in {finding.code for finding in found.findings}
+    assert not found.right
