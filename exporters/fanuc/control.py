@@ -16,6 +16,7 @@ from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
 from stepdiag.exporters.fanuc.parameters import SET_BY_HAND, Key, fitted, parameter_rows, parameters_of, stored_in
 from stepdiag.exporters.fanuc.punch import FIRST_PITCH_LINE, PunchFile, read_punch
 from stepdiag.exporters.fanuc.reading import read_tables
+from stepdiag.exporters.fanuc.straightness import given_to
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, Curve
@@ -52,23 +53,27 @@ class Fanuc:
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return pitch tables for positioning errors, with inclination where asked, and four-point tables for straightness."""
-        options = profile.options_as(FanucOptions)
+        masters = [read_punch(file) for file in profile.existing]
+        wide = [curve for curve in curves if curve.name not in POSITIONING and len(profile.grid_mm(curve.input_axis)) >= 4]
+        asked = profile.options_as(FanucOptions)
+        fitted = {curve.name: lines.line_table(lines.STRAIGHTNESS, curve, profile, asked) for curve in wide}
+        options = given_to({name: table for name, (table, _) in fitted.items()}, asked, masters, profile.source)
         tables: list[Table] = []
         listed: list[Table] = []
         findings: list[Finding] = []
         for curve in curves:
             if curve.name in POSITIONING:
                 tables += _positioning(curve, profile, options)
-            elif len(profile.grid_mm(curve.input_axis)) < 4:
+            elif curve.name not in fitted:
                 text = f"{curve.name}: the grid has fewer than the four points that straightness compensation needs"
                 findings.append(Finding(code="straightness-left-out", severity="info", text=text))
             else:
-                table, left_um = lines.line_table(lines.STRAIGHTNESS, curve, profile, options)
+                table, left_um = fitted[curve.name]
                 (tables if curve.name in options.straightness else listed).append(table)
                 findings.append(_straightness_remark(curve, left_um, options))
         return Plan(
             tables=tuple(tables),
-            findings=(*findings, *_overlaps(tables), *identity_findings(list(map(read_punch, profile.existing)), profile, options)),
+            findings=(*findings, *_overlaps(tables), *identity_findings(masters, profile, options)),
             listed=tuple(listed),
             options=_with_magnifications(options, tables),
         )
@@ -185,9 +190,10 @@ def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) ->
     if curve.name in options.straightness:
         text = f"{curve.name}: four-point straightness leaves up to {left_um:.1f} um at the grid points"
         return Finding(code="straightness-four-points", severity="info", text=text)
-    text = (
-        f"{curve.name}: straightness stands in the report only (four points would leave up to {left_um:.1f} um): "
-        f"its parameter numbers depend on the machine; give them in [fanuc.straightness.{curve.name}]"
+    text = f"{curve.name}: straightness stands in the report only (four points would leave up to {left_um:.1f} um): " + (
+        "the control's sets hold others that are worth more"
+        if options.straightness
+        else f"where the control has the option, straightness_option = true, or its numbers in [fanuc.straightness.{curve.name}]"
     )
     return Finding(code="straightness-report-only", severity="info", text=text)
 

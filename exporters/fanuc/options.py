@@ -41,6 +41,7 @@ class FanucOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_o
     points_per_axis: int = 128
     experimental_bidirectional: bool = False
     straightness: dict[str, StraightnessNumbers] = {}
+    straightness_option: bool = False
 
     def axis(self, letter: str, source: str) -> AxisPoints:
         """Return the points of axis X, Y or Z. Raises ``UsageError`` for an axis without a section."""
@@ -57,6 +58,7 @@ detection_unit_um = "?"       # 1.0 or 0.1: a wrong answer makes every value 10 
 # least_input_um = 1.0        # least input increment, for 3624 of old controls (16i/18i)
 # increment_limit = 7         # largest increment per point; some series and options allow 127
 # points_per_axis = 128
+# straightness_option = false # true: the control has straightness compensation, and its punched parameters hold 5711 to 5784
 # experimental_bidirectional = false   # 3605#0: pitch data of their own for each direction
 [fanuc.axes.X]
 number = "?"                  # which A<number> is X: parameter 1020 holds 88 for X, 89 for Y, 90 for Z

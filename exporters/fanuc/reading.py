@@ -7,6 +7,7 @@ import numpy as np
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.options import LAST_POINT, AxisPoints, FanucOptions, StraightnessNumbers
 from stepdiag.exporters.fanuc.punch import PunchFile
+from stepdiag.exporters.fanuc.straightness import found_in
 from stepdiag.exporters.files.listing import finite, whole
 from stepdiag.exporters.tables.curves import STRAIGHTNESS
 from stepdiag.exporters.tables.profile import Profile
@@ -25,7 +26,7 @@ def read_tables(files: Sequence[PunchFile], profile: Profile, options: FanucOpti
     for letter in options.axes:
         tables += reader.pitch(letter)
         tables += reader.inclination(letter)
-    for name, numbers in options.straightness.items():
+    for name, numbers in {**found_in(files, options), **options.straightness}.items():
         if name not in STRAIGHTNESS:
             raise UsageError(f"{profile.source}: fanuc.straightness.{name}", expected="one of " + ", ".join(STRAIGHTNESS), found=name)
         tables += reader.straightness(name, numbers)

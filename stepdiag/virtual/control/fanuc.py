@@ -21,6 +21,8 @@ _PARAMETER_KIND = "1"
 class _Memory:
     parameters: dict[int, dict[int, str]] = field(default_factory=dict)
     pitch: dict[int, int] = field(default_factory=dict)
+    plain: dict[int, int] = field(default_factory=dict)
+    """Parameters that belong to no axis."""
 
     def read(self, text: str) -> None:
         """Read from the first % to the next one: what follows a stray % is lost, as on the machine."""
@@ -36,6 +38,8 @@ class _Memory:
             self.parameters.setdefault(number, {}).update({int(axis): value for axis, value in by_axis})
         elif plain and number >= _FIRST_PITCH_LINE and kind != _PARAMETER_KIND:
             self.pitch[number - _FIRST_PITCH_LINE] = int(plain[1])
+        elif plain:
+            self.plain[number] = int(plain[1])
 
     def integer(self, number: int, axis: int) -> int:
         return round(float(self._word(number, axis)))
@@ -67,7 +71,29 @@ def load_fanuc(
     for axis in (1, 2, 3):
         if axis in memory.parameters.get(3624, {}):
             tables += _axis_tables(memory, axis, detection_unit_um * 1e-3, least_input_mm, interpolated=interpolated)
+    tables += [table for number in range(3) for table in _straightness(memory, number, detection_unit_um * 1e-3, least_input_mm)]
     return tables
+
+
+def _straightness(memory: _Memory, number: int, unit_mm: float, least_input_mm: float) -> list[AxisTable]:
+    """Return a straightness compensation: at four pitch points of the moving axis, in straight lines, what is added to another axis.
+
+    B-63522EN/02 15.5; a set without a moving axis is off. The numbers of the parameters are those of the virtual control only.
+    """
+    moving, compensated = (memory.plain.get(first + number, 0) for first in (5711, 5721))
+    if not moving:
+        return []
+    reference, interval_mm = memory.integer(3620, moving), memory.length_mm(3624, moving, least_input_mm)
+    points = [memory.plain[5731 + 10 * number + point] for point in range(4)]
+    values = [memory.plain[5761 + 10 * number + point] for point in range(4)]
+    return [
+        AxisTable(
+            input_axis=moving - 1,
+            output_axis=compensated - 1,
+            position_mm=tuple((point - reference) * interval_mm for point in points),
+            value_mm=tuple(value * unit_mm for value in values),
+        )
+    ]
 
 
 def _axis_tables(memory: _Memory, axis: int, unit_mm: float, least_input_mm: float, *, interpolated: bool) -> list[AxisTable]:

@@ -1,0 +1,80 @@
+"""FANUC straightness compensation where the machine's own file holds its parameters: which sets there are, and what goes into them.
+
+B-63522EN/02 15.5 describes the function: a moving axis, a compensated axis, four pitch points of the moving axis and the compensation
+there. The parameter numbers were in no manual that was seen; those below are remembered ones. They are used only where the profile says
+that the option is there (``straightness_option``) and the machine's own punched parameters hold all ten numbers of a set; otherwise the
+table is for the report. Such a control holds three sets: the three functions that are worth most, squareness included.
+"""
+
+from collections.abc import Mapping, Sequence
+
+import msgspec
+import numpy as np
+
+from stepdiag.exporters.fanuc.options import FanucOptions, StraightnessNumbers
+from stepdiag.exporters.fanuc.punch import PunchFile
+from stepdiag.exporters.tables.tables import Table
+from stepdiag.solver.errors import SafetyError
+
+SETS = tuple(
+    StraightnessNumbers(
+        moving=5711 + number,
+        compensated=5721 + number,
+        points=[5731 + 10 * number + point for point in range(4)],
+        values=[5761 + 10 * number + point for point in range(4)],
+    )
+    for number in range(3)
+)
+
+
+def sets_in(files: Sequence[PunchFile]) -> tuple[StraightnessNumbers, ...]:
+    """Return the sets whose ten numbers stand in one of the files."""
+    return tuple(one for one in SETS if any(all(file.parameter(key, None) is not None for key in _keys(one)) for file in files))
+
+
+def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence[PunchFile], source: str) -> FanucOptions:
+    """Return the options with the machine's sets given to the functions that are worth most; those of the profile stay.
+
+    Raises ``SafetyError`` (code ``template-lacks-parameters``) where the profile says that the option is there and no file shows it.
+    """
+    if not options.straightness_option:
+        return options
+    taken = {numbers.moving for numbers in options.straightness.values()}
+    free = [one for one in sets_in(files) if one.moving not in taken]
+    if not free and not options.straightness:
+        raise SafetyError(
+            f"{source}: fanuc.straightness_option",
+            code="template-lacks-parameters",
+            expected="the machine's punched parameters with 5711, 5721, 5731 to 5734 and 5761 to 5764",
+            found="none of these sets",
+            remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file in machine.existing; without the option: false",
+        )
+    names = sorted((name for name in tables if name not in options.straightness), key=lambda name: -_worth_um(tables[name]))
+    given = dict(zip(names, free, strict=False))
+    return msgspec.structs.replace(options, straightness={**options.straightness, **given})
+
+
+def found_in(files: Sequence[PunchFile], options: FanucOptions) -> dict[str, StraightnessNumbers]:
+    """Return the sets in use by function name, as moving and compensated axis in the files say."""
+    letters = {axis.number: letter for letter, axis in options.axes.items()}
+    found: dict[str, StraightnessNumbers] = {}
+    for one in sets_in(files) if options.straightness_option else ():
+        moving, compensated = (letters.get(_number(files, key)) for key in (one.moving, one.compensated))
+        if moving is not None and compensated is not None and moving != compensated:
+            found[f"E{compensated}{moving}"] = one
+    return found
+
+
+def _keys(numbers: StraightnessNumbers) -> tuple[int, ...]:
+    return numbers.moving, numbers.compensated, *numbers.points, *numbers.values
+
+
+def _number(files: Sequence[PunchFile], key: int) -> int:
+    texts = [text for file in files if (text := file.parameter(key, None)) is not None]
+    return int(texts[0]) if texts and texts[0].lstrip("-").isdigit() else -1
+
+
+def _worth_um(table: Table) -> float:
+    """Return the spread of what the four points bring along the axis."""
+    at = np.linspace(table.position_mm[0], table.position_mm[-1], 201)
+    return float(np.std(np.interp(at, table.position_mm, table.value_um)))

@@ -1,0 +1,113 @@
+"""Straightness where the option is in the machine's file: three sets for what is worth most, fitted to the volume, applied by its law."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from stepdiag.exporters.fanuc.control import Fanuc
+from stepdiag.exporters.fanuc.straightness import SETS
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.safety.verify import grid_points_mm
+from stepdiag.exporters.tables.fit import fitted
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import total_correction_um
+from stepdiag.solver.errors import SafetyError
+from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.solver.result.result import ROTATIONS, Result
+from stepdiag.virtual.control.fanuc import load_fanuc
+from testkit.machines import EOB, new_punch_file, profile_of
+from testkit.results import made_result
+
+FANUC = Fanuc()
+VOLUME = Volume(origin_mm=(-200.0, -200.0, -100.0), size_mm=(400.0, 400.0, 200.0), increments=4)
+POINTS = grid_points_mm(VOLUME, 9)
+
+
+def parameters(sets: int = 3) -> bytes:
+    """Return a punch file with the parameters of so many sets, all zero: the option as it was delivered."""
+    keys = [key for one in SETS[:sets] for key in (one.moving, one.compensated, *one.points, *one.values)]
+    lines = ["%", "(CNCID=000000000000)", *(f"N{key:05}Q1P0" for key in sorted(keys)), "%"]
+    return EOB.join(line.encode("ascii") for line in lines) + EOB
+
+
+def profile(sets: int = 3, *, option: bool = True) -> Profile:
+    plain = profile_of("fanuc", VOLUME, sections=16, reference_at=8)
+    files = (
+        ControlFile(name="PITCH.TXT", data=new_punch_file()),
+        *([ControlFile(name="PARAM.TXT", data=parameters(sets))] if sets else []),
+    )
+    functions = ["EXX", "EYY", "EZZ", "EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"]
+    return replace(
+        plain,
+        existing=files,
+        machine=msgspec.structs.replace(plain.machine, functions=functions),
+        options=msgspec.structs.replace(plain.options, straightness_option=option, detection_unit_um=0.1, increment_limit=127),
+    )
+
+
+def drawn(seed: int = 4) -> Result:
+    rng, along = np.random.default_rng(seed), np.linspace(0.0, 1.0, 5)
+    angles = {name: 12 * (rng.normal() * along + rng.normal() * np.sin(np.pi * along)) for name in ROTATIONS}
+    straight = {name: 6 * rng.normal() * np.sin(np.pi * along) for name in ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")}
+    square = {"C0Y": 25.0, "B0Z": -18.0, "A0Z": 21.0}
+    return made_result(straight, squareness=square, angles=angles, volume=VOLUME)
+
+
+def rms_um(result: Result, moved: np.ndarray) -> float:
+    left = without_rigid_motion(VOLUME, POINTS, error_field_um(result, POINTS) + moved)
+    return float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+
+
+def written(of: Profile, result: Result):
+    plan = FANUC.plan(fitted(result).curves, of)
+    settled = replace(of, options=plan.options)
+    return plan, settled, FANUC.render(plan.tables, settled)
+
+
+def test_the_three_functions_that_are_worth_most_are_written() -> None:
+    plan, _, _ = written(profile(), drawn())
+    assert len([table for table in plan.tables if table.kind == "straightness"]) == 3
+    assert {table.name for table in plan.tables if table.kind == "straightness"} >= {"EXY"} or len(plan.listed) == 3
+    spread = {table.name: np.ptp(table.value_um) for table in (*plan.tables, *plan.listed) if table.kind == "straightness"}
+    assert min(spread[t.name] for t in plan.tables if t.kind == "straightness") >= 0.4 * max(spread[t.name] for t in plan.listed)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_virtual_control_moves_as_read_and_reaches_more_than_pitch_alone(seed: int) -> None:
+    result = drawn(seed)
+    plan, settled, files = written(profile(), result)
+    read = FANUC.parse(files, settled)
+    assert sorted(table.label for table in read) == sorted(table.label for table in plan.tables)
+    tables = load_fanuc([file.data.decode("ascii") for file in files], detection_unit_um=0.1, interpolated=False)
+    theirs = sum((table.correction_mm(POINTS, np.ones(POINTS.shape)) for table in tables), np.zeros(POINTS.shape)) * 1e3
+    np.testing.assert_allclose(theirs, total_correction_um(read, POINTS), rtol=0, atol=1e-6)
+    without = total_correction_um([table for table in read if table.kind != "straightness"], POINTS)
+    assert rms_um(result, theirs) < 0.75 * rms_um(result, without)
+
+
+def test_a_new_reader_finds_them_by_what_the_file_says() -> None:
+    """``verify`` with the profile as the person wrote it: which function a set holds stands in the file."""
+    of = profile()
+    plan, _, files = written(of, drawn())
+    read = FANUC.parse(files, replace(of, options=msgspec.structs.replace(of.options, axes=plan.options.axes)))
+    assert {t.name for t in read if t.kind == "straightness"} == {t.name for t in plan.tables if t.kind == "straightness"}
+
+
+def test_fewer_sets_hold_fewer_functions() -> None:
+    plan, _, _ = written(profile(sets=1), drawn())
+    assert len([table for table in plan.tables if table.kind == "straightness"]) == 1
+    assert len(plan.listed) == 5
+
+
+def test_an_option_that_the_file_does_not_show_is_refused() -> None:
+    with pytest.raises(SafetyError) as refused:
+        written(profile(sets=0), drawn())
+    assert refused.value.code == "template-lacks-parameters"
+
+
+def test_without_the_option_it_stays_in_the_report() -> None:
+    plan, _, _ = written(profile(option=False), drawn())
+    assert len(plan.listed) == 6
