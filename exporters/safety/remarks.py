@@ -78,10 +78,20 @@ def _state(case: Case) -> Iterator[Finding]:
 
 
 def _reversal(case: Case) -> Iterator[Finding]:
+    """Offer the backlash number with its U, or say that there is none; and say where a table for each direction would hold chance only."""
+    numbers = case.result.extra.get("backlash")
     for curve in case.curves:
-        if curve.name in POSITIONING and curve.reverse_um is not None and case.profile.machine.direction == "mean":
-            text = f"{curve.name}: the table holds the mean of both directions; reversal value {curve.reversal_um:.2f} um (in - minus in +)"
-            yield _note("reversal-value", text + ", measured from the first position: for the backlash parameter")
+        if curve.name not in POSITIONING:
+            continue
+        number = numbers.get(curve.input_axis) if isinstance(numbers, dict) else None
+        if isinstance(number, dict) and curve.reverse_um is not None and case.profile.machine.direction == "mean":
+            text = f"{curve.name}: the table holds the mean of both directions; backlash {-number['value']:.2f} um (in - minus in +), "
+            yield _note("reversal-value", text + f"U {2 * number['u']:.2f} um (k = 2): for the backlash parameter")
+        elif curve.reverse_um is None and case.profile.machine.direction == "both":
+            text = (
+                f"{curve.name}: no significant reversal, or passes that share no zero of the count: the mean of both directions is written"
+            )
+            yield _note("reversal-insignificant", text)
 
 
 def _runs(case: Case) -> Iterator[Finding]:

@@ -14,12 +14,14 @@ import numpy as np
 
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.result import Function, Result
 
 POSITIONING = ("EXX", "EYY", "EZZ")
 STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 FUNCTIONS = POSITIONING + STRAIGHTNESS
 """The nine functions that a table of one input and one output axis can correct."""
+SIGNIFICANT = 3.0
+"""Reversal beyond this many standard uncertainties at one of some ten positions is no chance."""
 
 SQUARENESS_SLOPE: Mapping[str, Mapping[str, float]] = MappingProxyType(
     {
@@ -146,9 +148,23 @@ def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
     )
 
 
+def _significant(name: str, reversal: Function) -> bool:
+    """Return whether a reversal is more than chance somewhere, and in the axis' own direction whole.
+
+    Where the passes share no zero, a positioning function's reversal is known from its first position on only (u = 0 there): a table for
+    each direction would leave its constant part out, with the backlash parameter at zero beside it.
+    """
+    if reversal.u is None or reversal.value is None:
+        return reversal.value is not None
+    if name in POSITIONING and not reversal.u[0] > 0.0:
+        return False
+    told = reversal.u > 0.0
+    return bool(np.any(np.abs(reversal.value[told]) > SIGNIFICANT * reversal.u[told]))
+
+
 def _half_reversal(result: Result, name: str, position_mm: Vector) -> Vector | None:
-    """Return half of (approach in + minus approach in -) at the positions, None where the data do not give it."""
+    """Return half of (approach in + minus approach in -) at the positions, None where the data do not give it, or give chance only."""
     reversal = result.reversal.get(name)
-    if reversal is None or reversal.value is None:
+    if reversal is None or reversal.value is None or not _significant(name, reversal):
         return None
     return np.interp(position_mm, reversal.position_mm, reversal.value) / 2

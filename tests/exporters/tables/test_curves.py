@@ -1,5 +1,7 @@
 """Neutral curves: signs of the squareness, folding into one axis of a pair, reversal, refusals."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -78,3 +80,16 @@ class TestReversal:
         """What was not measured is not extrapolated."""
         curve = curves_of(made_result({"EXX": [0, 1, 2, 3, 4]}), ["EXX"])[0]
         assert curve.at(np.array([-999.0, 999.0])).tolist() == [0.0, 4.0]
+
+
+def test_reversal_that_is_no_more_than_chance_makes_no_second_direction():
+    """0.8 um known to 0.3 um (k = 1) is within three standard uncertainties."""
+    curve = curves_of(made_result({"EXX": [0, 1, 2, 3, 4]}, reversal={"EXX": [0.8] * 5}), ["EXX"])[0]
+    assert curve.reverse_um is None
+
+
+def test_reversal_without_its_constant_part_makes_no_second_direction():
+    """Passes that share no zero: u is 0 at the first position, because the value there is a convention."""
+    result = made_result({"EXX": [0, 1, 2, 3, 4]}, reversal={"EXX": [0, 4, 4, 4, 8]})
+    relative = replace(result.reversal["EXX"], u=np.array([0.0, 0.3, 0.3, 0.3, 0.3]))
+    assert curves_of(replace(result, reversal={"EXX": relative}), ["EXX"])[0].reverse_um is None
