@@ -24,6 +24,7 @@ from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
 from stepdiag.exporters.safety.compensation import remarks as compensation_remarks
 from stepdiag.exporters.safety.compensation import require_agreement
+from stepdiag.exporters.safety.gate import gate_findings, require_clean
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.verify import predict
@@ -133,12 +134,13 @@ def _control_files(case: Case) -> list[ControlFile]:
     notes = [f"UNTESTED SIGN ({', '.join(kinds)}): make the sign test before this table is used"] if kinds else []
     rendered = case.controller.render(case.tables, case.profile, notes)
     readable = [file for file in rendered if file.role == "data"]
-    refuse(tuple(check_round_trip(case.tables, case.controller.parse(readable, case.profile))), (), "files as written")
+    read = case.controller.parse(readable, case.profile)
+    errors = [item for item in gate_findings(case.controller, case.profile, case.result, read) if item.severity == "error"]
+    refuse((*check_round_trip(case.tables, read), *errors), (), "files as written")
+    restore = restore_files(case.controller, case.tables, case.profile)
+    require_clean([*rendered, *restore], case.profile.existing)
     suffix = UNTESTED if kinds else ""
-    return [
-        *(replace(file, name=suffixed(file.name, suffix)) for file in rendered),
-        *restore_files(case.controller, case.tables, case.profile),
-    ]
+    return [*(replace(file, name=suffixed(file.name, suffix)) for file in rendered), *restore]
 
 
 def _refused(text: str, error: SafetyError) -> bytes:

@@ -14,6 +14,7 @@ from stepdiag.exporters.linuxcnc import kinematics
 from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
 from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.compensation import stated_in
+from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.verify import Prediction, predict_moved
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM
@@ -30,6 +31,7 @@ def export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportRepor
     file = lattice.render(lattice.lattice_of(result, step_mm))
     text = f"{file.name}: what has to be added to the command at each vertex, in um; step {step_mm:g} mm\n"
     text += f"compensation while measuring: {stated_in(result).words()}; where it was on, the vectors come on top of what was active\n"
+    require_clean([file])
     names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
 
@@ -49,6 +51,7 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
     files = kinematics.control_files(held, profile, profile.options_as(LinuxCncOptions).joints)
     nothing = active or Lattice(axes_mm=axes, vectors_um=np.zeros(held.vectors_um.shape))
     restore = replace(lattice.render(nothing), name=suffixed("lattice.csv", RESTORE))
+    require_clean([file for file in (*files, restore) if lattice.recognises(file)])
     text = _report(result, profile, findings, prediction)
     names = write_set(out_dir, [*files, restore, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(controller="linuxcnc", out_dir=out_dir, files=names, findings=findings, tables=(), prediction=prediction, text=text)

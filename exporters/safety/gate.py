@@ -1,0 +1,73 @@
+"""The last gate: the very text that goes to a control, looked at once more by something that did not write it.
+
+Whatever went wrong before, no control gets a number that is none, a power of ten, more digits than a control takes, a table whose positions
+do not rise or whose values are beyond the limits.
+"""
+
+import re
+from collections.abc import Collection, Iterator, Sequence
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.safety.checks import limit_findings
+from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table
+from stepdiag.solver.errors import SafetyError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import Result
+
+_NO_NUMBER = re.compile(r"(?<![A-Za-z_])(?:nan|inf|infinity)(?![A-Za-z_])", re.IGNORECASE)
+_POWER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?\d+(?:\.\d*)?[eE][-+]?\d+(?![A-Za-z0-9_.])")
+_NUMBER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?(\d+)(?:\.(\d*))?(?![A-Za-z0-9_.])")
+_BARE_POINT = re.compile(r"(?<![0-9])\.\d|--\d|\+-\d|-\+\d")
+_DIGITS, _DECIMALS = 12, 9
+"""Digits before and after the point: the identity of a control has twelve, a position in inches nine decimals."""
+_PAST = 3
+"""Lines that a refusal names at most."""
+
+
+def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ()) -> None:
+    """Raise ``SafetyError`` (code ``text-not-clean``) for text that a control could read otherwise than it was meant.
+
+    Notes for people are not looked at, nor lines that stand in the machine's ``own`` files as they are.
+    """
+    known = {line for file in own for line in file.data.splitlines()}
+    for file in files:
+        found = [*_suspicious(file, known)][:_PAST] if file.role != "note" else []
+        if found:
+            raise SafetyError(
+                file.name,
+                code="text-not-clean",
+                expected=f"plain numbers of at most {_DIGITS} digits and {_DECIMALS} decimals",
+                found="; ".join(found),
+                remedy="report it; nothing was written",
+            )
+
+
+def gate_findings(controller: Controller, profile: Profile, result: Result, read: Sequence[Table]) -> Iterator[Finding]:
+    """Yield what the limits say about tables as they were read back from the text, and positions outside the travel of their axis."""
+    yield from limit_findings(controller, profile, result, read)
+    for table in read:
+        travel = profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
+        if travel is None or table.law.ends == "extended":
+            continue
+        step = float(table.position_mm[1] - table.position_mm[0])
+        if table.position_mm[0] < travel[0] - step or table.position_mm[-1] > travel[1] + step:
+            first, last = table.position_mm[[0, -1]]
+            text = f"{table.label}: {first:g} to {last:g} mm, the axis travels {travel[0]:g} to {travel[1]:g} mm"
+            yield Finding(code="beyond-travel", severity="error", text=text)
+
+
+def _suspicious(file: ControlFile, known: Collection[bytes]) -> Iterator[str]:
+    for number, raw in enumerate(file.data.splitlines(), start=1):
+        if raw in known:
+            continue
+        line = raw.decode("ascii", errors="replace")
+        if not raw.isascii():
+            yield f"line {number}: a byte that is no ASCII"
+            continue
+        odd = _NO_NUMBER.search(line) or _POWER.search(line) or _BARE_POINT.search(line)
+        if odd is None:
+            odd = next((each for each in _NUMBER.finditer(line) if len(each[1]) > _DIGITS or len(each[2] or "") > _DECIMALS), None)
+        if odd is not None:
+            yield f"line {number}: {odd.group()}"
