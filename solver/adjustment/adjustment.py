@@ -10,17 +10,31 @@ from stepdiag.solver.adjustment.robustness import MOST, most_suspicious, name_ex
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.components import Sizes, scored, sized
 from stepdiag.solver.linear.fit import Fit, fit, refit
+from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
 from stepdiag.solver.model.angles import Angles
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Design, Model, build_design
-from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_rows
+from stepdiag.solver.model.effects import AngleShapes, Effect, angle_shapes, effects_of
+from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.model.noise import LEAST_U_UM, assumed_noise, noise_classes, robust_scale, starting_u_um, variance_scale
-from stepdiag.solver.model.priors import angular_effect_um, has_stated_u, make_prior
+from stepdiag.solver.model.noise import (
+    LEAST_U_UM,
+    assumed_noise,
+    noise_classes,
+    repeatability_factor,
+    robust_scale,
+    starting_u_um,
+    variance_scale,
+)
+from stepdiag.solver.model.priors import angular_effect_um, has_stated_u, make_prior, origin_pattern
 
 TILT_ROUNDS = 2
 COMMON_ROUNDS = 2
 SIZE_ROUNDS = 4
+LEAST_NOISE = 1e-4
+"""Of a variance, relative to the usual: readings a hundred times better than usual are not told apart from perfect ones."""
 MOST_TILT_MRAD = 200.0
 """A tenth of it sends the beam past the laser after a quarter of a metre."""
 
@@ -29,21 +43,35 @@ MOST_TILT_MRAD = 200.0
 class Adjustment:
     """The fit of a survey and what came up on the way. Rows of the fit are the readings (first m), the head's straightness and the priors.
 
-    ``u_um`` (m,) is the standard uncertainty used for every reading, infinite where a stop was left out.
+    ``effects`` are the random effects in the order of the fit's causes, ``shapes`` describes those that are angular functions, ``sizes``
+    says what became of their sizes. ``u_um`` (m,) is the standard uncertainty used for every reading, infinite where a stop was left
+    out. ``chi_square`` is the square sum of the residuals by the uncertainties stated and assumed, before the repeatability was
+    enlarged by ``enlarged``.
     """
 
     layout: Layout
     design: Design
-    fit: Fit
+    fit: MixedFit
     angles: Angles
-    estimates_angles: bool
+    assumed: Assumptions
+    effects: tuple[Effect, ...]
+    shapes: AngleShapes
+    sizes: Sizes
     u_um: Vector
+    chi_square: float
+    enlarged: float
     findings: tuple[Finding, ...] = field(default=())
 
     @property
     def tilt_mrad(self) -> Vector:
         """Return the lean of every setup's mirror from the machine's diagonal, shape (setups, 3)."""
         return _tilts(self.design, _smallest_machine(self.design, self.fit), len(self.layout.setups))
+
+    @property
+    def as_usual(self) -> MixedFit:
+        """Return the fit with no cause larger than usual: what contradicts it is named, however large a cause could hold it."""
+        group = np.repeat(np.arange(len(self.effects)), [effect.count for effect in self.effects])
+        return sized(self.fit, np.minimum(1.0, 1.0 / self.sizes.factor)[group])
 
     @property
     def residual_um(self) -> Vector:
@@ -56,17 +84,16 @@ def adjust(
     chain: str,
     *,
     angles: Angles | None = None,
-    estimate_angles: bool = False,
     straightness: Sequence[MeasuredStraightness] = (),
+    assumed: Assumptions | None = None,
 ) -> Adjustment:
     """Adjust a survey, with the ``straightness`` that a 4-DOF head measured as further rows.
 
-    Known angular functions are taken off first (theory 5.2); those with an uncertainty are adjusted within it. ``estimate_angles``
-    frees those that are not known. Raises ``UsageError`` for a wrong chain, ``DataError`` for angles that do not span the volume.
+    Known angular functions are taken off first (theory 5.2); those with an uncertainty are adjusted within it. All others, drift and
+    the scales of setups are random effects of the sizes ``assumed``, as far as the readings do not say better. Raises ``UsageError``
+    for a wrong chain, ``DataError`` for angles that do not span the volume.
     """
-    known = angles or {}
-    task = _Task(layout, chain, known, straightness, estimate_angles=estimate_angles)
-    return task.run()
+    return _Task(layout, chain, angles or {}, straightness, assumed or Assumptions()).run()
 
 
 def _both_ways(layout: Layout) -> bool:
@@ -80,19 +107,17 @@ class _Task:
     """The rounds of one adjustment: they share the rows and change target and weights."""
 
     def __init__(
-        self, layout: Layout, chain: str, angles: Angles, straightness: Sequence[MeasuredStraightness], *, estimate_angles: bool
+        self, layout: Layout, chain: str, angles: Angles, straightness: Sequence[MeasuredStraightness], assumed: Assumptions
     ) -> None:
         self.layout = layout
         self.chain = chain
         self.angles = angles
-        self.estimates_angles = estimate_angles
-        self.model = Model(
-            angles=estimate_angles or has_stated_u(angles), reversal=_both_ways(layout), play=layout.joined, lines=len(straightness)
-        )
+        self.assumed = assumed
+        self.model = Model(angles=has_stated_u(angles), reversal=_both_ways(layout), play=layout.joined, lines=len(straightness))
         self.design = build_design(layout, chain, self.model)
         lateral = lateral_rows(self.design, straightness, angles)
-        prior = make_prior(self.design, angles, estimate_angles=estimate_angles)
-        self.u = np.concatenate([starting_u_um(layout), lateral.u, prior.u])
+        prior = make_prior(self.design, angles)
+        self.u = np.concatenate([starting_u_um(layout, assumed.repeatability_um, assumed.reading_um), lateral.u, prior.u])
         self.usual_u = self.u.copy()
         self.sized = [len(self.u) - len(prior.u) + rows for rows in prior.found]
         self.kept = np.ones(len(self.u))
@@ -100,6 +125,18 @@ class _Task:
         self.rows = self.design.rows.followed_by(lateral.rows).followed_by(prior.rows)
         freed = layout.deviation_um - angular_effect_um(layout, chain, angles)
         self.target = np.concatenate([freed, lateral.target, np.zeros(len(prior.u))])
+        self.shapes = angle_shapes(layout, angles, assumed)
+        self.effects = list(effects_of(layout, chain, self.shapes, assumed))
+        self.beside = {
+            "angles": np.pad(lateral_angles(self.design, straightness, self.shapes), ((0, len(prior.u)), (0, 0))),
+            "angle origin": np.pad(origin_pattern(self.design, angles, len(prior.u)), ((len(lateral.u), 0), (0, 0))),
+        }
+        if self.beside["angle origin"].shape[1]:
+            text = "a head's angles are relative to the first position: its error is in all the others"
+            nothing = np.zeros((len(layout), self.beside["angle origin"].shape[1]))
+            self.effects.append(Effect(name="angle origin", text=text, pattern_um=nothing))
+        self.sizes = Sizes(np.ones(0), np.ones(0), 1.0)
+        self.settled = self.clean = False
 
     def run(self) -> Adjustment:
         """Return the adjustment after all rounds."""
@@ -107,24 +144,76 @@ class _Task:
         current = self._find_common_noise(current)
         for suspicious in self._suspicions(current):
             current = suspicious
-        current = self._find_noise_by_class(self._find_sizes(current))
+        # a wrong stop must not hide in drift or wander that grow to hold it: their sizes are found without it
+        chi_square, enlarged = current.chi_square, 1.0
+        self.clean = True
+        current = self._find_noise_by_class(self._find_sizes(self._with_effects(current.fixed)))
+        if not len(self._unstated()):
+            current, enlarged = self._find_repeatability(current)
         u = np.where(self.kept > 0, self.u / np.sqrt(np.where(self.kept > 0, self.kept, 1.0)), np.inf)
         return Adjustment(
             layout=self.layout,
             design=self.design,
             fit=current,
             angles=self.angles,
-            estimates_angles=self.estimates_angles,
+            assumed=self.assumed,
+            effects=tuple(self.effects),
+            shapes=self.shapes,
+            sizes=self.sizes,
             u_um=u[: len(self.layout)],
+            chi_square=chi_square,
+            enlarged=enlarged,
             findings=tuple(self.findings),
         )
 
-    def _fit_with_tilts(self) -> Fit:
+    def _fit_with_tilts(self) -> MixedFit:
         current = fit(self.rows, self.design.blocks, self.target, self._weight())
         for _ in range(TILT_ROUNDS):
             self.target[: len(self.layout)] = self._target_for(_smallest_machine(self.design, current))
             current = refit(self.rows, self.target, current.weight, current.inverse)
-        return current
+        return self._with_effects(current)
+
+    def _with_effects(self, fixed: Fit) -> MixedFit:
+        """Return a fit with the effects, each kind of the size that the readings make most likely."""
+        pattern = np.hstack([np.zeros((len(self.rows), 0)), *(self._on_all_rows(effect) for effect in self.effects)])
+        group = np.repeat(np.arange(len(self.effects)), [effect.count for effect in self.effects])
+        usual = MixedFit(fixed, Causes.of(fixed, pattern), np.ones(pattern.shape[1]))
+        searched = [effect.spread if self.clean or effect.name == "angles" else 0.0 for effect in self.effects]
+        spread = np.array(searched, dtype=np.float64)
+        self.sizes = scored(usual, group, spread, self._noise)
+        return sized(usual, self.sizes.factor[group] / np.sqrt(self.sizes.noise))
+
+    def _on_all_rows(self, effect: Effect) -> Vector:
+        further = len(self.rows) - len(self.layout)
+        beside = self.beside.get(effect.name, np.zeros((further, effect.count)))
+        return np.vstack([effect.pattern_um, beside])
+
+    def _noise(self, chi_square: float, freedom: int) -> float:
+        """Return the variance of the noise relative to what the weights say."""
+        if self.settled or freedom < 1:
+            return 1.0
+        if len(self._unstated()):
+            return max(chi_square / freedom, LEAST_NOISE)
+        stated, repeatability = self._stated_um(), self.assumed.repeatability_um
+        factor = repeatability_factor(stated, repeatability, chi_square, freedom)
+        return float(np.mean((stated**2 + (factor * repeatability) ** 2) / (stated**2 + repeatability**2)))
+
+    def _stated_um(self) -> Vector:
+        return np.maximum(self.layout.u_um[self.kept[: len(self.layout)] > 0], LEAST_U_UM)
+
+    def _find_repeatability(self, current: MixedFit) -> tuple[MixedFit, float]:
+        """Return the fit with the repeatability that the residuals show, and by how much that enlarged the readings' uncertainty."""
+        usual = self.assumed.repeatability_um
+        factor = repeatability_factor(self._stated_um(), usual, current.chi_square, current.freedom)
+        before = self.u[: len(self.layout)].copy()
+        self.u[: len(self.layout)] = np.maximum(np.hypot(self.layout.u_um, factor * usual), LEAST_U_UM)
+        self.settled = True
+        enlarged = float(np.sqrt(np.mean(self.u[: len(self.layout)] ** 2) / np.mean(before**2)))
+        return self._again(current), max(enlarged, 1.0)
+
+    def _again(self, current: AnyFit) -> MixedFit:
+        """Fit with the weights as they are now."""
+        return self._with_effects(fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse.null))
 
     def _target_for(self, unknowns: Vector) -> Vector:
         """Return the deviations freed of what is of second order in the tilts just found, shape (m,).
@@ -159,40 +248,41 @@ class _Task:
         weight: Vector = self.kept / self.u**2
         return weight
 
-    def _find_common_noise(self, current: Fit) -> Fit:
+    def _find_common_noise(self, current: MixedFit) -> MixedFit:
         """Bring all readings of unstated noise to the one weight that their residuals show, unmoved by wrong stops."""
         unknown = self._unstated()
         for _ in range(COMMON_ROUNDS if len(unknown) else 0):
             current = self._rescaled(current, {"readings": unknown}, {"readings": robust_scale(current, unknown)})
         return current
 
-    def _find_sizes(self, current: Fit) -> Fit:
+    def _find_sizes(self, current: MixedFit) -> MixedFit:
         """Enlarge what reversal changes along an axis, and drift, to what the data show (variance components)."""
         for _ in range(SIZE_ROUNDS if self.sized else 0):
             for rows in self.sized:
                 scale = variance_scale(current, rows) or 1.0
                 self.u[rows] = np.maximum(self.u[rows] * scale, self.usual_u[rows])
-            current = fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse.null)
+            current = self._again(current)
         return current
 
-    def _find_noise_by_class(self, current: Fit) -> Fit:
+    def _find_noise_by_class(self, current: MixedFit) -> MixedFit:
         """Tell diagonals from linear runs by one step of variance components; more steps would fit the noise to the residuals."""
         classes = noise_classes(self.layout)
         scales = {name: variance_scale(current, rows) for name, rows in classes.items()}
         self.findings += assumed_noise(name for name, scale in scales.items() if scale is None)
+        self.settled = bool(classes)
         return self._rescaled(current, classes, scales) if classes else current
 
     def _unstated(self) -> NDArray[np.int64]:
         return np.concatenate([np.zeros(0, dtype=np.int64), *noise_classes(self.layout).values()])
 
-    def _rescaled(self, current: Fit, classes: dict[str, NDArray[np.int64]], scales: dict[str, float | None]) -> Fit:
+    def _rescaled(self, current: MixedFit, classes: dict[str, NDArray[np.int64]], scales: dict[str, float | None]) -> MixedFit:
         for name, rows in classes.items():
             scale = scales[name]
             if scale is not None:
                 self.u[rows] = np.maximum(self.u[rows] * scale, LEAST_U_UM)
-        return fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse.null)
+        return self._again(current)
 
-    def _suspicions(self, current: Fit) -> Iterator[Fit]:
+    def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
         """Take out one contradiction after the other and yield the fit without it."""
         most = max(2, int(MOST * len(self.layout)))
         for found in range(most + 1):
@@ -208,7 +298,7 @@ class _Task:
             yield current
 
 
-def _smallest_machine(design: Design, current: Fit) -> Vector:
+def _smallest_machine(design: Design, current: AnyFit) -> Vector:
     """Return the unknowns of the smallest machine that explains the readings.
 
     Tilts and machine slopes share what is not identified; that share is given to the tilts, which are a thousand times larger.

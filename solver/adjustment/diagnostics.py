@@ -103,9 +103,7 @@ def chi_square_limit(freedom: int) -> float:
 def inflation(found: Adjustment) -> float:
     """Return the factor by which uncertainties grow because the residuals are larger than the stated noise allows, else 1."""
     freedom = found.fit.freedom
-    if freedom < 1 or found.fit.chi_square <= chi_square_limit(freedom):
-        return 1.0
-    return float(np.sqrt(found.fit.chi_square / freedom))
+    return found.enlarged if freedom > 0 and found.chi_square > chi_square_limit(freedom) else 1.0
 
 
 def setup_findings(found: Adjustment, reports: dict[str, dict[str, Any]]) -> list[Finding]:
@@ -114,7 +112,7 @@ def setup_findings(found: Adjustment, reports: dict[str, dict[str, Any]]) -> lis
     factor = inflation(found)
     if factor > 1.0:
         text = (
-            f"the readings disagree {factor:.2g} times more than their uncertainties allow (chi-square {found.fit.chi_square:.4g} "
+            f"the readings disagree {factor:.2g} times more than their uncertainties allow (chi-square {found.chi_square:.4g} "
             f"for {found.fit.freedom} degrees of freedom): angular errors, drift or poor repeatability; uncertainties are enlarged by it"
         )
         findings.append(Finding(code="chi-square-high", severity="warning", text=text))

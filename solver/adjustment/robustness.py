@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.linear.fit import Fit
+from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.design import Columns
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import CHECKED, robust_scale
@@ -36,7 +36,7 @@ class Suspicion:
     error_um: Vector
 
 
-def most_suspicious(fit: Fit, columns: Columns, count: int) -> Suspicion | None:
+def most_suspicious(fit: MixedFit, columns: Columns, count: int) -> Suspicion | None:
     """Return the worst contradiction among the first ``count`` rows, None where all readings agree within their noise."""
     rows = np.flatnonzero((fit.redundancy[:count] > CHECKED) & (fit.weight[:count] > 0))
     scale = max(robust_scale(fit, rows) or 1.0, 1.0)
@@ -54,11 +54,11 @@ def most_suspicious(fit: Fit, columns: Columns, count: int) -> Suspicion | None:
     return _smoothest(fit, columns, Suspicion(rows=chosen[order], error_um=size[order]))
 
 
-def _smoothest(fit: Fit, columns: Columns, suspicion: Suspicion) -> Suspicion:
+def _smoothest(fit: MixedFit, columns: Columns, suspicion: Suspicion) -> Suspicion:
     """Return the one stop without which the machine is decisively smoother than without any other, else all of them."""
     if len(suspicion.rows) == 1 or columns.nodes < 3:
         return suspicion
-    without = fit.unknowns[:, None] - fit.operator[:, suspicion.rows] * suspicion.error_um
+    without = fit.unknowns[:, None] - fit.moved_by(suspicion.rows) * suspicion.error_um
     bends = np.vstack([_second_differences(columns, axis, component, without) for axis in range(3) for component in range(3)])
     rough = np.sum(bends**2, axis=0)
     best, second = np.argsort(rough, kind="stable")[:2]

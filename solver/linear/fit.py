@@ -10,6 +10,9 @@ from stepdiag.solver.linear.elimination import Blocks
 from stepdiag.solver.linear.least_squares import Inverse, invert
 from stepdiag.solver.linear.rows import Rows
 
+_PIECE = 512
+"""Rows whose leverages are worked out together: what they need grows with their number times that of the unknowns."""
+
 
 @dataclass(frozen=True, eq=False)
 class Fit:
@@ -22,20 +25,18 @@ class Fit:
     residual: Vector
 
     @cached_property
-    def operator(self) -> Vector:
-        """Return the matrix (count, m) that turns targets into unknowns."""
-        spread = self.inverse.solve(self.rows.dense().T)
-        gain: Vector = spread * self.weight
-        return gain
-
-    @cached_property
     def redundancy(self) -> Vector:
         """Return for each row the share of its own error that shows in its residual, shape (m,), from 0 (not checked) to 1.
 
         A row of weight 0 is predicted by the others entirely: 1.
         """
-        picked = self.operator[self.rows.column, np.arange(len(self.rows))[:, None]]
-        share: Vector = 1.0 - np.einsum("ik,ik->i", self.rows.value, picked)
+        share = np.ones(len(self.rows))
+        for start in range(0, len(share), _PIECE):
+            piece = slice(start, start + _PIECE)
+            some = Rows(self.rows.column[piece], self.rows.value[piece], self.rows.count)
+            spread = self.inverse.solve(some.dense().T)
+            picked = spread[some.column, np.arange(len(some))[:, None]]
+            share[piece] -= self.weight[piece] * np.einsum("ik,ik->i", some.value, picked)
         return np.clip(share, 0.0, 1.0)
 
     @property

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
 
+_PIECE = 512
+"""Rows that are made dense together."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
@@ -33,9 +36,19 @@ class Rows:
         return total
 
     def transposed_times(self, readings: Vector) -> Vector:
-        """Return A.T @ readings, shape (count,)."""
+        """Return A.T @ readings, shape (count,) or (count, k)."""
+        if readings.ndim == 2:
+            return self._transposed_times_many(readings)
         weights = (self.value * readings[:, None]).ravel()
         total: Vector = np.bincount(self.column.ravel(), weights=weights, minlength=self.count).astype(np.float64, copy=False)
+        return total
+
+    def _transposed_times_many(self, readings: Vector) -> Vector:
+        """Return A.T @ readings, shape (count, k), from pieces of the dense matrix: they are small and fast, the whole is neither."""
+        total = np.zeros((self.count, readings.shape[1]))
+        for start in range(0, len(self), _PIECE):
+            piece = slice(start, start + _PIECE)
+            total += Rows(self.column[piece], self.value[piece], self.count).dense().T @ readings[piece]
         return total
 
     def normal(self, weight: Vector) -> Vector:

@@ -1,7 +1,7 @@
 """Readings that contradict each other beyond everything that is usually wrong: what is most probably at fault.
 
-Chi-square is held against its expectation: the noise of the readings, the machine's repeatability and wander, and angular functions of the
-usual size that the model leaves out, each by its share in the residuals (the expectation of a quadratic form).
+Chi-square is held against its expectation: noise, repeatability, drift and wander as usual, and angular functions as large as the
+closure of the readings says are in its weights, so that it is the degrees of freedom.
 Ten times that is no machine but a mistake: it must not be exported before somebody has looked.
 """
 
@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.diagnostics import DRIFT_LIMIT_UM, NOISE_LIMIT_UM
 from stepdiag.solver.findings import Finding
-from stepdiag.solver.linear.fit import fit, refit
-from stepdiag.solver.uncertainty.sources import Assumptions, sources
+from stepdiag.solver.linear.fit import fit
 
 FAR = 10.0
 """So many times the expectation, or the usual limit, stops an export."""
@@ -22,35 +21,22 @@ ONE_STOP = 0.5
 """A stop that makes so much of its pass's contradiction is at fault itself."""
 
 
-def contradictions(found: Adjustment, chain: str, reports: dict[str, dict[str, Any]], assumed: Assumptions) -> list[Finding]:
+def contradictions(found: Adjustment, reports: dict[str, dict[str, Any]]) -> list[Finding]:
     """Return an error for each contradiction that is ten times what is usual, with the setup, pass and stop most probably at fault."""
-    return _chi_square(found, chain, assumed) or [each for name, report in reports.items() for each in _of_setup(name, report)]
+    return _chi_square(found) or [each for name, report in reports.items() for each in _of_setup(name, report)]
 
 
-def _chi_square(found: Adjustment, chain: str, assumed: Assumptions) -> list[Finding]:
-    chi_square, expected = found.fit.chi_square, expected_chi_square(found, chain, assumed)
+def _chi_square(found: Adjustment) -> list[Finding]:
+    chi_square, expected = found.chi_square, float(found.fit.freedom)
     if found.fit.freedom < 1 or chi_square <= FAR * expected:
         return []
     setup, number, stop = _most_probable(found)
     place = f"pass {number} of {setup}" if stop is None else f"stop {stop} of pass {number} of {setup}"
     text = (
-        f"the readings contradict each other {chi_square / expected:.3g} times more than noise, drift and usual angular errors explain "
+        f"the readings contradict each other {chi_square / expected:.3g} times more than noise, drift and angular errors explain "
         f"(chi-square {chi_square:.4g}, {expected:.4g} expected); {place} is most probably at fault: drive it again"
     )
     return [Finding(code="chi-square-far", severity="error", text=text, setup=setup, pass_number=number, stop=stop)]
-
-
-def expected_chi_square(found: Adjustment, chain: str, assumed: Assumptions) -> float:
-    """Return the chi-square that noise, repeatability, wander and usual angular functions lead to."""
-    count = len(found.layout)
-    done = found.fit
-    used = done.weight[:count] > 0
-    spread = assumed.repeatability_um**2 + assumed.wander_um**2
-    single = float(np.sum((done.weight[:count] * done.redundancy[:count])[used])) * spread
-    angles = next(source for source in sources(found.layout, chain, assumed) if source.name == "unmodelled angles").pattern_um
-    padded = np.vstack([angles, np.zeros((len(done.weight) - count, angles.shape[1]))])
-    of_angles = sum(refit(done.rows, column, done.weight, done.inverse).chi_square for column in padded.T)
-    return done.freedom + single + of_angles
 
 
 def _most_probable(found: Adjustment) -> tuple[str, int, int | None]:
@@ -67,7 +53,7 @@ def _most_probable(found: Adjustment) -> tuple[str, int, int | None]:
 
 def _without(found: Adjustment, rows: NDArray[np.bool_]) -> float:
     """Return chi-square for each degree of freedom of the adjustment without some readings."""
-    before = found.fit
+    before = found.fit.fixed
     weight = before.weight.copy()
     weight[: len(rows)][rows] = 0.0
     target = before.residual + before.rows.times(before.unknowns)

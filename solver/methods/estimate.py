@@ -10,14 +10,17 @@ from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
 from stepdiag.solver.adjustment.diagnostics import closure_report, inflation, setup_findings, setup_reports
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.methods.angular import angle_findings, expected_angles
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.head_report import head_findings, head_report
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
+from stepdiag.solver.methods.volumetric import budget, left_with_head_um, make_posterior, volume_report
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Model
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.model.priors import UNKNOWN_ANGLE_URAD
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import (
     POSITIONING,
@@ -27,54 +30,61 @@ from stepdiag.solver.model.reported import (
     identified,
     reported,
     reversal,
-    shape,
     sloped,
     variance,
 )
-from stepdiag.solver.planning.identifiability import cheapest_runs
+from stepdiag.solver.planning.identifiability import cheapest_runs, resolved_angles
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
-from stepdiag.solver.uncertainty.propagation import adjusted_uncertainty
-from stepdiag.solver.uncertainty.sources import Assumptions
+from stepdiag.solver.uncertainty.spread import Spread
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Estimate:
-    """An adjustment and the values, standard uncertainties and identifiability of all that is reported."""
+    """An adjustment and the values, standard uncertainties and identifiability of all that is reported.
+
+    ``u`` is combined, ``u_readings`` what the readings' noise alone makes of it.
+    """
 
     adjustment: Adjustment
     quantities: Quantities
     value: Vector
     u: Vector
+    u_readings: Vector
     known: dict[str, bool]
+    spread: Spread
 
     @property
     def gain(self) -> Vector:
         """Return the linear operator (q, m): quantities = gain @ deviation_um. 200,000 Monte Carlo trials are one product with it."""
         fit = self.adjustment.fit
         spread = fit.inverse.solve(self.quantities.combination.dense().T)
-        matrix: Vector = (fit.rows.times(spread) * fit.weight[:, None]).T
+        direct = fit.rows.times(spread) * fit.weight[:, None]
+        through = fit.causes.left @ (fit.amount_covariance @ self.spread.moved(self.quantities.combination).T)
+        matrix: Vector = (direct + through).T
         return matrix[:, : len(self.adjustment.layout)]
 
     @property
     def covariance(self) -> Vector:
-        """Return the covariance of all quantities from the readings' noise and the priors, shape (q, q)."""
+        """Return the covariance of all quantities, shape (q, q)."""
         spread = self.adjustment.fit.inverse.solve(self.quantities.combination.dense().T)
-        matrix: Vector = self.quantities.combination.times(spread) * inflation(self.adjustment) ** 2
+        moved = self.spread.moved(self.quantities.combination)
+        matrix: Vector = self.quantities.combination.times(spread) + moved @ self.spread.amount @ moved.T
         return matrix
 
-    def number(self, name: str) -> tuple[float, float] | None:
-        """Return value and standard uncertainty of a number, None where it is not identified."""
+    def number(self, name: str) -> tuple[float, float, float] | None:
+        """Return value, combined standard uncertainty and that by readings of a number, None where it is not identified."""
         row = self.quantities.of(name)[0]
-        return (float(self.value[row]), float(self.u[row])) if self.known[name] else None
+        return (float(self.value[row]), float(self.u[row]), float(self.u_readings[row])) if self.known[name] else None
 
-    def curve(self, name: str, nodes: int) -> tuple[Vector, Vector] | None:
-        """Return value and standard uncertainty of a function at nodes 0 .. n, zero where it is zero by definition."""
+    def curve(self, name: str, nodes: int) -> tuple[Vector, Vector, Vector] | None:
+        """Return value and standard uncertainties of a function at nodes 0 .. n, zero where it is zero by definition."""
         if not self.known[name]:
             return None
-        value, u = np.zeros(nodes + 1), np.zeros(nodes + 1)
         rows = self.quantities.of(name)
-        value[self.quantities.node[rows]], u[self.quantities.node[rows]] = self.value[rows], self.u[rows]
-        return value, u
+        at = self.quantities.node[rows]
+        columns = np.zeros((3, nodes + 1))
+        columns[:, at] = self.value[rows], self.u[rows], self.u_readings[rows]
+        return columns[0], columns[1], columns[2]
 
 
 def estimate(
@@ -82,21 +92,32 @@ def estimate(
     chain: str,
     *,
     angles: Angles | None = None,
-    estimate_angles: bool = False,
     straightness: Sequence[MeasuredStraightness] = (),
+    assumed: Assumptions | None = None,
 ) -> Estimate:
     """Adjust a survey and evaluate everything that can be reported. Raises as `solver.adjustment.adjustment.adjust`."""
-    adjustment = adjust(layout, chain, angles=angles, estimate_angles=estimate_angles, straightness=straightness)
+    adjustment = adjust(layout, chain, angles=angles, straightness=straightness, assumed=assumed)
     found = reported(adjustment.design)
     inverse = adjustment.fit.inverse
+    spread = spread_of(adjustment)
+    moved = spread.moved(found.combination)
+    alone = variance(found, inverse)
     return Estimate(
         adjustment=adjustment,
         quantities=found,
         value=found.combination.times(adjustment.fit.unknowns),
-        u=np.sqrt(variance(found, inverse)) * inflation(adjustment),
+        u=np.sqrt(alone + spread.variance(moved)),
+        u_readings=np.sqrt(alone + spread.variance_by_readings(moved)),
         # of a single increment a function has only its ends: the shape between them is zero, and no combination stands for it
         known={**dict.fromkeys(DISPLACEMENTS, True), **identified(found, inverse)},
+        spread=spread,
     )
+
+
+def spread_of(found: Adjustment) -> Spread:
+    """Return the covariances behind an adjustment."""
+    group = np.repeat(np.arange(len(found.effects)), [effect.count for effect in found.effects])
+    return Spread(found.fit, group, tuple(effect.name for effect in found.effects), found.sizes)
 
 
 def solve_estimate(
@@ -104,72 +125,84 @@ def solve_estimate(
     chain: str,
     *,
     angles: Angles | None = None,
-    estimate_angles: bool = False,
     straightness: Sequence[MeasuredStraightness] = (),
+    assumed: Assumptions | None = None,
 ) -> Result:
     """Return the result of the estimator; what the readings do not identify is None and named in a finding with its remedy."""
-    done = estimate(layout, chain, angles=angles, estimate_angles=estimate_angles, straightness=straightness)
-    reports = setup_reports(done.adjustment)
+    done = estimate(layout, chain, angles=angles, straightness=straightness, assumed=assumed)
+    found = done.adjustment
+    reports = setup_reports(found)
+    resolved = resolved_angles(layout, chain, found.shapes.names)
     findings = (
         *layout.findings,
         *_missing(done),
-        *done.adjustment.findings,
-        *setup_findings(done.adjustment, reports),
-        *contradictions(done.adjustment, chain, reports, Assumptions()),
+        *found.findings,
+        *setup_findings(found, reports),
+        *contradictions(found, reports),
         *standards_findings(layout),
     )
-    of_head = head_report(done.adjustment, straightness)
-    return Result(
+    of_head = head_report(found, straightness)
+    expected = expected_angles(found, done.spread)
+    errors = _errors(done)
+    posterior = make_posterior(found, done.spread, done.quantities, done.known, errors)
+    result = Result(
         volume=layout.volume,
         chain=chain,
         method="estimate",
-        errors=_errors(done),
+        errors={**errors, **{name: expected[name] for name in resolved}},
+        expected={name: function for name, function in expected.items() if name not in resolved},
         reversal=_reversal(done),
-        squareness={name: Quantity(value=value, u=u) for name in SQUARENESS for value, u in (done.number(name) or (None, None),)},
+        squareness={name: _quantity(done.number(name)) for name in SQUARENESS},
         scale={letter: _scale(done.number(letter)) for letter in AXIS_LETTERS},
         setups=reports,
-        findings=(*findings, *head_findings(of_head), *_assumptions(done)),
-        extra={
-            **_extra(done),
-            **({"head_straightness": of_head} if of_head else {}),
-            "budget": _budget(done),
-            "standards": standards_report(layout),
-        },
+        findings=(*findings, *head_findings(of_head)),
+        posterior=posterior,
     )
+    texts = {"readings": _noise_text(found), **{effect.name: effect.text for effect in found.effects}}
+    volume = volume_report(result)
+    left = left_with_head_um(found, done.spread, volume["volumetric_u_um"])
+    extra = {
+        **_extra(done),
+        **volume,
+        **({"head_straightness": of_head} if of_head else {}),
+        "budget": budget(done.spread, done.quantities, done.u, done.u_readings, texts),
+        "standards": standards_report(layout, found.assumed),
+    }
+    return replace(result, findings=(*result.findings, *angle_findings(found, resolved, left)), extra=extra)
 
 
-def _budget(done: Estimate) -> dict[str, dict[str, object]]:
-    """Return what else is uncertain beside the noise that ``u`` states, by source, under the usual assumptions."""
-    return adjusted_uncertainty(done.adjustment, Assumptions()).report()
+def _noise_text(found: Adjustment) -> str:
+    return f"each stop's own standard uncertainty, and a machine that comes back to a target within {found.assumed.repeatability_um:g} um"
 
 
-def _scale(number: tuple[float, float] | None) -> Scale:
-    return Scale(value=None, u=None, identified=False) if number is None else Scale(value=number[0], u=number[1], identified=True)
+def _quantity(number: tuple[float, float, float] | None) -> Quantity:
+    return Quantity(value=None, u=None) if number is None else Quantity(value=number[0], u=number[1], u_readings=number[2])
+
+
+def _scale(number: tuple[float, float, float] | None) -> Scale:
+    if number is None:
+        return Scale(value=None, u=None, identified=False)
+    return Scale(value=number[0], u=number[1], identified=True, u_readings=number[2])
 
 
 def _errors(done: Estimate) -> dict[str, Function]:
-    """Return the nine displacement functions and the angular functions that are known or estimated."""
+    """Return the nine displacement functions and the angular functions that are known."""
     errors = {name: _function(done, name, sloped(name) if name in POSITIONING else None) for name in DISPLACEMENTS}
-    for name in ROTATIONS:
-        if name in done.adjustment.angles:
-            errors[name] = _known_angle(done, name)
-        elif done.adjustment.estimates_angles:
-            estimated = _function(done, shape(name), name)
-            errors[name] = replace(estimated, unit="urad")
-    return errors
+    return {**errors, **{name: _known_angle(done, name) for name in ROTATIONS if name in done.adjustment.angles}}
 
 
 def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
     """Return a function with its slope where that is identified, else its shape, else without values."""
     volume = done.adjustment.layout.volume
     full = done.curve(with_slope, volume.increments) if with_slope else None
-    value, u = full or done.curve(name, volume.increments) or (None, None)
+    value, u, u_readings = full or done.curve(name, volume.increments) or (None, None, None)
     return Function(
         position_mm=volume.nodes_mm(AXIS_LETTERS.index(name[-1])),
         value=value,
         u=u,
         unit="um",
         slope_identified=with_slope is None or full is not None,
+        u_readings=u_readings,
     )
 
 
@@ -178,10 +211,12 @@ def _known_angle(done: Estimate, name: str) -> Function:
     volume = done.adjustment.layout.volume
     value, stated = (np.concatenate([[0.0], column]) for column in angle_at_nodes(done.adjustment.angles[name], name, volume))
     u: Vector | None = stated if np.all(np.isfinite(stated)) else None
+    by_readings = u
     adjusted = done.curve(name, volume.increments) if u is not None else None
     if adjusted is not None:
-        value, u = value + adjusted[0], adjusted[1]
-    return Function(position_mm=volume.nodes_mm(AXIS_LETTERS.index(name[-1])), value=value, u=u, unit="urad")
+        value, u, by_readings = value + adjusted[0], adjusted[1], adjusted[2]
+    position = volume.nodes_mm(AXIS_LETTERS.index(name[-1]))
+    return Function(position_mm=position, value=value, u=u, unit="urad", u_readings=by_readings)
 
 
 def _reversal(done: Estimate) -> dict[str, Function]:
@@ -195,16 +230,16 @@ def _reversal(done: Estimate) -> dict[str, Function]:
 
 def backlash_numbers(done: Estimate) -> dict[str, dict[str, object]]:
     """Return the mean backlash of each axis (approach in + minus approach in -), in um with its u: the number for a control's parameter."""
-    columns, inverse = done.adjustment.design.columns, done.adjustment.fit.inverse
+    columns = done.adjustment.design.columns
     found: dict[str, dict[str, object]] = {}
     for axis, letter in enumerate(AXIS_LETTERS):
         if not done.known.get(backlash(POSITIONING[axis]), False):
             continue
-        mean = np.zeros(columns.count)
-        mean[columns.of(REVERSAL_PART, axis, axis)] = 1.0 / (columns.nodes + 1)
-        mean[columns.play + 4 * axis] = 1.0
-        u = float(np.sqrt(max(float(mean @ inverse.solve(mean)), 0.0))) * inflation(done.adjustment)
-        found[letter] = {"value": float(mean @ done.adjustment.fit.unknowns), "u": u, "unit": "um"}
+        at = np.append(columns.of(REVERSAL_PART, axis, axis), columns.play + 4 * axis)
+        mean = Rows(at[None, :], np.append(np.full(columns.nodes, 1.0 / (columns.nodes + 1)), 1.0)[None, :], columns.count)
+        alone = float(mean.times(done.adjustment.fit.inverse.solve(mean.dense()[0]))[0])
+        u = float(np.sqrt(max(alone, 0.0) + done.spread.variance(done.spread.moved(mean))[0]))
+        found[letter] = {"value": float(mean.times(done.adjustment.fit.unknowns)[0]), "u": u, "unit": "um"}
     return found
 
 
@@ -218,7 +253,7 @@ def _extra(done: Estimate) -> dict[str, Any]:
         "rank": found.fit.inverse.rank,
         "unknowns": found.design.columns.count,
         "degrees_of_freedom": found.fit.freedom,
-        "chi_square": found.fit.chi_square,
+        "chi_square": found.chi_square,
         "u_enlarged_by": inflation(found),
     }
     extra: dict[str, Any] = {"fit": fit}
@@ -233,18 +268,16 @@ def _extra(done: Estimate) -> dict[str, Any]:
 
 def _missing(done: Estimate) -> list[Finding]:
     """Return a finding for scales, squarenesses and functions that are not identified, with the cheapest runs that would help."""
-    angular = [name for name in ROTATIONS if done.adjustment.estimates_angles and name not in done.adjustment.angles]
     groups = (
         ("scale-unidentified", "the scale of {} alone: EXX, EYY, EZZ are given there without slope", AXIS_LETTERS),
         ("squareness-unidentified", "the squareness {}", SQUARENESS),
         ("function-unidentified", "the shape of {}", DISPLACEMENTS),
-        ("angle-unidentified", "the angular functions {}", tuple(shape(name) for name in angular)),
     )
     findings = []
     for code, words, names in groups:
         missing = [name for name in names if not done.known[name]]
         if missing:
-            what = words.format(", ".join(name.removeprefix("shape ") for name in missing))
+            what = words.format(", ".join(missing))
             text = f"the readings do not determine {what}; {_advice(done, missing)}"
             findings.append(Finding(code=code, severity="warning", text=text))
     return findings
@@ -253,25 +286,5 @@ def _missing(done: Estimate) -> list[Finding]:
 def _advice(done: Estimate, missing: list[str]) -> str:
     found = done.adjustment
     parts = found.design.columns.parts
-    advice = cheapest_runs(
-        found.layout,
-        found.design.chain,
-        Model(angles=1 in parts, reversal=REVERSAL_PART in parts, play=found.layout.joined),
-        missing,
-        angles=found.angles,
-        estimate_angles=found.estimates_angles,
-    )
+    advice = cheapest_runs(found.layout, found.design.chain, Model(reversal=REVERSAL_PART in parts, play=found.layout.joined), missing)
     return "no usual run would tell" if advice is None else f"add {advice}"
-
-
-def _assumptions(done: Estimate) -> list[Finding]:
-    """Return what the estimate takes for granted about angular errors."""
-    found = done.adjustment
-    unknown = [name for name in ROTATIONS if name not in found.angles]
-    if found.estimates_angles or not unknown:
-        return []
-    what = "all angular errors" if len(unknown) == len(ROTATIONS) else ", ".join(unknown)
-    within = f" within {UNKNOWN_ANGLE_URAD:g} urad" if 1 in found.design.columns.parts else ""
-    effect = "10 urad over a metre can appear as 5 urad of squareness and 2.5 um of shape"
-    text = f"{what} are taken as zero{within}: {effect}; give an angles file"
-    return [Finding(code="angles-assumed-zero", severity="info", text=text)]

@@ -8,6 +8,7 @@ from stepdiag.solver.errors import UsageError
 from stepdiag.solver.methods.closed_form import solve_least_squares, solve_wang2000
 from stepdiag.solver.methods.estimate import solve_estimate
 from stepdiag.solver.model.angles import Angles
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.result.result import Result
@@ -15,13 +16,13 @@ from stepdiag.solver.result.result import Result
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """What a method is told: the chain, angular functions that are known, whether the others are to be estimated, and straightness
-    that a 4-DOF head measured."""
+    """What a method is told: the chain, angular functions that are known, straightness that a 4-DOF head measured, and
+    what the user takes for granted."""
 
     chain: str
     angles: Angles | None = None
-    estimate_angles: bool = False
     straightness: tuple[MeasuredStraightness, ...] = ()
+    assumed: Assumptions | None = None
 
 
 Method = Callable[[Layout, Options], Result]
@@ -32,14 +33,14 @@ def _estimate(layout: Layout, options: Options) -> Result:
         layout,
         options.chain,
         angles=options.angles,
-        estimate_angles=options.estimate_angles,
         straightness=options.straightness,
+        assumed=options.assumed,
     )
 
 
 def _without_angles(name: str, solve: Callable[[Layout, str], Result]) -> Method:
     def method(layout: Layout, options: Options) -> Result:
-        if options.angles or options.estimate_angles or options.straightness:
+        if options.angles or options.straightness:
             expected = "estimate, which can use angles and the head's straightness"
             raise UsageError("method", expected=expected, found=repr(name), remedy="leave them out")
         return solve(layout, options.chain)

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.setups import Kind
 from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 from stepdiag.solver.standards.iso230 import (
@@ -27,7 +28,6 @@ from stepdiag.solver.standards.iso230 import (
     vdi_3441_figures,
 )
 from stepdiag.solver.standards.iso230_uncertainty import SOURCE_STATUS, RunSources, expanded_um
-from stepdiag.solver.uncertainty.sources import Assumptions
 
 STEPS_A_CYCLE: dict[Kind, int] = {"step": 3, "body": 1}
 """Stops from one point of the diagonal to the next, for the kinds of setup that run along a body diagonal."""

@@ -19,6 +19,7 @@ from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.design import Design, between_nodes
+from stepdiag.solver.model.effects import AngleShapes
 from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM
 from stepdiag.solver.model.noise import LEAST_U_UM
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
@@ -60,6 +61,21 @@ def lateral_rows(design: Design, measured: Sequence[MeasuredStraightness], angle
         target=np.concatenate([np.zeros(0), *(one.value_um - _of_known_angles(design, one, angles) for one in measured)]),
         u=np.concatenate([np.zeros(0), *(np.maximum(one.u_um, LEAST_U_UM) for one in measured)]),
     )
+
+
+def lateral_angles(design: Design, measured: Sequence[MeasuredStraightness], shapes: AngleShapes) -> Vector:
+    """Return what the unknown angular functions do to the head's values, shape (rows, causes)."""
+    pieces = [np.zeros((0, len(shapes.names) * (shapes.waves + 1)))]
+    for one in measured:
+        axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
+        arms = _arms(design, axis, component, one.position_mm)
+        share = (one.position_mm - design.volume.origin_mm[axis]) / design.volume.size_mm[axis]
+        effect = np.zeros((len(share), pieces[0].shape[1]))
+        for about, name in enumerate(ROTATIONS[3 * axis : 3 * axis + 3]):
+            if name in shapes.names:
+                effect[:, shapes.causes_of(name)] = shapes.range_of(name) * arms[:, about, None] * shapes.at(share)
+        pieces.append(effect)
+    return np.vstack(pieces)
 
 
 def _rows_of(design: Design, number: int, one: MeasuredStraightness) -> tuple[NDArray[np.int64], Vector]:

@@ -5,20 +5,15 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.geometry.volume import AXES, Vector
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.model.angles import Angles, angle_at_nodes
+from stepdiag.solver.model.angles import Angles, KnownAngle, angle_at_nodes
 from stepdiag.solver.model.design import Columns, Design, rotation_coefficients
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.result.result import ROTATIONS
 
 EXACT = 1e-3
 """Standard uncertainty (urad, um) of what is held by convention: far below anything measurable, far above rounding."""
-UNKNOWN_ANGLE_URAD = 5.0
-"""Standard uncertainty of a function that nobody measured beside others that were, such as the rolls beside a head's pitch and yaw:
-the rms of an ordinary machine's 10 urad (theory 5.3). Held at zero instead, it would bend what was measured."""
-
-
 DRIFT_UM = 1.0
 """Standard uncertainty of the drift in an outward pass and its return before the data have told."""
 REVERSAL_CHANGE_UM = 2.0
@@ -58,19 +53,18 @@ def has_stated_u(angles: Angles) -> bool:
     return any(bool(np.any(np.isfinite(known.u_urad))) for known in angles.values())
 
 
-def make_prior(design: Design, angles: Angles, *, estimate_angles: bool) -> Prior:
+def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> Prior:
     """Return the rows for what angular functions may differ from those given, and for how much reversal changes along an axis.
 
-    A function given with uncertainty may differ by it, one without may not; a function not given is free where angles are to be
-    estimated, else zero within `UNKNOWN_ANGLE_URAD`. (Where no function has an uncertainty none is an unknown: all others are zero.)
+    A function given with uncertainty may differ by it, one without may not; what was not given is no unknown of the rows
+    but an effect (`solver.model.effects`); ``free_angles`` leaves it free, to ask what the rows see of it.
     """
     columns = design.columns
     pieces: list[tuple[NDArray[np.int64], Vector, float | Vector]] = []
     if 1 in columns.parts:
-        for index, name in enumerate(ROTATIONS):
-            if name in angles or not estimate_angles:
-                nodes = columns.of(1, *divmod(index, 3))
-                pieces.append((nodes[:, None], np.ones((len(nodes), 1)), _difference_u(name, angles, design)))
+        for index, name in enumerate(ROTATIONS if not free_angles else ()):
+            nodes = columns.of(1, *divmod(index, 3))
+            pieces.append((nodes[:, None], np.ones((len(nodes), 1)), _difference_u(name, angles, design)))
     held = sum(len(column) for column, _, _ in pieces)
     changes = [_reversal_changes(columns, *divmod(index, 3)) for index in range(9 if 2 in columns.parts else 0)]
     pieces += [(*change, REVERSAL_CHANGE_UM / np.sqrt(columns.nodes)) for change in changes]
@@ -89,9 +83,27 @@ def make_prior(design: Design, angles: Angles, *, estimate_angles: bool) -> Prio
     return Prior(rows=rows, u=np.concatenate([np.zeros(0), *u]), found=tuple(group for group in groups if len(group)))
 
 
+def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:
+    """Return what the error of each given function's first position does to the ``count`` rows of `make_prior`, shape (count, k).
+
+    A head's angles are relative to the first position: its error is in all the others.
+    """
+    names = [name for name in ROTATIONS if name in angles and np.isfinite(angles[name].u_urad[0])] if 1 in design.columns.parts else []
+    pattern = np.zeros((count, len(names)))
+    for place, name in enumerate(names):
+        first = ROTATIONS.index(name) * design.columns.nodes
+        pattern[first : first + design.columns.nodes, place] = _first_u(angles[name], design, name)
+    return pattern
+
+
+def _first_u(known: KnownAngle, design: Design, name: str) -> float:
+    low = design.volume.origin_mm[AXES.index(name[2].lower())]
+    return float(np.interp(low, known.position_mm, known.u_urad))
+
+
 def _difference_u(name: str, angles: Angles, design: Design) -> float | Vector:
     if name not in angles:
-        return UNKNOWN_ANGLE_URAD
+        return EXACT
     _, u = angle_at_nodes(angles[name], name, design.volume)
     floored: Vector = np.maximum(np.where(np.isfinite(u), u, EXACT), EXACT)
     return floored

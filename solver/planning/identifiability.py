@@ -6,19 +6,20 @@ advice is therefore worked out for the same setups in a few increments, which co
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
 from stepdiag.solver.geometry.setups import FACE_DIAGONALS
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, LINEAR_RUNS, Vector, Volume, diagonal_direction
-from stepdiag.solver.linear.least_squares import NULL_TOLERANCE, invert
-from stepdiag.solver.model.angles import Angles
+from stepdiag.solver.linear.least_squares import NULL_TOLERANCE, Inverse, invert
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.model.priors import make_prior
-from stepdiag.solver.model.quantities import Quantities
-from stepdiag.solver.model.reported import reported
+from stepdiag.solver.model.quantities import Quantities, quantities
+from stepdiag.solver.model.reported import reported, shape
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings, run_minutes
+from stepdiag.solver.result.result import DISPLACEMENTS
 
 BEAM_OFFSET_MM = 50.0
 MOST_RUNS = 16
@@ -39,24 +40,58 @@ class Advice:
         return f"{' and '.join([*plain, *times]).replace('1 shifted beams', 'a shifted beam')} (about {self.minutes:.0f} min)"
 
 
-def cheapest_runs(
-    layout: Layout, chain: str, model: Model, missing: Sequence[str], *, angles: Angles, estimate_angles: bool
-) -> Advice | None:
+def cheapest_runs(layout: Layout, chain: str, model: Model, missing: Sequence[str]) -> Advice | None:
     """Return the runs to add such that all of ``missing`` (names of `reported`) is identified; None where none of the usual helps.
 
     One run after the other, each the one that uncovers most per minute, or at least narrows most what stays unknown.
     """
     survey = _coarse(layout)
     design = build_design(lay_out(perfect_readings(survey, 1.0), layout.source, survey.volume), chain, replace(model, lines=0))
-    prior = make_prior(design, angles, estimate_angles=estimate_angles)
-    rows = design.rows.followed_by(prior.rows)
-    null = np.linalg.qr(invert(rows, np.ones(len(rows)), design.blocks).null)[0]
+    null = np.linalg.qr(_seen(design).null)[0]
     found = reported(design)
     asked = found.select(np.concatenate([found.of(name) for name in missing]))
     candidates = {run: _Candidate.of(run, design, model) for run in _usual_runs(survey.volume, model)}
     chosen = _choose(asked, null, candidates)
     full = Plan(volume=layout.volume, runs=())
     return None if chosen is None else Advice(runs=chosen, minutes=sum(run_minutes(full, run) for run in chosen))
+
+
+def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[str, ...]:
+    """Return which angular functions the readings determine in shape without any assumption on their size (theory 5.2).
+
+    Setups with one beam line each cannot: nothing is worked out for them.
+    """
+    if not names or all(setup.variant == 0 for setup in layout.setups):
+        return ()
+    survey = _coarse(layout)
+    coarse = lay_out(perfect_readings(survey, 1.0), layout.source, survey.volume)
+    design = build_design(coarse, chain, Model(angles=True, reversal=any(run.return_pass for run in survey.runs)))
+    found = reported(design)
+    seen = _seen(design).sees(found.combination)
+    return tuple(name for name in names if bool(np.all(seen[found.of(shape(name))])))
+
+
+class Seen(NamedTuple):
+    """What a survey determines without any assumption on the size of the angles, and how many combinations of all unknowns it hides."""
+
+    known: dict[str, bool]
+    hidden: int
+
+
+def identified_with_angles(layout: Layout, chain: str) -> Seen:
+    """Return what the stops of a survey determine where all 18 functions are unknown."""
+    design = build_design(layout, chain, Model(angles=True))
+    inverse = _seen(design)
+    found = quantities(design.columns, design.volume)
+    seen = inverse.sees(found.combination)
+    known = {name: bool(np.all(seen[found.of(name)])) for name in found.groups}
+    return Seen({**dict.fromkeys(DISPLACEMENTS, True), **known}, inverse.null.shape[1])
+
+
+def _seen(design: Design) -> Inverse:
+    prior = make_prior(design, {}, free_angles=True)
+    rows = design.rows.followed_by(prior.rows)
+    return invert(rows, np.ones(len(rows)), design.blocks)
 
 
 def _coarse(layout: Layout) -> Plan:

@@ -1,23 +1,21 @@
 """What a survey would say, and what it would take, before the machine moves; and what is worth adding to it.
 
-A forecast needs no reading: the operator and the sources follow from where the stops are. What a survey does not identify
-counts with what a machine of its kind usually has (`Prior`), so that a run which identifies it is worth something.
+A forecast needs no reading: the model of the adjustment follows from where the stops are, and its uncertainty over the volume is the
+figure that the result of that survey would state. What a survey does not identify counts with what a machine of its class usually has
+(`Assumptions`), so that a run which identifies it is worth something, and no run ever makes a forecast worse.
 """
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from typing import Literal
 
-import numpy as np
-
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector, Volume
-from stepdiag.solver.model.design import Model
+from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.model.quantities import Quantities, volumetric_weight
+from stepdiag.solver.planning.foresight import foresee
+from stepdiag.solver.planning.identifiability import identified_with_angles
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings, plan_minutes
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
-from stepdiag.solver.uncertainty.propagation import SurveyUncertainty, survey_uncertainty
-from stepdiag.solver.uncertainty.sources import Assumptions
 
 MIN_GAIN = 0.01
 """A step that improves the uncertainty by less than this share ends the search: more time would buy nothing."""
@@ -28,21 +26,11 @@ FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Prior:
-    """Standard deviations of what nobody has measured: shapes (um), squareness (urad), scale (um/m); angles stand in `Assumptions`."""
-
-    shape_um: float = 5.0
-    squareness_urad: float = 30.0
-    scale_um_m: float = 20.0
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
 class Circumstances:
     """Everything about the job that is not in the plan. ``head_u_urad``: pitch and yaw from a run of the 4-DOF head."""
 
     chain: str = "FXYZ"
     assumed: Assumptions = field(default_factory=Assumptions)
-    prior: Prior = field(default_factory=Prior)
     head_u_urad: float = 1.0
     beam_offset_mm: float = 50.0
 
@@ -51,9 +39,9 @@ class Circumstances:
 class Forecast:
     """What a planned survey would give.
 
-    ``u``: standard uncertainty by name, root mean square over a function's nodes, None where not identified (units: um,
-    urad, um/m). ``angles`` says whether the angular functions are taken as assumed or solved from the readings, whichever
-    leaves the smaller ``volumetric_um``: the root mean square of the error vector's uncertainty over the volume. ``hidden``: independent
+    ``u``: combined standard uncertainty by name, root mean square over a function's nodes, None where not identified (units: um,
+    urad, um/m). ``angles`` says whether the readings resolve all angular functions or the assumed size stands for them.
+    ``volumetric_um``: root mean square over the volume of the error vector's uncertainty, rigid motion removed. ``hidden``: independent
     combinations of the unknowns that no reading shows when the angular functions are unknowns too.
     """
 
@@ -119,24 +107,18 @@ def forecast(survey: Plan, about: Circumstances) -> Forecast:
     coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
     layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan")
     assumed = _with_head(survey, about)
-    taken = survey_uncertainty(layout, about.chain, assumed, tilt_share=False)
-    solved = survey_uncertainty(layout, about.chain, assumed, Model(angles=True), tilt_share=False)
-    everything = (solved.operator.quantities, solved.operator.unidentified)
-    sizes = [_volumetric_um(found, everything, layout.volume, about, assumed) for found in (taken, solved)]
-    chosen = int(np.argmin(sizes))
+    ahead = foresee(layout, about.chain, assumed, survey.volume.increments)
+    free = identified_with_angles(layout, about.chain)
+    resolved = tuple(name for name in FUNCTIONS if free.known[name])
     return Forecast(
         plan=survey,
         minutes=plan_minutes(survey),
-        volumetric_um=sizes[chosen],
-        angles=("assumed", "solved")[chosen],
-        u={name: _size((taken, solved)[chosen].u(name)) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)},
-        resolved=tuple(name for name in FUNCTIONS if len(solved.operator.quantities.of(name))),
-        hidden=solved.operator.hidden,
+        volumetric_um=ahead.volumetric_um,
+        angles="solved" if set(resolved) == set(FUNCTIONS) else "assumed",
+        u={name: ahead.u.get(name) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)},
+        resolved=resolved,
+        hidden=free.hidden,
     )
-
-
-def _size(u: Vector | None) -> float | None:
-    return None if u is None else float(np.sqrt(np.mean(u**2)))
 
 
 def _with_head(survey: Plan, about: Circumstances) -> Assumptions:
@@ -147,31 +129,8 @@ def _with_head(survey: Plan, about: Circumstances) -> Assumptions:
             axis = run.setup.partition("+")[0][-1].upper()
             roll = f"E{'ABC'[AXIS_LETTERS.index(axis)]}{axis}"
             measured = [name for name in ROTATIONS if name[2] == axis and name != roll]
-            angles |= {name: min(about.head_u_urad, angles.get(name, 0.0)) for name in measured}
+            angles |= {name: min(2.0 * about.head_u_urad, about.assumed.angle_range_urad(name)) for name in measured}
     return replace(about.assumed, angle_urad=angles)
-
-
-def _volumetric_um(
-    found: SurveyUncertainty, everything: tuple[Quantities, ...], volume: Volume, about: Circumstances, assumed: Assumptions
-) -> float:
-    """Return the root mean square over the volume of the error vector's uncertainty, the prior standing in for what is missing."""
-    known = found.operator.quantities
-    moved = found.responses()
-    square = float(np.sum((volumetric_weight(known, volume, about.chain) @ moved) * moved))
-    for group in everything:
-        missing = group.select(np.flatnonzero([name not in known.groups for name in group.names]))
-        size = np.array([_prior(name, about.prior, assumed) for name in missing.names])
-        if len(size):
-            square += float(np.sum(np.diag(volumetric_weight(missing, volume, about.chain)) * size**2))
-    return float(np.sqrt(square))
-
-
-def _prior(name: str, prior: Prior, assumed: Assumptions) -> float:
-    if name in ROTATIONS:
-        return assumed.angle_urad.get(name, 0.0)
-    if name in SQUARENESS:
-        return prior.squareness_urad
-    return prior.scale_um_m if name in AXIS_LETTERS else prior.shape_um
 
 
 def rank(now: Forecast, about: Circumstances) -> tuple[Addition, ...]:

@@ -1,43 +1,74 @@
 """The error of the tool at any point of the volume, from the functions of a result (theory of the rigid-body model, section 2.2)."""
 
+from collections.abc import Mapping
+from typing import NamedTuple
+
 import numpy as np
 
 from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
 from stepdiag.solver.geometry.volume import AXES, Vector, Volume
-from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.result import SQUARENESS, Result
 
 
-def error_field_um(result: Result, points_mm: Vector) -> Vector:
-    """Return actual - commanded at points of the machine, shape (N, 3) in um; what is not identified counts as zero.
+class Tabulated(NamedTuple):
+    """Functions of one axis' position, linear between the positions and held outside: ``value`` (machines, k)."""
+
+    position_mm: Vector
+    value: Vector
+
+    def at(self, points_mm: Vector) -> Vector:
+        """Return the values at positions, shape (machines, N)."""
+        place = np.clip(np.searchsorted(self.position_mm, points_mm, side="right") - 1, 0, len(self.position_mm) - 2)
+        low, high = self.position_mm[place], self.position_mm[place + 1]
+        share = np.clip((points_mm - low) / (high - low), 0.0, 1.0)
+        values: Vector = self.value[:, place] * (1.0 - share) + self.value[:, place + 1] * share
+        return values
+
+
+def field_of_um(
+    volume: Volume, chain: str, functions: Mapping[str, Tabulated], squareness: Mapping[str, Vector], points_mm: Vector
+) -> Vector:
+    """Return the error of one or several machines at points (N, 3), shape (machines, N, 3) in um.
 
     ``E(P) = sum_a [delta_a(a) + alpha_a(a) x r_a]`` plus the squarenesses of contract 1: dX = -C0Y y, dX = +B0Z z, dY = -A0Z z. Arms and
     squarenesses count from the low corner of the volume, where every function is zero by definition.
     """
     points = np.atleast_2d(np.asarray(points_mm, dtype=np.float64))
-    from_corner = points - np.asarray(result.volume.origin_mm)
-    field = _squareness_um(result, from_corner)
-    mask = abbe_mask(result.chain)
+    from_corner = points - np.asarray(volume.origin_mm)
+    machines = max([len(table.value) for table in functions.values()] + [len(value) for value in squareness.values()], default=1)
+    field = np.zeros((machines, len(points), 3))
+    if squareness:
+        c0y, b0z, a0z = (1e-3 * np.asarray(squareness.get(name, np.zeros(1)))[:, None] for name in SQUARENESS)
+        _, y, z = from_corner.T
+        field[:, :, 0] += -c0y * y + b0z * z
+        field[:, :, 1] += -a0z * z
+    mask = abbe_mask(chain)
     for axis, letter in enumerate(letter.upper() for letter in AXES):
-        at = points[:, axis]
-        field += np.column_stack([_function(result, f"E{component}{letter}", at) for component in "XYZ"])
-        rotation = np.column_stack([_function(result, f"E{component}{letter}", at) for component in "ABC"])
-        field += np.cross(rotation, mask[axis] * from_corner) * 1e-3
+        arm = 1e-3 * mask[axis] * from_corner
+        for component, (along, about) in enumerate(zip("XYZ", "ABC", strict=True)):
+            if f"E{along}{letter}" in functions:
+                field[:, :, component] += functions[f"E{along}{letter}"].at(points[:, axis])
+            if f"E{about}{letter}" in functions:
+                turn = functions[f"E{about}{letter}"].at(points[:, axis])
+                lever = np.cross(np.eye(3)[component], arm)
+                for along_component in np.flatnonzero(np.any(lever, axis=0)):
+                    field[:, :, along_component] += turn * lever[:, along_component]
     return field
 
 
-def _function(result: Result, name: str, at_mm: Vector) -> Vector:
-    known = result.errors.get(name)
-    if known is None or known.value is None:
-        return np.zeros(len(at_mm))
-    values: Vector = np.interp(at_mm, known.position_mm, known.value)
-    return values
+def error_field_um(result: Result, points_mm: Vector) -> Vector:
+    """Return actual - commanded at points of the machine, shape (N, 3) in um; what is not identified counts as zero.
 
-
-def _squareness_um(result: Result, from_corner_mm: Vector) -> Vector:
-    """Return the displacement by the three squarenesses; 1 urad over 1 mm is 0.001 um."""
-    c0y, b0z, a0z = (result.squareness[name].value or 0.0 for name in ("C0Y", "B0Z", "A0Z"))
-    _, y, z = from_corner_mm.T
-    return np.column_stack([-c0y * y + b0z * z, -a0z * z, np.zeros(len(y))]) * 1e-3
+    Angular functions that were not measured count with what the readings make most likely of them (``result.expected``): they belong
+    to the displacement functions that were found with them.
+    """
+    known = {**result.errors, **result.expected}
+    functions = {
+        name: Tabulated(function.position_mm, function.value[None, :]) for name, function in known.items() if function.value is not None
+    }
+    squareness = {name: np.array([quantity.value or 0.0]) for name, quantity in result.squareness.items()}
+    field: Vector = field_of_um(result.volume, result.chain, functions, squareness, points_mm)[0]
+    return field
 
 
 def without_rigid_motion(volume: Volume, points_mm: Vector, errors_um: Vector) -> Vector:
@@ -45,10 +76,18 @@ def without_rigid_motion(volume: Volume, points_mm: Vector, errors_um: Vector) -
 
     A rigid motion is a matter of where the workpiece lies, not an error of the machine.
     """
+    motion = rigid_motions(volume, points_mm)
+    flat = errors_um.reshape(-1)
+    rest: Vector = (flat - motion @ (motion.T @ flat)).reshape(errors_um.shape)
+    return rest
+
+
+def rigid_motions(volume: Volume, points_mm: Vector) -> Vector:
+    """Return an orthonormal basis of the rigid motions of points (N, 3), shape (3 N, 6)."""
     lever = (points_mm - np.asarray(volume.origin_mm) - np.asarray(volume.size_mm) / 2) * 1e-3
     turns = -cross_matrix(lever)
     shifts = np.broadcast_to(np.eye(3), turns.shape)
     design = np.concatenate([shifts, turns], axis=2).reshape(-1, 6)
-    motion = np.linalg.lstsq(design, errors_um.reshape(-1), rcond=None)[0]
-    rest: Vector = errors_um - (design @ motion).reshape(errors_um.shape)
-    return rest
+    left, size, _ = np.linalg.svd(design, full_matrices=False)
+    basis: Vector = left[:, size > 1e-9 * size[0]]
+    return basis

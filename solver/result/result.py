@@ -13,10 +13,13 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.kinematics import abbe_mask
 from stepdiag.solver.geometry.volume import AXES, MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.json_tree import Node, load_json
+from stepdiag.solver.result.posterior import Posterior, parse_posterior
 from stepdiag.solver.result.rounding import steady
 
 FORMAT = "stepdiag-result"
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
+READABLE_VERSIONS = (1, 2)
+"""Version 1 states in ``u`` what the readings alone say, and nothing of how the errors go together."""
 
 DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "XYZ")
 ROTATIONS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "ABC")
@@ -24,7 +27,7 @@ SQUARENESS = ("C0Y", "B0Z", "A0Z")
 AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
 _ENTRIES = (
     "format", "version", "software", "method", "volume", "chain",
-    "errors", "reversal", "squareness", "scale", "setups", "findings",
+    "errors", "expected", "reversal", "squareness", "scale", "setups", "findings", "posterior",
 )  # fmt: skip
 DECIMALS = 6
 """Numbers are written to this many decimals: a picometre, a picoradian, a nanometre of position."""
@@ -34,7 +37,8 @@ DECIMALS = 6
 class Function:
     """An error as a function of the position of the axis that moves, shapes (k,), linear between the positions.
 
-    ``value`` and ``u`` (standard uncertainty) are None where the data do not identify the function. ``slope_identified`` is False
+    ``value`` and ``u`` (combined standard uncertainty) are None where the data do not identify the function; ``u_readings`` is the part
+    of u that comes from the readings alone, None in results of version 1. ``slope_identified`` is False
     where only the shape is known: then the line through the end points is removed, which is not a statement about the slope.
     Straightness (unit um, names as EYX) always has its end-point line removed and says True: its slope is in the squareness.
     """
@@ -44,15 +48,17 @@ class Function:
     u: Vector | None
     unit: str
     slope_identified: bool = True
+    u_readings: Vector | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Quantity:
-    """A number with its standard uncertainty; both None where the data do not identify it."""
+    """A number with its combined standard uncertainty; both None where the data do not identify it. ``u_readings`` as in `Function`."""
 
     value: float | None
     u: float | None
     unit: str = "urad"
+    u_readings: float | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +69,7 @@ class Scale:
     u: float | None
     identified: bool
     unit: str = "um/m"
+    u_readings: float | None = None
 
 
 def software() -> dict[str, str]:
@@ -74,7 +81,9 @@ def software() -> dict[str, str]:
 class Result:
     """What a survey says about a machine.
 
-    ``errors`` holds the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ in urad where known), ``reversal`` the
+    ``errors`` holds the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ in urad where known), ``expected`` the
+    angular functions that were not measured, as the closure of the readings makes them likely: no measurement, but they belong
+    to the displacement functions that were found beside them. ``posterior`` says how the machine may differ from all this. ``reversal`` the
     difference approach in + minus approach in - of the same functions, zero at the first position, where out-and-back data give it.
     ``setups`` says for each setup how it stood (mirror tilt, drift, repeatability). ``extra`` holds further top-level entries
     of the JSON (closure, fit, budget): plain numbers, strings, lists and dicts. ``source`` names the result in messages and is not written.
@@ -89,6 +98,8 @@ class Result:
     setups: dict[str, Any]
     findings: tuple[Finding, ...]
     reversal: dict[str, Function] = field(default_factory=dict)
+    expected: dict[str, Function] = field(default_factory=dict)
+    posterior: Posterior | None = None
     software: dict[str, str] = field(default_factory=software)
     extra: dict[str, Any] = field(default_factory=dict)
     source: str = "result"
@@ -103,12 +114,14 @@ class Result:
             "volume": _volume_json(self.volume),
             "chain": self.chain,
             "errors": {name: _function_json(function) for name, function in self.errors.items()},
+            "expected": {name: _function_json(function) for name, function in self.expected.items()},
             "reversal": {name: _function_json(function) for name, function in self.reversal.items()},
-            "squareness": {name: {"value": q.value, "u": q.u, "unit": q.unit} for name, q in self.squareness.items()},
-            "scale": {name: {"value": s.value, "u": s.u, "unit": s.unit, "identified": s.identified} for name, s in self.scale.items()},
+            "squareness": {name: _number_json(q) for name, q in self.squareness.items()},
+            "scale": {name: {**_number_json(s), "identified": s.identified} for name, s in self.scale.items()},
             "setups": self.setups,
             "findings": [finding.as_json() for finding in self.findings],
             **self.extra,
+            **({} if self.posterior is None else {"posterior": self.posterior.as_json()}),
         }
         return json.dumps(_rounded(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
@@ -117,11 +130,16 @@ def _volume_json(volume: Volume) -> dict[str, Any]:
     return {"origin_mm": list(volume.origin_mm), "size_mm": list(volume.size_mm), "increments": volume.increments}
 
 
+def _number_json(number: Quantity | Scale) -> dict[str, Any]:
+    return {"value": number.value, "u": number.u, "u_readings": number.u_readings, "unit": number.unit}
+
+
 def _function_json(function: Function) -> dict[str, Any]:
     return {
         "position_mm": function.position_mm,
         "value": function.value,
         "u": function.u,
+        "u_readings": function.u_readings,
         "unit": function.unit,
         "slope_identified": function.slope_identified,
     }
@@ -150,13 +168,17 @@ def parse_result(text: str, source: str = "result.json") -> Result:
     """
     root = load_json(text, source)
     root.equals("format", FORMAT)
-    root.equals("version", FORMAT_VERSION)
+    version = root.child("version")
+    if type(version.value) is not int or version.value not in READABLE_VERSIONS:
+        version.refuse(f"{READABLE_VERSIONS[0]} or {READABLE_VERSIONS[1]}")
     return Result(
         volume=_volume(root.child("volume")),
         chain=_chain(root),
         method=root.text("method") if "method" in root.mapping() else "",
         errors=_functions(root.child("errors"), (*DISPLACEMENTS, *ROTATIONS), required=DISPLACEMENTS),
         reversal=_functions(root.child("reversal"), (*DISPLACEMENTS, *ROTATIONS)) if "reversal" in root.mapping() else {},
+        expected=_functions(root.child("expected"), ROTATIONS) if "expected" in root.mapping() else {},
+        posterior=parse_posterior(root.child("posterior")) if "posterior" in root.mapping() else None,
         squareness={name: _quantity(root.child("squareness").child(name)) for name in SQUARENESS},
         scale={name: _scale(root.child("scale").child(name)) for name in AXIS_LETTERS},
         setups=_setups(root.child("setups")),
@@ -217,22 +239,33 @@ def _function(node: Node, unit: str) -> Function:
     if len(position) < 2 or np.any(np.diff(position) <= 0):
         node.child("position_mm").refuse("at least two ascending positions")
     known: dict[str, Vector | None] = {}
-    for name in ("value", "u"):
-        column = node.child(name)
-        known[name] = None if column.value is None else column.numbers()
-        if column.value is not None and len(column.value) != len(position):
+    for name in ("value", "u", "u_readings"):
+        column = node.child(name) if name in node.mapping() or name != "u_readings" else None
+        known[name] = None if column is None or column.value is None else column.numbers()
+        if column is not None and column.value is not None and len(column.value) != len(position):
             column.refuse(f"{len(position)} numbers, one a position")
     slope = node.child("slope_identified").truth() if "slope_identified" in node.mapping() else True
-    return Function(position_mm=position, value=known["value"], u=known["u"], unit=unit, slope_identified=slope)
+    return Function(
+        position_mm=position,
+        value=known["value"],
+        u=known["u"],
+        unit=unit,
+        slope_identified=slope,
+        u_readings=known["u_readings"],
+    )
 
 
 def _optional(node: Node) -> float | None:
     return None if node.value is None else node.number()
 
 
+def _readings_u(node: Node) -> float | None:
+    return _optional(node.child("u_readings")) if "u_readings" in node.mapping() else None
+
+
 def _quantity(node: Node) -> Quantity:
     node.equals("unit", "urad")
-    return Quantity(value=_optional(node.child("value")), u=_optional(node.child("u")))
+    return Quantity(value=_optional(node.child("value")), u=_optional(node.child("u")), u_readings=_readings_u(node))
 
 
 def _scale(node: Node) -> Scale:
@@ -241,7 +274,7 @@ def _scale(node: Node) -> Scale:
     value = _optional(node.child("value"))
     if identified != (value is not None):
         node.refuse("a value exactly where identified is true")
-    return Scale(value=value, u=_optional(node.child("u")), identified=identified)
+    return Scale(value=value, u=_optional(node.child("u")), identified=identified, u_readings=_readings_u(node))
 
 
 def _finding(node: Node) -> Finding:

@@ -1,4 +1,4 @@
-"""The uncertainty beyond the residuals: sources, their propagation, Monte Carlo.
+"""What is known after the adjustment: variances with every cause, the machine as one vector with its modes, Monte Carlo.
 
-In: an adjustment and a list of sources. Out: a budget for every quantity. Imported by planning and methods.
+In: a fit with its causes. Out: covariances, budget and posterior. Imported by planning and methods.
 """

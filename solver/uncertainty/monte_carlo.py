@@ -1,17 +1,21 @@
-"""Monte Carlo cross-check of the budget (JCGM 101): draws through the estimator's operator, shortest coverage intervals."""
+"""Monte Carlo beside the law of propagation (JCGM 101): surveys are drawn, noise and causes, and pass through the estimator.
 
-from collections.abc import Iterator, Sequence
+Causes are drawn with sizes that are themselves drawn as surely as the readings know them; the estimator keeps the sizes that it found.
+"""
+
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from stepdiag.solver.uncertainty.budget import Distribution, Source, Vector, response
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.uncertainty.spread import Spread
 
 TRIALS = 200_000
 """At least 10^4 / (1 - p) for a coverage probability p of 0.95 (JCGM 101, 7.2.2)."""
-_BLOCK = 20_000
-"""Trials in one product: some tens of megabytes of draws."""
+_NUMBERS = 2_000_000
+"""Numbers drawn at a time: some tens of megabytes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -26,22 +30,40 @@ class Intervals:
     trials: int
 
 
-def monte_carlo(gain: Vector, sources: Sequence[Source], *, trials: int = TRIALS, seed: int = 0, probability: float = 0.95) -> Intervals:
-    """Return the intervals of the quantities ``gain @ readings`` under all sources, gain of shape (quantities, N).
-
-    The same seed gives the same intervals.
-    """
-    causes = [*_normal_causes(gain, sources), *_other_causes(gain, sources)]
-    operator = np.column_stack([moved for _, moved in causes]).T
+def monte_carlo(spread: Spread, asked: Rows, *, trials: int = TRIALS, seed: int = 0, probability: float = 0.95) -> Intervals:
+    """Return the intervals of combinations of the unknowns. The same seed gives the same intervals."""
+    noise = _noise_operator(spread, asked)
+    causes = _cause_operator(spread, asked)
     rng = np.random.default_rng(seed)
-    deviations = np.empty((len(gain), trials))
-    for rows in _blocks(trials):
-        drawn = np.column_stack([_draw(rng, kind, (rows.stop - rows.start, moved.shape[1])) for kind, moved in causes])
-        deviations[:, rows] = (drawn @ operator).T
+    deviations = np.empty((len(asked), trials))
+    for some in _blocks(trials, len(noise) + len(causes)):
+        count = some.stop - some.start
+        sizes = np.exp(rng.standard_normal((count, len(spread.names))) * spread.sizes.spread)
+        drawn = rng.standard_normal((count, len(causes))) * spread.fit.size * sizes[:, spread.group]
+        deviations[:, some] = (rng.standard_normal((count, len(noise))) @ noise + drawn @ causes).T
     low, high = shortest_interval(deviations, probability)
     return Intervals(
         mean=deviations.mean(axis=1), u=deviations.std(axis=1, ddof=1), low=low, high=high, probability=probability, trials=trials
     )
+
+
+def _noise_operator(spread: Spread, asked: Rows) -> Vector:
+    """Return what one standard deviation of each row's noise does, shape (rows, quantities), folded where there are more rows."""
+    fit = spread.fit
+    direct = fit.rows.times(fit.inverse.solve(asked.dense().T)) * fit.weight[:, None]
+    gain = direct + fit.causes.left @ (fit.amount_covariance @ spread.moved(asked).T)
+    kept = fit.weight > 0
+    scaled = gain[kept] / np.sqrt(fit.weight[kept])[:, None]
+    # rows of the same covariance: R of the QR has as many as there are quantities
+    folded: Vector = np.linalg.qr(scaled).R if len(scaled) > scaled.shape[1] else scaled
+    return folded
+
+
+def _cause_operator(spread: Spread, asked: Rows) -> Vector:
+    """Return what a unit of each cause leaves in the estimate, shape (causes, quantities): what of it is not found."""
+    left = spread.fit.amount_covariance @ spread.fit.causes.seen - np.eye(len(spread.group))
+    operator: Vector = (spread.moved(asked) @ left).T
+    return operator
 
 
 def shortest_interval(samples: Vector, probability: float) -> tuple[Vector, Vector]:
@@ -60,42 +82,7 @@ def shortest_interval(samples: Vector, probability: float) -> tuple[Vector, Vect
     return low, high
 
 
-def confirms(intervals: Intervals, u: Vector, k: float = 1.959964) -> NDArray[np.bool_]:
-    """Return per quantity whether the Monte Carlo interval confirms ``+- k u`` to two digits of u (JCGM 101, 8.1)."""
-    with np.errstate(divide="ignore"):
-        exponent = np.floor(np.log10(u)) - 1
-    tolerance = 0.5 * 10.0**exponent
-    agreed: NDArray[np.bool_] = (np.abs(intervals.low + k * u) <= tolerance) & (np.abs(intervals.high - k * u) <= tolerance)
-    return agreed
-
-
-def _normal_causes(gain: Vector, sources: Sequence[Source]) -> list[tuple[Distribution, Vector]]:
-    """Return the normal sources as one with at most as many causes as there are readings: their sum is normal as well."""
-    normal = [source.pattern_um for source in sources if source.distribution == "normal"]
-    if not normal:
-        return []
-    white = np.sqrt(np.sum([pattern**2 for pattern in normal if pattern.ndim == 1], axis=0)) * np.ones(gain.shape[1])
-    shared = [pattern for pattern in normal if pattern.ndim == 2]
-    if not shared:
-        return [("normal", gain * white)]
-    # P P^T = R^T R: fewer causes of the same covariance
-    triangle: Vector = np.linalg.qr(np.column_stack([np.diag(white), *shared]).T).R
-    return [("normal", gain @ triangle.T)]
-
-
-def _other_causes(gain: Vector, sources: Sequence[Source]) -> list[tuple[Distribution, Vector]]:
-    return [(source.distribution, response(gain, source)) for source in sources if source.distribution != "normal"]
-
-
-def _blocks(trials: int) -> Iterator[slice]:
-    for start in range(0, trials, _BLOCK):
-        yield slice(start, min(start + _BLOCK, trials))
-
-
-def _draw(rng: np.random.Generator, distribution: Distribution, shape: tuple[int, int]) -> Vector:
-    """Return draws of root mean square one."""
-    if distribution == "normal":
-        return rng.standard_normal(shape)
-    width = np.sqrt(3.0)
-    drawn: Vector = rng.uniform(0.0 if distribution == "one-sided" else -width, width, shape)
-    return drawn
+def _blocks(trials: int, numbers: int) -> Iterator[slice]:
+    size = max(1, _NUMBERS // max(numbers, 1))
+    for start in range(0, trials, size):
+        yield slice(start, min(start + size, trials))

@@ -51,7 +51,6 @@ def test_a_machine_that_stands_elsewhere_has_the_same_errors():
         ({"method": "estimat"}, "did you mean 'estimate'?"),
         ({"method": "magic"}, "method: expected one of estimate, least-squares, wang2000, found 'magic'"),
         ({"chain": "XYZ"}, "chain: expected X, Y, Z and the bed once each"),
-        ({"method": "wang2000", "estimate_angles": True}, "expected estimate, which can use angles"),
     ],
 )
 def test_wrong_use_is_refused(options, message):

@@ -10,6 +10,7 @@ from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.reported import SCALE_SUM
+from stepdiag.solver.planning.identifiability import identified_with_angles
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS
 
@@ -95,9 +96,12 @@ def test_a_second_beam_line_leaves_eight_combinations(chain):
     assert rank_and_hidden(layout, chain, angles=True) == (116, 8)
 
 
-def known(setups, *, estimate_angles=False, offsets=None, size=SIZES[1]):
-    layout = lay_out(perfect_readings(plan(setups, size, 5, offsets=offsets), 0.3))
-    return estimate(layout, "FXYZ", estimate_angles=estimate_angles)
+def known(setups):
+    return estimate(lay_out(perfect_readings(plan(setups, SIZES[1], 5), 0.3)), "FXYZ")
+
+
+def known_with_angles(setups, offsets=None):
+    return identified_with_angles(lay_out(perfect_readings(plan(setups, SIZES[1], 5, offsets=offsets), 0.3)), "FXYZ").known
 
 
 def test_four_diagonals_tell_shapes_squareness_and_the_weighted_scale_sum_only():
@@ -118,16 +122,15 @@ def test_one_linear_run_tells_the_scale_of_its_axis():
 
 def test_with_free_angles_four_diagonals_tell_the_shape_of_z_only():
     """Theory 5.2: only delta_z(z) is resolved."""
-    found = known(BODY_DIAGONALS, estimate_angles=True).known
+    found = known_with_angles(BODY_DIAGONALS)
     assert [name for name in DISPLACEMENTS if found[name]] == ["EZZ"]
 
 
 def test_three_beam_lines_resolve_all_eighteen_functions():
     """Theory 5.2: offsets of 50 mm in two directions."""
     offsets = {f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k)) for name in BODY_DIAGONALS for k in (1, 2)}
-    found = known((*BODY_DIAGONALS, *offsets), estimate_angles=True, offsets=offsets).known
-    assert all(found[name] for name in DISPLACEMENTS)
-    assert all(found[f"shape {name}"] for name in ROTATIONS)
+    found = known_with_angles((*BODY_DIAGONALS, *offsets), offsets)
+    assert all(found[name] for name in (*DISPLACEMENTS, *ROTATIONS))
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ import pytest
 
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import parse_result
 from testkit.surveys import DIAGONALS, Bench
 
@@ -17,11 +18,11 @@ TEXT = RESULT.to_json()
 def test_the_json_is_what_the_contract_says():
     document = json.loads(TEXT)
     assert document["format"] == "stepdiag-result"
-    assert document["version"] == 1
+    assert document["version"] == 2
     assert document["volume"] == {"origin_mm": [0.0, 0.0, 0.0], "size_mm": [500.0, 400.0, 300.0], "increments": 10}
     assert document["errors"]["EXX"].keys() >= {"position_mm", "value", "u", "unit"}
-    assert document["squareness"]["C0Y"].keys() == {"value", "u", "unit"}
-    assert document["scale"]["X"] == {"value": None, "u": None, "unit": "um/m", "identified": False}
+    assert document["squareness"]["C0Y"].keys() == {"value", "u", "u_readings", "unit"}
+    assert document["scale"]["X"] == {"value": None, "u": None, "u_readings": None, "unit": "um/m", "identified": False}
     assert document["errors"]["EXX"]["slope_identified"] is False
     assert all(finding.keys() == {"code", "severity", "text"} for finding in document["findings"])
     assert TEXT.endswith("}\n")
@@ -34,6 +35,34 @@ def test_reading_back_gives_the_same_bytes_and_values():
     assert np.allclose(again.errors["EYZ"].value, RESULT.errors["EYZ"].value, atol=1e-6)
     assert again.findings == RESULT.findings
     assert again.extra.keys() == RESULT.extra.keys()
+
+
+def test_u_is_the_combined_one_and_what_is_predicted_is_an_interval():
+    """Contract 4, version 2: u_readings stands beside u; before and after, as it is and without rigid motion."""
+    document = json.loads(TEXT)
+    for number in document["squareness"].values():
+        assert 0 < number["u_readings"] < number["u"]
+    for part in ("without_rigid_motion", "as_it_is"):
+        for when in ("before", "after"):
+            for figure in document["predicted"][part][when].values():
+                assert figure["low"] <= figure["value"] <= figure["high"]
+
+
+def test_version_1_is_still_read():
+    document = json.loads(TEXT) | {"version": 1}
+    for name in ("expected", "posterior", "predicted", "volumetric_u_um"):
+        del document[name]
+    for part in ("errors", "squareness", "scale"):
+        for entry in document[part].values():
+            del entry["u_readings"]
+    old = parse_result(json.dumps(document))
+    assert old.posterior is None
+    assert old.errors["EXX"].u_readings is None
+    points = np.array([[0.0, 0.0, 0.0], [500.0, 400.0, 300.0]])
+    told = predicted(old, points, np.zeros((2, 3))).as_json()["as_it_is"]["after"]["rms_um"]
+    assert told["value"] > 0
+    assert told["low"] is None
+    assert told["high"] is None
 
 
 def test_a_result_of_another_program_needs_only_what_the_contract_names():
@@ -64,8 +93,8 @@ def changed(path, value):
         ("[" * 100_000, "expected a JSON document"),
         ("[]", "document: expected an object"),
         (changed(["format"], "else"), r"format: expected 'stepdiag-result', found \"else\""),
-        (changed(["version"], 2), "version: expected 1, found 2"),
-        (changed(["version"], True), "version: expected 1, found true"),
+        (changed(["version"], 3), "version: expected 1 or 2, found 3"),
+        (changed(["version"], True), "version: expected 1 or 2, found true"),
         (changed(["chain"], "XYZ"), "chain: expected X, Y, Z and the bed once each"),
         (changed(["volume", "size_mm"], [1, 2]), "volume.size_mm: expected three numbers above 0"),
         (changed(["volume", "size_mm"], [1, 2, 0]), "volume.size_mm: expected three numbers above 0"),

@@ -1,75 +1,37 @@
-"""Monte Carlo against distributions with known intervals (JCGM 101)."""
+"""Monte Carlo through the estimator (JCGM 101) beside the law of propagation, and its shortest intervals."""
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.uncertainty.budget import Source, budget
-from stepdiag.solver.uncertainty.monte_carlo import confirms, monte_carlo, shortest_interval
-
-ONE = np.array([[1.0]])
-
-
-def source(pattern, distribution="normal"):
-    return Source(name="s", text="", pattern_um=np.asarray(pattern, dtype=float), distribution=distribution)
+from stepdiag.solver.methods.estimate import estimate
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.uncertainty.monte_carlo import monte_carlo, shortest_interval
+from testkit.surveys import Bench
 
 
-def test_sum_of_four_normals_is_the_example_of_the_guide():
-    """JCGM 101, 9.2.2: four standard normals: u = 2.0, shortest 95 % interval [-3.92, 3.92]."""
-    found = monte_carlo(np.ones((1, 4)), [source(np.ones(4))])
-    assert found.u == pytest.approx([2.0], abs=0.01)
-    assert (found.low[0], found.high[0]) == pytest.approx((-3.92, 3.92), abs=0.05)
-    assert confirms(found, np.array([2.0])).tolist() == [True]
+def test_drawn_surveys_scatter_as_the_result_states():
+    """Within 10 % for every number and every function (rms): noise, causes, and that their sizes are not known."""
+    done = estimate(lay_out(Bench(angle_urad=10.0, increments=5).survey()), "FXYZ")
+    drawn = monte_carlo(done.spread, done.quantities.combination, trials=20_000)
+    for name in done.quantities.groups:
+        rows = done.quantities.of(name)
+        assert np.sqrt(np.mean(drawn.u[rows] ** 2)) == pytest.approx(np.sqrt(np.mean(done.u[rows] ** 2)), rel=0.1), name
 
 
-def test_sum_of_four_rectangular_is_the_example_of_the_guide():
-    """JCGM 101, 9.2.3: four rectangular of unit standard deviation: 95 % interval [-3.88, 3.88], not 3.92."""
-    found = monte_carlo(np.ones((1, 4)), [source(np.ones(4), "rectangular")])
-    assert found.u == pytest.approx([2.0], abs=0.01)
-    assert (found.low[0], found.high[0]) == pytest.approx((-3.88, 3.88), abs=0.05)
+def test_the_same_seed_gives_the_same_intervals():
+    done = estimate(lay_out(Bench(increments=3).survey()), "FXYZ")
+    one, other = (monte_carlo(done.spread, done.quantities.combination, trials=500, seed=3) for _ in range(2))
+    assert np.array_equal(one.low, other.low)
+    assert np.array_equal(one.high, other.high)
 
 
-def test_effect_of_known_sign_gives_a_lopsided_interval():
-    """Uniform from 0 with rms 1 um: 0 to sqrt 3; the budget counts its root mean square about zero."""
-    found = monte_carlo(ONE, [source([1.0], "one-sided")])
-    assert found.mean == pytest.approx([np.sqrt(3) / 2], abs=0.01)
-    assert (found.high - found.low)[0] == pytest.approx(0.95 * np.sqrt(3), abs=0.01)
-    assert found.low[0] >= 0.0
-    assert not confirms(found, np.array([1.0]))[0]
-
-
-@given(st.integers(0, 2**32 - 1))
-def test_many_causes_spread_as_the_budget_says(seed):
-    """Normal sources are drawn as one; their spread must not notice."""
-    rng = np.random.default_rng(seed)
-    gain = rng.normal(size=(3, 5))
-    sources = [
-        source(rng.uniform(0.1, 1, 5)),
-        source(rng.uniform(0.1, 1, 5)),
-        source(rng.normal(size=(5, 9))),
-        source(rng.normal(size=(5, 2)), "rectangular"),
-    ]
-    found = monte_carlo(gain, sources, trials=20_000, seed=seed)
-    assert found.u == pytest.approx(budget(gain, sources).combined, rel=0.04)
-
-
-def test_same_seed_same_interval():
-    first, second = (monte_carlo(ONE, [source([1.0])], trials=1000, seed=3) for _ in range(2))
-    assert (first.low, first.high) == (second.low, second.high)
-
-
-def brute_force(samples, probability):
+@given(st.integers(20, 400), st.floats(0.5, 0.99), st.integers(0, 1000))
+def test_shortest_interval_holds_its_share_and_no_shorter_one_does(count, probability, seed):
+    samples = np.random.default_rng(seed).standard_exponential(count)
+    low, high = shortest_interval(samples[None, :], probability)
+    kept = int(np.ceil(probability * count))
+    assert np.count_nonzero((samples >= low[0]) & (samples <= high[0])) >= kept
     ordered = np.sort(samples)
-    kept = int(np.ceil(probability * len(ordered)))
-    widths = ordered[kept - 1 :] - ordered[: len(ordered) - kept + 1]
-    best = int(np.argmin(widths))
-    return ordered[best], ordered[best + kept - 1]
-
-
-@given(st.integers(0, 2**32 - 1), st.integers(20, 400), st.sampled_from([0.5, 0.9, 0.95]))
-def test_shortest_interval_is_the_shortest(seed, count, probability):
-    samples = np.random.default_rng(seed).exponential(size=(2, count))
-    low, high = shortest_interval(samples, probability)
-    for row in range(2):
-        assert (low[row], high[row]) == brute_force(samples[row], probability)
+    assert high[0] - low[0] == pytest.approx(np.min(ordered[kept - 1 :] - ordered[: count - kept + 1]))

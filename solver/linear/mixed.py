@@ -1,0 +1,157 @@
+"""A least-squares fit with random effects: causes of which only the usual size is known (Searle, Casella, McCulloch 1992, 7.4-7.6).
+
+    target = rows @ unknowns + pattern @ amount + noise,    amount ~ normal(0, size^2),    noise ~ normal(0, 1 / weight)
+
+The rows stay as sparse as they are; everything about the amounts lives in matrices of (causes, causes): sizes are tried in milliseconds.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.fit import Fit
+from stepdiag.solver.linear.least_squares import Inverse
+from stepdiag.solver.linear.rows import Rows
+
+
+@dataclass(frozen=True, eq=False)
+class Causes:
+    """What the fixed unknowns leave of every cause: ``pattern`` (m, q) is what one unit of it does to the targets.
+
+    ``taken`` (count, q): what the fit without causes would take it for; ``left`` (m, q): weighted residual of the pattern;
+    ``seen`` (q, q) = pattern.T @ left; ``shown`` (q,) = pattern.T @ weighted residual of the targets.
+    """
+
+    pattern: Vector
+    taken: Vector
+    left: Vector
+    seen: Vector
+    shown: Vector
+
+    @classmethod
+    def of(cls, fit: Fit, pattern: Vector) -> "Causes":
+        """Return what a fit leaves of the patterns."""
+        weighted = fit.weight[:, None] * pattern
+        taken = fit.inverse.solve(fit.rows.transposed_times(weighted))
+        left = weighted - fit.weight[:, None] * fit.rows.times(taken)
+        seen = pattern.T @ left
+        return cls(pattern, taken, left, 0.5 * (seen + seen.T), pattern.T @ (fit.weight * fit.residual))
+
+
+@dataclass(frozen=True, eq=False)
+class MixedFit:
+    """A fit without causes (``fixed``) and what becomes of it when each cause may have its ``size`` (q,)."""
+
+    fixed: Fit
+    causes: Causes
+    size: Vector
+
+    @property
+    def rows(self) -> Rows:
+        """Return the rows of the fixed unknowns."""
+        return self.fixed.rows
+
+    @property
+    def weight(self) -> Vector:
+        """Return the weights of the rows."""
+        return self.fixed.weight
+
+    @property
+    def inverse(self) -> Inverse:
+        """Return the generalised inverse for the fixed unknowns, were the causes known."""
+        return self.fixed.inverse
+
+    @cached_property
+    def damped_root(self) -> Vector:
+        """Return a factor of the inverse of D = 1 + size seen size: inverse = root.T @ root, shape (q, q).
+
+        No eigenvalue of D is below one: where the noise is next to nothing, rounding must not make one.
+        """
+        damped = np.eye(len(self.size)) + self.size[:, None] * self.causes.seen * self.size
+        try:
+            root: Vector = np.linalg.inv(np.linalg.cholesky(damped))
+        except np.linalg.LinAlgError:
+            value, vector = np.linalg.eigh(damped)
+            root = (vector / np.sqrt(np.maximum(value, 1.0))).T
+        return root
+
+    @cached_property
+    def root(self) -> Vector:
+        """Return a factor of the covariance of the amounts: root.T @ root, shape (q, q)."""
+        factor: Vector = self.damped_root * self.size
+        return factor
+
+    @cached_property
+    def amount_covariance(self) -> Vector:
+        """Return the covariance of the amounts given the readings, shape (q, q)."""
+        matrix: Vector = self.root.T @ self.root
+        return matrix
+
+    @cached_property
+    def amount(self) -> Vector:
+        """Return what the readings make most likely of every cause, shape (q,)."""
+        found: Vector = self.amount_covariance @ self.causes.shown
+        return found
+
+    @cached_property
+    def unknowns(self) -> Vector:
+        """Return the fixed unknowns, shape (count,)."""
+        found: Vector = self.fixed.unknowns - self.causes.taken @ self.amount
+        return found
+
+    @cached_property
+    def residual(self) -> Vector:
+        """Return target - rows @ unknowns - pattern @ amount: what is left as noise, shape (m,)."""
+        weight = np.where(self.weight > 0, self.weight, 1.0)
+        left: Vector = self.fixed.residual - np.where(
+            self.weight > 0,
+            (self.causes.left @ self.amount) / weight,
+            self.causes.pattern @ self.amount - self.rows.times(self.causes.taken @ self.amount),
+        )
+        return left
+
+    @cached_property
+    def redundancy(self) -> Vector:
+        """Return for each row the share of its own noise that shows in its residual, shape (m,), 1 where its weight is 0."""
+        spent = np.sum((self.causes.left @ self.root.T) ** 2, axis=1)
+        share = self.fixed.redundancy - spent / np.where(self.weight > 0, self.weight, np.inf)
+        clipped: Vector = np.clip(share, 0.0, 1.0)
+        return clipped
+
+    @property
+    def freedom(self) -> int:
+        """Return the degrees of freedom of the fixed unknowns."""
+        return self.fixed.freedom
+
+    @cached_property
+    def chi_square(self) -> float:
+        """Return the square sum of the residuals, weighted with noise and causes together."""
+        return float(self.fixed.chi_square - self.causes.shown @ self.amount)
+
+    def moved_by(self, rows: NDArray[np.int64]) -> Vector:
+        """Return how the unknowns move per unit of target in the given rows, shape (count, rows)."""
+        unit = np.zeros((len(self.rows), len(rows)))
+        unit[rows, np.arange(len(rows))] = self.weight[rows]
+        direct: Vector = self.inverse.solve(self.rows.transposed_times(unit))
+        moved: Vector = direct - self.causes.taken @ (self.amount_covariance @ self.causes.left[rows].T)
+        return moved
+
+    def told(self, pattern: Vector) -> tuple[Vector, Vector]:
+        """Return for each pattern (m, k), were it a further unknown by itself, how large it is and its standard uncertainty, shapes (k,).
+
+        Infinite uncertainty where the rows cannot tell it from what is unknown already.
+        """
+        alone = Causes.of(self.fixed, pattern)
+        mixed = self.root @ (self.causes.pattern.T @ alone.left)
+        seen = np.diag(alone.seen) - np.sum(mixed**2, axis=0)
+        shown = pattern.T @ (self.weight * self.residual)
+        hidden = seen <= 1e-9 * np.sum(self.weight[:, None] * pattern**2, axis=0)
+        safe = np.where(hidden, 1.0, seen)
+        return np.where(hidden, 0.0, shown / safe), np.where(hidden, np.inf, 1.0 / np.sqrt(safe))
+
+
+AnyFit = Fit | MixedFit
+"""What has residuals, weights and redundancies."""

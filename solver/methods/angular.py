@@ -1,0 +1,75 @@
+"""Angular functions that nobody measured: what the readings make likely of them, which of them are resolved, and what is said about it."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from stepdiag.solver.adjustment.adjustment import Adjustment
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function
+from stepdiag.solver.uncertainty.spread import Spread
+
+
+def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
+    """Return every unknown angular function by name with its standard uncertainty, at the nodes."""
+    volume, shapes = found.layout.volume, found.shapes
+    if not shapes.names:
+        return {}
+    share = np.arange(volume.increments + 1) / volume.increments
+    first = cause_place(found, "angles")
+    expected = {}
+    for name in shapes.names:
+        own = shapes.causes_of(name)
+        at_nodes = np.zeros((len(share), len(found.fit.size)))
+        at_nodes[:, first + own.start : first + own.stop] = shapes.range_of(name) * shapes.at(share)
+        none = Rows(np.zeros((len(share), 1), dtype=np.int64), np.zeros((len(share), 1)), found.design.columns.count)
+        moved = spread.moved(none, at_nodes)
+        expected[name] = Function(
+            position_mm=volume.nodes_mm(AXIS_LETTERS.index(name[2])),
+            value=at_nodes @ found.fit.amount,
+            u=np.sqrt(spread.variance(moved)),
+            unit="urad",
+            u_readings=np.sqrt(spread.variance_by_readings(moved)),
+        )
+    return expected
+
+
+def cause_place(found: Adjustment, name: str) -> int:
+    """Return the place of the first cause of an effect among all causes."""
+    names = [effect.name for effect in found.effects]
+    return sum(effect.count for effect in found.effects[: names.index(name)])
+
+
+def angle_size_urad(found: Adjustment) -> tuple[float, float] | None:
+    """Return the range over the travel that the readings make most likely of an angular function, and the factor it is known within."""
+    if not found.shapes.names:
+        return None
+    place = [effect.name for effect in found.effects].index("angles")
+    usual = float(np.mean(found.shapes.range_urad))
+    return usual * float(found.sizes.factor[place]), float(np.exp(found.sizes.spread[place]))
+
+
+def angle_findings(found: Adjustment, resolved: Sequence[str], volume_um: dict[str, Any]) -> list[Finding]:
+    """Return what is to be known about the angular functions that were not measured."""
+    size = angle_size_urad(found)
+    if size is None:
+        return []
+    if len(resolved) == len(found.shapes.names):
+        text = f"the readings resolve the angular functions {', '.join(resolved)}: they are given with the others"
+        return [Finding(code="angles-resolved", severity="info", text=text)]
+    unknown = [name for name in found.shapes.names if name not in resolved]
+    what = "the angular functions" if len(unknown) == len(ROTATIONS) else ", ".join(unknown)
+    text = (
+        f"{what} were not measured; the closure of the readings says that this machine turns by about {size[0]:.2g} urad over the travel "
+        f"of an axis (within a factor of {size[1]:.2g}): after an ideal compensation about {volume_um['now']:.2g} um (rms) remain, "
+        f"with a head's angles about {volume_um['with_head']:.2g} um; give an angles file"
+    )
+    return [Finding(code="angles-unmeasured", severity="info", text=text)]
+
+
+def rms(values: Vector) -> float:
+    """Return the root mean square."""
+    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0

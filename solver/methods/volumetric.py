@@ -1,0 +1,113 @@
+"""What a result says about the whole volume: its posterior, the budget by sources, and what is to be expected before and after tables."""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stepdiag.solver.adjustment.adjustment import Adjustment
+from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.linear.components import sized
+from stepdiag.solver.methods.angular import cause_place, rms
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.quantities import Quantities
+from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.posterior import Posterior
+from stepdiag.solver.result.prediction import predicted, volumetric_u_um
+from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
+from stepdiag.solver.uncertainty.machine import Machine, covariance, machine_of, posterior_of, usual_rows, volumetric_um, with_usual
+from stepdiag.solver.uncertainty.spread import Spread
+
+LATTICE = 6
+HEAD_URAD = 1.0
+"""What a 4-DOF head leaves of an angular function."""
+ARCH = 5.0
+"""The middle between two targets differs from their line by a quarter to an eighth of the second difference there: for waves of any length
+longer than two increments between 1/8 and 1/4 of it."""
+_BENT = 6.0
+"""Variance of a second difference of independent values over theirs."""
+
+
+def lattice_mm(volume: Volume, nodes: int = LATTICE) -> Vector:
+    """Return a regular lattice over the volume, shape (nodes ** 3, 3)."""
+    axes = [low + size * np.linspace(0.0, 1.0, nodes) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def make_posterior(
+    found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool], errors: Mapping[str, Function]
+) -> Posterior:
+    """Return how the machine may differ from what is reported; what is not identified counts with what is usual."""
+    rows, u = usual_rows(quantities, known, found.assumed)
+    mixed = with_usual(found.fit, found.design, rows, u) if len(rows) else found.fit
+    wider = replace(spread, fit=mixed)
+    first = cause_place(found, "angles") if found.shapes.names else 0
+    machine = machine_of(found.design, found.shapes, first, len(mixed.size))
+    offset = _offset(machine, wider, spread) if len(rows) else np.zeros(len(machine.names))
+    between = between_um(errors, found.assumed)
+    return posterior_of(covariance(wider, machine), machine, found.layout.volume, found.design.chain, offset, between)
+
+
+def _offset(machine: Machine, wider: Spread, spread: Spread) -> Vector:
+    """Return where the machine is to be expected beside what is reported: nothing but what is not identified is left out there."""
+    values = [machine.combination.times(one.fit.unknowns) + machine.on_causes @ one.fit.amount for one in (wider, spread)]
+    seen = spread.fit.inverse.sees(machine.combination)
+    found: Vector = np.where(seen, 0.0, values[0])
+    return found
+
+
+def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str, float]:
+    """Return by how much each displacement function may leave the straight line in the middle between two targets (k = 1).
+
+    From how much its values bend from target to target beyond their noise; waves shorter than two increments leave no trace there and
+    count as assumed, for the positioning functions that they belong to (screw, scale).
+    """
+    found = {}
+    for name in DISPLACEMENTS:
+        function = errors[name]
+        hidden = assumed.between_um if name[1] == name[2] else 0.0
+        if function.value is None or len(function.value) < 3:
+            found[name] = float(np.hypot(assumed.shape_um, hidden))
+            continue
+        noise = np.zeros(1) if function.u_readings is None else function.u_readings
+        bent = rms(np.diff(function.value, n=2)) ** 2 - _BENT * rms(noise) ** 2
+        found[name] = float(np.hypot(np.sqrt(max(bent, 0.0)) / ARCH, hidden))
+    return found
+
+
+def budget(spread: Spread, quantities: Quantities, u: Vector, u_readings: Vector, texts: Mapping[str, str]) -> dict[str, Any]:
+    """Return the budget as plain JSON (k = 1): what was assumed, the shares per function or number by source, and their combination.
+
+    Shares are root mean squares over the nodes of a function.
+    """
+    moved = spread.moved(quantities.combination)
+    shares = {"readings": u_readings, **spread.shares(moved)}
+    groups = {name: quantities.of(name) for name in quantities.groups}
+    return {
+        "assumptions": dict(texts),
+        "shares": {name: {source: rms(values[rows]) for source, values in shares.items()} for name, rows in groups.items()},
+        "combined": {name: rms(u[rows]) for name, rows in groups.items()},
+    }
+
+
+def volume_report(result: Result) -> dict[str, Any]:
+    """Return the volumetric uncertainty (rms, k = 1), and what is to be expected as the machine stands and after an ideal compensation."""
+    points = lattice_mm(result.volume)
+    told = predicted(result, points, -error_field_um(result, points))
+    return {"volumetric_u_um": volumetric_u_um(result, points), "predicted": told.as_json()}
+
+
+def left_with_head_um(found: Adjustment, spread: Spread, now_um: float) -> dict[str, float]:
+    """Return the volumetric uncertainty as it is and with all angular functions known to `HEAD_URAD`."""
+    if not found.shapes.names:
+        return {"now": now_um, "with_head": now_um}
+    volume, chain = found.layout.volume, found.design.chain
+    place = [effect.name for effect in found.effects].index("angles")
+    usual = float(np.mean(found.shapes.range_urad)) * found.sizes.factor[place]
+    factor = np.where(spread.group == place, min(1.0, 2.0 * HEAD_URAD / usual), 1.0)
+    sure = replace(found.sizes, spread=np.where(np.arange(len(found.effects)) == place, 0.0, found.sizes.spread))
+    quiet = replace(spread, fit=sized(spread.fit, factor), sizes=sure)
+    machine = machine_of(found.design, found.shapes, cause_place(found, "angles"), len(spread.group))
+    with_head, without = (volumetric_um(covariance(one, machine), machine, volume, chain) for one in (quiet, spread))
+    return {"now": now_um, "with_head": float(np.sqrt(max(now_um**2 - without**2 + with_head**2, 0.0)))}

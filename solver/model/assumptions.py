@@ -1,0 +1,47 @@
+"""What a user takes for granted about machine, laser and hall: the ``[uncertainty]`` of the survey file."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Assumptions:
+    """Usual sizes (k = 1 unless a range is named), zero switches a source off. Those marked * are only where the search begins: the
+    closure of the readings says how large they are on this machine, and only where it is silent the user's size stands.
+
+    ``angles_urad`` *: range of each angular function over the travel of its axis; ``angle_urad`` overrides it for single functions.
+    ``drift_um`` *: straight drift in one pass without return; ``wander_um`` *: what drift adds up to beside it by the end of a pass.
+    ``repeatability_um``: how well the machine comes back to a target. ``setup_c`` *: temperature of the machine from setup to setup,
+    ``sensor_c`` the same where the readings bring it. ``expansion_um_m_c``: material of the axes, ``u_expansion_um_m_c`` how
+    well that is known. ``index``: relative, of the air's index and the laser's wavelength, one error for the whole survey;
+    ``index_setup`` what it changes unseen between setups. ``alignment_mrad``: largest angle of a beam to mirror or travel.
+    ``between_um``: waves of the positioning functions that are too short for the targets. ``reading_um`` serves where a stop
+    does not bring its own. ``material_c``: temperature of the axes, ``u_material_c`` how well that is known: it is in the uncertainty of
+    lengths at 20 C, thus of the readings where they are ``reduced_to_20_c``.
+    ``shape_um``, ``squareness_urad``, ``scale_um_m``: what a machine of its class usually has where nobody measured it.
+    """
+
+    angles_urad: float = 10.0
+    angle_urad: Mapping[str, float] = field(default_factory=dict)
+    drift_um: float = 0.3
+    wander_um: float = 0.2
+    repeatability_um: float = 0.2
+    setup_c: float = 0.05
+    sensor_c: float = 0.03
+    expansion_um_m_c: tuple[float, float, float] = (11.7, 11.7, 11.7)
+    u_expansion_um_m_c: float = 1.0
+    index: float = 2e-7
+    index_setup: float = 1e-7
+    alignment_mrad: float = 0.5
+    between_um: float = 0.3
+    reading_um: float = 0.3
+    material_c: tuple[float, float, float] = (20.0, 20.0, 20.0)
+    u_material_c: float = 0.3
+    reduced_to_20_c: bool = False
+    shape_um: float = 5.0
+    squareness_urad: float = 30.0
+    scale_um_m: float = 20.0
+
+    def angle_range_urad(self, name: str) -> float:
+        """Return the range assumed for an angular function."""
+        return self.angle_urad.get(name, self.angles_urad)

@@ -1,0 +1,169 @@
+"""Causes that move many readings together and of which only the usual size is known: random effects of the one adjustment.
+
+Each kind of cause is one `Effect`: a pattern on the readings (a column for each independent cause, at one standard deviation of its
+usual size), the words for it, and how well that size is known. What the readings say about the sizes is found by
+restricted maximum likelihood (`solver.linear.components`); what they cannot see stays as assumed and widens the uncertainty.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.design import rotation_coefficients
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.result.result import ROTATIONS
+from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
+
+LINE_SHARE, WAVE_SHARE = 0.3, 0.4
+"""Standard deviations of an angular function's straight part at the far end and of its first half wave, as shares of its range; higher
+half waves fall with their number, as those of guideways do. Drawn functions of that prior have the range one on average."""
+MOST_WAVES = 16
+WANDER_WAVES = 3
+LOOSE, SURE = 1.0, 0.7
+"""Standard deviation of the logarithm of a usual size: known within a factor of seven (angles), of four (what the hall does)."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Effect:
+    """One kind of cause: ``pattern_um`` (m, k) on the readings, ``spread`` of the logarithm of its size (0: known), what was assumed."""
+
+    name: str
+    text: str
+    pattern_um: Vector
+    spread: float = 0.0
+
+    @property
+    def count(self) -> int:
+        """Return the number of independent causes."""
+        return int(self.pattern_um.shape[1])
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AngleShapes:
+    """The functions by which unknown angular errors are described: names in the order of their causes, ``waves`` half waves each."""
+
+    names: tuple[str, ...]
+    range_urad: tuple[float, ...]
+    waves: int
+
+    def at(self, layout_share: Vector) -> Vector:
+        """Return the shapes at shares of the travel (0 .. 1), for a range of one, shape (m, 1 + waves)."""
+        number = np.arange(1, self.waves + 1)
+        waves = WAVE_SHARE * np.sin(np.pi * number * layout_share[:, None]) / number
+        return np.column_stack([LINE_SHARE * layout_share, waves])
+
+    def range_of(self, name: str) -> float:
+        """Return the range assumed for a function."""
+        return self.range_urad[self.names.index(name)]
+
+    def causes_of(self, name: str) -> slice:
+        """Return the places of a function's causes among all of them."""
+        first = self.names.index(name) * (self.waves + 1)
+        return slice(first, first + self.waves + 1)
+
+
+def angle_shapes(layout: Layout, known: Mapping[str, object], assumed: Assumptions) -> AngleShapes:
+    """Return the description of the angular functions that are not ``known`` and are assumed to be there."""
+    names = tuple(name for name in ROTATIONS if name not in known and assumed.angle_range_urad(name) > 0)
+    waves = min(max(layout.volume.increments - 1, 1), MOST_WAVES)
+    return AngleShapes(names=names, range_urad=tuple(assumed.angle_range_urad(name) for name in names), waves=waves)
+
+
+def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumptions) -> tuple[Effect, ...]:
+    """Return every effect on the readings of a layout; those that cannot move any are left out."""
+    found = (
+        _angles(layout, chain, shapes),
+        _drift(layout, assumed),
+        _wander(layout, assumed),
+        _setup_scale(layout, assumed),
+        _survey_scale(layout, assumed),
+        _material(layout, assumed),
+    )
+    return tuple(effect for effect in found if effect.count and np.any(effect.pattern_um))
+
+
+def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> Effect:
+    """Return the spot formula (theory 4.3) for smooth functions of unknown size."""
+    arms = rotation_coefficients(layout, chain)
+    pieces = [np.zeros((len(layout), 0))]
+    for name, size in zip(shapes.names, shapes.range_urad, strict=True):
+        axis, component = divmod(ROTATIONS.index(name), 3)
+        share = (layout.position_mm[:, axis] - layout.volume.origin_mm[axis]) / layout.volume.size_mm[axis]
+        pieces.append(size * arms[:, axis, component, None] * shapes.at(share))
+    sizes = " or ".join(sorted({f"{size:g}" for size in shapes.range_urad}, key=float))
+    text = f"angular functions that nobody measured: smooth, {sizes} urad over the travel"
+    return Effect(name="angles", text=text, pattern_um=np.hstack(pieces), spread=LOOSE)
+
+
+def _elapsed(layout: Layout) -> Vector:
+    """Return how far every reading lies in its unbroken count, 0 at its start and 1 at the end of each pass in it, shape (m,)."""
+    elapsed = np.zeros(len(layout))
+    for number in np.unique(layout.offset_index):
+        mine = np.flatnonzero(layout.offset_index == number)
+        passes = len(np.unique(layout.pass_index[mine]))
+        elapsed[mine] = np.arange(len(mine)) * passes / max(len(mine) - 1, 1)
+    return elapsed
+
+
+def _by(index: NDArray[np.int64], values: Vector) -> Vector:
+    """Return the values in a column for each member of the index, zero elsewhere, shape (m, members)."""
+    apart: Vector = values[:, None] * (index[:, None] == np.unique(index))
+    return apart
+
+
+def _drift(layout: Layout, assumed: Assumptions) -> Effect:
+    """Return a ramp for each unbroken count; where the return pass lets the adjustment find the ramp, its price is nil."""
+    pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
+    return Effect(name="drift", text=f"a ramp of {assumed.drift_um:g} um in a pass", pattern_um=pattern, spread=SURE)
+
+
+def _wander(layout: Layout, assumed: Assumptions) -> Effect:
+    """Return a random walk within each unbroken count by its largest components (Karhunen and Loeve's expansion of Brownian motion)."""
+    elapsed = _elapsed(layout)
+    longest = np.zeros(int(layout.offset_index.max()) + 1)
+    np.maximum.at(longest, layout.offset_index, elapsed)
+    whole = longest[layout.offset_index]
+    turns = np.pi * (np.arange(WANDER_WAVES) + 0.5)
+    waves = [np.sqrt(2.0 * whole) * np.sin(turn * elapsed / np.maximum(whole, 1e-9)) / turn for turn in turns]
+    pattern = assumed.wander_um * np.hstack([_by(layout.offset_index, wave) for wave in waves])
+    text = f"beside the ramp, a pass wanders by {assumed.wander_um:g} um"
+    return Effect(name="wander", text=text, pattern_um=pattern, spread=SURE)
+
+
+def travel_mm(layout: Layout) -> Vector:
+    """Return the commanded travel since the low corner of the volume along each reading's direction, shape (m, 3)."""
+    return (layout.position_mm - layout.volume.origin_mm) * layout.direction
+
+
+def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
+    """Return the scale of each setup: warmth and air that changed unseen, and the cosine of its beam."""
+    coefficient = float(np.mean(assumed.expansion_um_m_c))
+    cosine_um_m = 0.5 * assumed.alignment_mrad**2 / np.sqrt(3.0)
+    size_um_m = float(np.linalg.norm([coefficient * assumed.setup_c, 1e6 * assumed.index_setup, cosine_um_m]))
+    along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
+    text = (
+        f"from setup to setup the machine warms by {assumed.setup_c:g} C unseen, the air changes by {1e6 * assumed.index_setup:g} ppm, "
+        f"beams within {assumed.alignment_mrad:g} mrad: {size_um_m:.2g} um/m"
+    )
+    return Effect(name="setup scale", text=text, pattern_um=size_um_m * _by(layout.setup_index, along_m), spread=SURE)
+
+
+def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
+    """Return the one error of the air's index and the wavelength, which no closure shows."""
+    along_m = 1e-3 * np.sum(travel_mm(layout), axis=1)
+    text = f"index of air and wavelength known to {assumed.index * 1e6:g} ppm, one error for the whole survey"
+    return Effect(name="air", text=text, pattern_um=1e6 * assumed.index * along_m[:, None])
+
+
+def _material(layout: Layout, assumed: Assumptions) -> Effect:
+    """Return per axis the effect of its temperature and of its coefficient where the readings were reduced to 20 C (theory 8.7)."""
+    along_m = 1e-3 * travel_mm(layout) * float(assumed.reduced_to_20_c)
+    excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C
+    by_temperature = along_m * np.array(assumed.expansion_um_m_c) * assumed.u_material_c
+    by_coefficient = along_m * excess * assumed.u_expansion_um_m_c
+    text = f"temperature of each axis known to {assumed.u_material_c:g} C, its coefficient to {assumed.u_expansion_um_m_c:g} um/m/C"
+    return Effect(name="material temperature", text=text, pattern_um=np.hstack([by_temperature, by_coefficient]))

@@ -1,0 +1,84 @@
+"""How the machine may differ from a result: independent deviations of the whole machine, one standard deviation each.
+
+    machine = result + offset + sum_k z_k mode_k + rest * z,    all z normal(0, 1)
+
+A mode is a machine of its own: functions and squarenesses that go together because one cause moves them all. What is too small or
+too much alone to need a mode is ``rest``: values that differ each by itself. Everything that is said about the volume comes from here.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.json_tree import Node
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Posterior:
+    """``position_mm`` by axis letter, shapes (k,); ``offset`` (k,), ``modes`` (modes, k) and ``rest`` (k,) by function (um, urad) and
+    squareness (urad, k = 1), absent where nothing is uncertain. ``between_um``: what a function may do in the middle between two
+    targets beside the straight line, one standard deviation."""
+
+    position_mm: Mapping[str, Vector]
+    offset: Mapping[str, Vector]
+    modes: Mapping[str, Vector]
+    rest: Mapping[str, Vector]
+    between_um: Mapping[str, float]
+
+    @property
+    def count(self) -> int:
+        """Return the number of modes."""
+        return max((len(values) for values in self.modes.values()), default=0)
+
+    def deviations(self) -> dict[str, Vector]:
+        """Return offset and modes as deviations by name, shape (1 + modes, k)."""
+        found = {}
+        for name in dict.fromkeys((*self.offset, *self.modes)):
+            size = len(self.offset[name]) if name in self.offset else self.modes[name].shape[1]
+            found[name] = np.zeros((1 + self.count, size))
+            found[name][0] = self.offset.get(name, 0.0)
+            found[name][1:] = self.modes.get(name, 0.0)
+        return found
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the JSON form; numbers that are nothing beside the largest of their row are rounded to it."""
+        return {
+            "position_mm": dict(self.position_mm),
+            "offset": {name: _short(values) for name, values in self.offset.items()},
+            "modes": {name: [_short(mode) for mode in values] for name, values in self.modes.items()},
+            "rest": {name: _short(values) for name, values in self.rest.items()},
+            "between_um": dict(self.between_um),
+        }
+
+
+def _short(values: Vector) -> list[float]:
+    return [round(float(value), 4) + 0.0 for value in values]
+
+
+def parse_posterior(root: Node) -> Posterior:
+    """Return the posterior of a result. Raises ``DataError`` that names the field."""
+    positions = {axis: root.child("position_mm").child(axis).numbers() for axis in "XYZ"}
+
+    def size(name: str) -> int:
+        return len(positions[name[2]]) if name[0] == "E" else 1
+
+    def column(node: Node, name: str) -> Vector:
+        values = node.numbers()
+        if len(values) != size(name):
+            node.refuse(f"{size(name)} numbers, one a position")
+        return values
+
+    def columns(part: str) -> dict[str, Vector]:
+        return {name: column(root.child(part).child(name), name) for name in root.child(part).mapping()}
+
+    modes = {
+        name: np.array([column(mode, name) for mode in root.child("modes").child(name).items()]).reshape(-1, size(name))
+        for name in root.child("modes").mapping()
+    }
+    if len({len(values) for values in modes.values()}) > 1:
+        root.child("modes").refuse("as many modes for every name")
+    between = {name: root.child("between_um").child(name).number() for name in root.child("between_um").mapping()}
+    return Posterior(position_mm=positions, offset=columns("offset"), modes=modes, rest=columns("rest"), between_um=between)

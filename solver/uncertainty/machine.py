@@ -1,0 +1,183 @@
+"""The whole machine as one vector with its covariance: functions with slopes, squarenesses, angles; and its modes.
+
+What the readings do not identify counts here with what a machine of its class usually has: the result leaves it out, but what is said
+about the volume must not pretend that it is nil.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.linear.components import Sizes
+from stepdiag.solver.linear.fit import fit
+from stepdiag.solver.linear.mixed import Causes, MixedFit
+from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.design import Design
+from stepdiag.solver.model.effects import AngleShapes
+from stepdiag.solver.model.quantities import Quantities
+from stepdiag.solver.model.reported import POSITIONING, reported, sloped
+from stepdiag.solver.result.field import Tabulated, field_of_um, rigid_motions
+from stepdiag.solver.result.posterior import Posterior
+from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
+from stepdiag.solver.uncertainty.spread import Spread
+
+MOST_POSITIONS = 20
+"""Increments of the positions at which modes are written: finer surveys are not smoother."""
+LATTICE = 5
+MOST_MODES, TOLD = 30, 0.995
+"""A mode more is written until they hold this share of the variance over the volume."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Machine:
+    """Values of the machine's functions and squarenesses: ``names`` and ``node`` of each, what they are made of, all in one order."""
+
+    names: tuple[str, ...]
+    node: NDArray[np.int64]
+    combination: Rows
+    on_causes: Vector
+
+
+def machine_of(design: Design, shapes: AngleShapes, first_cause: int, causes: int) -> Machine:
+    """Return the machine's values at the nodes at which modes are written; unknown angles begin at ``first_cause`` of all ``causes``."""
+    found = reported(design)
+    nodes = mode_nodes(design.volume)
+    wanted = [*(sloped(name) if name in POSITIONING else name for name in DISPLACEMENTS), *SQUARENESS]
+    wanted += [name for name in ROTATIONS if 1 in design.columns.parts and name not in shapes.names]
+    kept = [row for name in wanted for row in found.of(name) if name in SQUARENESS or found.node[row] in nodes]
+    base = found.select(np.array(kept, dtype=np.int64))
+    inner = nodes[1:]
+    angles = np.zeros((len(shapes.names) * len(inner), causes))
+    for place, name in enumerate(shapes.names):
+        own = shapes.causes_of(name)
+        rows = slice(place * len(inner), (place + 1) * len(inner))
+        angles[rows, first_cause + own.start : first_cause + own.stop] = shapes.range_of(name) * shapes.at(inner / design.volume.increments)
+    width = base.combination.column.shape[1]
+    none = Rows(np.zeros((len(angles), width), dtype=np.int64), np.zeros((len(angles), width)), base.combination.count)
+    return Machine(
+        names=(*(name.removeprefix("sloped ") for name in base.names), *(name for name in shapes.names for _ in inner)),
+        node=np.concatenate([base.node, np.tile(inner, len(shapes.names))]),
+        combination=base.combination.followed_by(none),
+        on_causes=np.vstack([np.zeros((len(base.names), causes)), angles]),
+    )
+
+
+def mode_nodes(volume: Volume) -> NDArray[np.int64]:
+    """Return the nodes at which modes are written, from 0 to n."""
+    return np.unique(np.round(np.linspace(0, volume.increments, min(volume.increments, MOST_POSITIONS) + 1)).astype(np.int64))
+
+
+def usual_rows(found: Quantities, known: Mapping[str, bool], assumed: Assumptions) -> tuple[Rows, Vector]:
+    """Return rows that hold what is not ``known`` to nothing within what is usual, and their standard uncertainties."""
+    usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
+    usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad) | dict.fromkeys(AXIS_LETTERS, assumed.scale_um_m)
+    kept = [row for name, size in usual.items() if not known.get(name, True) and size > 0 for row in found.of(name)]
+    some = found.select(np.array(kept, dtype=np.int64))
+    return some.combination, np.array([usual[name] for name in some.names])
+
+
+def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedFit:
+    """Return the fit with further rows whose target is zero."""
+    fixed = mixed.fixed
+    target = np.concatenate([fixed.residual + fixed.rows.times(fixed.unknowns), np.zeros(len(rows))])
+    weight = np.concatenate([fixed.weight, 1.0 / u**2])
+    again = fit(fixed.rows.followed_by(rows), design.blocks, target, weight)
+    pattern = np.vstack([mixed.causes.pattern, np.zeros((len(rows), mixed.causes.pattern.shape[1]))])
+    return MixedFit(again, Causes.of(again, pattern), mixed.size)
+
+
+def covariance(spread: Spread, machine: Machine) -> Vector:
+    """Return the covariance of the machine's values, shape (k, k)."""
+    dense = machine.combination.dense()
+    moved = spread.moved(machine.combination, machine.on_causes)
+    matrix: Vector = machine.combination.times(spread.fit.inverse.solve(dense.T)) + moved @ spread.amount @ moved.T
+    return 0.5 * (matrix + matrix.T)
+
+
+def posterior_of(found: Vector, machine: Machine, volume: Volume, chain: str, offset: Vector, between_um: Mapping[str, float]) -> Posterior:
+    """Return the modes of a covariance of the machine's values (k, k); ``offset`` (k,) is where they are to be expected beside the
+    reported ones."""
+    weight = np.sqrt(np.mean(np.sum(fields_um(machine, volume, chain) ** 2, axis=2), axis=1))
+    factor, left = _factored(found, weight)
+    positions = {letter: volume.nodes_mm(axis)[mode_nodes(volume)] for axis, letter in enumerate(AXIS_LETTERS)}
+    names = tuple(dict.fromkeys(machine.names))
+    return Posterior(
+        position_mm=positions,
+        offset={name: values[0] for name, values in _by_name(machine, names, volume, offset[None, :]) if np.any(values)},
+        modes={name: values for name, values in _by_name(machine, names, volume, factor.T) if len(values)},
+        rest={name: values[0] for name, values in _by_name(machine, names, volume, left[None, :]) if np.any(values)},
+        between_um=dict(between_um),
+    )
+
+
+def _by_name(machine: Machine, names: Sequence[str], volume: Volume, values: Vector) -> list[tuple[str, Vector]]:
+    """Return rows of values (r, k) by name at the nodes of the modes, zero where a function is zero by definition."""
+    nodes, found = mode_nodes(volume), []
+    for name in names:
+        mine = np.flatnonzero(np.array(machine.names) == name)
+        table = np.zeros((len(values), 1 if name in SQUARENESS else len(nodes)))
+        table[:, 0 if name in SQUARENESS else np.searchsorted(nodes, machine.node[mine])] = values[:, mine].reshape(
+            len(values), *([] if name in SQUARENESS else [len(mine)])
+        )
+        found.append((name, table))
+    return found
+
+
+def volumetric_um(found: Vector, machine: Machine, volume: Volume, chain: str) -> float:
+    """Return the root mean square over the volume of the error vector that a covariance of the machine's values means, rigid motion
+    removed."""
+    field = fields_um(machine, volume, chain)
+    flat = field.reshape(len(field), -1)
+    motions = rigid_motions(volume, _lattice_mm(volume))
+    flat = flat - (flat @ motions) @ motions.T
+    return float(np.sqrt(max(float(np.sum((found @ flat) * flat)), 0.0) / field.shape[1]))
+
+
+def _lattice_mm(volume: Volume) -> Vector:
+    axes = [low + size * np.linspace(0.0, 1.0, LATTICE) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
+    """Return what one unit of each value does to the error over the volume, shape (k, points, 3)."""
+    points = _lattice_mm(volume)
+    field = np.zeros((len(machine.names), len(points), 3))
+    for name in dict.fromkeys(machine.names):
+        mine = np.flatnonzero(np.array(machine.names) == name)
+        own = replace(machine, names=(name,) * len(mine), node=machine.node[mine])
+        table = _by_name(own, (name,), volume, np.eye(len(mine)))[0][1]
+        if name in SQUARENESS:
+            field[mine] = field_of_um(volume, chain, {}, {name: table[:, 0]}, points)
+        else:
+            nodes = volume.nodes_mm(AXIS_LETTERS.index(name[2]))[mode_nodes(volume)]
+            field[mine] = field_of_um(volume, chain, {name: Tabulated(nodes, table)}, {}, points)
+    return field
+
+
+def _factored(found: Vector, weight: Vector) -> tuple[Vector, Vector]:
+    """Return columns of which the products make the covariance but for the returned standard deviations (pivoted Cholesky).
+
+    The next pivot is what matters most over the volume; of equal ones the first, so that rounding does not choose.
+    """
+    left = np.diag(found).copy()
+    total = float(np.sum(weight**2 * left))
+    columns: list[Vector] = []
+    while len(columns) < min(MOST_MODES, len(left)):
+        matters = weight**2 * left
+        if float(np.sum(matters)) <= (1.0 - TOLD) * total:
+            break
+        pivot = int(np.argmax(matters >= (1.0 - 1e-6) * np.max(matters)))
+        column = found[:, pivot] - sum((one[pivot] * one for one in columns), np.zeros(len(left)))
+        columns.append(column / np.sqrt(left[pivot]))
+        left = np.maximum(left - columns[-1] ** 2, 0.0)
+        left[pivot] = 0.0
+    return np.column_stack([np.zeros((len(left), 0)), *columns]), np.sqrt(left)
+
+
+def usual_sizes(groups: int) -> Sizes:
+    """Return sizes as assumed, for a survey that was not driven yet."""
+    return Sizes(np.ones(groups), np.zeros(groups), 1.0)

@@ -1,0 +1,77 @@
+"""What is known of unknowns and amounts after the adjustment: variances of any combination, by readings alone and with everything.
+
+``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with ``T = on_causes - K taken``: C is the
+covariance of the unknowns were the causes known, M that of the amounts. M holds also that their sizes are not known: the readings
+say them within ``spread``, and the sum over sizes is taken at three points of each (law of total variance).
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.components import Sizes, sized
+from stepdiag.solver.linear.mixed import MixedFit
+from stepdiag.solver.linear.rows import Rows
+
+_AWAY = np.sqrt(3.0)
+"""Three-point rule of Gauss and Hermite: at 0 and this many standard deviations to either side, weights 2/3, 1/6, 1/6."""
+
+
+@dataclass(frozen=True, eq=False)
+class Spread:
+    """A fit with its causes, the ``group`` (q,) of each and the names of the groups."""
+
+    fit: MixedFit
+    group: NDArray[np.int64]
+    names: tuple[str, ...]
+    sizes: Sizes
+
+    @cached_property
+    def amount(self) -> Vector:
+        """Return the covariance of the amounts with everything that is uncertain about them, shape (q, q)."""
+        base = self.fit.amount_covariance
+        total = base.copy()
+        for place in np.flatnonzero(self.sizes.spread > 0):
+            for side in (-1.0, 1.0):
+                factor = np.where(self.group == place, np.exp(side * _AWAY * self.sizes.spread[place]), 1.0)
+                other = sized(self.fit, factor)
+                apart = other.amount - self.fit.amount
+                total += (other.amount_covariance - base + np.outer(apart, apart)) / 6.0
+        return total
+
+    @cached_property
+    def amount_by_readings(self) -> Vector:
+        """Return the part of the amounts' covariance that the noise of the readings makes, shape (q, q)."""
+        base = self.fit.amount_covariance
+        matrix: Vector = base @ self.fit.causes.seen @ base
+        return matrix
+
+    def moved(self, combination: Rows, on_causes: Vector | None = None) -> Vector:
+        """Return T, how the causes move combinations of the unknowns (rows) and of the amounts (k, q), shape (k, q)."""
+        taken: Vector = -combination.times(self.fit.causes.taken)
+        return taken if on_causes is None else on_causes + taken
+
+    def variance(self, moved: Vector) -> Vector:
+        """Return the variance that the causes make, shape (k,)."""
+        found: Vector = np.maximum(np.sum((moved @ self.amount) * moved, axis=1), 0.0)
+        return found
+
+    def variance_by_readings(self, moved: Vector) -> Vector:
+        """Return the variance that the readings' noise makes through what it does to the amounts, shape (k,)."""
+        found: Vector = np.maximum(np.sum((moved @ self.amount_by_readings) * moved, axis=1), 0.0)
+        return found
+
+    def shares(self, moved: Vector) -> dict[str, Vector]:
+        """Return the standard uncertainty that each group of causes makes by itself, shapes (k,); the rest is by their unknown sizes."""
+        size = np.where(self.fit.size > 0, self.fit.size, np.inf)
+        each = (moved @ (self.fit.amount_covariance / size)) ** 2
+        found = {name: np.sqrt(np.sum(each[:, self.group == place], axis=1)) for place, name in enumerate(self.names)}
+        known = self.variance_by_readings(moved) + np.sum(each, axis=1)
+        return {**found, SIZES_UNKNOWN: np.sqrt(np.maximum(self.variance(moved) - known, 0.0))}
+
+
+SIZES_UNKNOWN = "sizes of these"
+"""The share of what the readings do not say about how large the causes are."""

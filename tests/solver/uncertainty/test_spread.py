@@ -1,0 +1,80 @@
+"""The mixed model beside a dense one that is written down from the textbook, and what must hold of any combined uncertainty."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.methods.estimate import estimate
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.layout import lay_out
+from testkit.surveys import DIAGONALS, LINEAR, Bench
+
+
+@pytest.fixture(scope="module")
+def done():
+    return estimate(lay_out(Bench(angle_urad=10.0, increments=4).survey()), "FXYZ")
+
+
+def test_values_and_covariance_are_those_of_generalised_least_squares(done):
+    """V = noise + pattern pattern' (Searle, Casella, McCulloch 1992, 7.4): the same numbers as from causes eliminated one by one."""
+    fit = done.adjustment.fit
+    rows, pattern = fit.rows.dense(), fit.causes.pattern * fit.size
+    covariance = np.diag(1.0 / fit.weight) + pattern @ pattern.T
+    weighted = np.linalg.solve(covariance, rows)
+    target = fit.fixed.residual + fit.rows.times(fit.fixed.unknowns)
+    inverse = np.linalg.pinv(rows.T @ weighted, rcond=1e-12, hermitian=True)
+    wanted = done.quantities.combination.dense()
+    told = np.array([done.known[name] for name in done.quantities.names])
+    assert (wanted @ inverse @ weighted.T @ target)[told] == pytest.approx(done.value[told], abs=1e-4)
+    moved = done.spread.moved(done.quantities.combination)
+    direct = done.quantities.combination.times(fit.inverse.solve(wanted.T)) + moved @ fit.amount_covariance @ moved.T
+    assert np.diag(wanted @ inverse @ wanted.T)[told] == pytest.approx(np.diag(direct)[told], rel=1e-4, abs=1e-8)
+
+
+def test_redundancy_is_the_share_of_a_reading_that_shows(done):
+    fit = done.adjustment.fit
+    count = len(done.adjustment.layout)
+    pattern = fit.causes.pattern * fit.size
+    covariance = np.diag(1.0 / fit.weight) + pattern @ pattern.T
+    rows = fit.rows.dense()
+    weighted = np.linalg.solve(covariance, rows)
+    left = np.linalg.inv(covariance) - weighted @ np.linalg.pinv(rows.T @ weighted, rcond=1e-12, hermitian=True) @ weighted.T
+    assert (np.diag(left) / fit.weight)[:count] == pytest.approx(fit.redundancy[:count], abs=1e-5)
+    # and a further unknown of one reading is as large as its residual and redundancy say
+    one = np.eye(len(fit.rows))[:, [20]]
+    amount, u = fit.told(one)
+    assert amount[0] == pytest.approx(fit.residual[20] / fit.redundancy[20], rel=1e-6)
+    assert u[0] == pytest.approx(1.0 / np.sqrt(left[20, 20]), rel=1e-5)
+
+
+def test_shares_add_up_to_the_combined_uncertainty(done):
+    moved = done.spread.moved(done.quantities.combination)
+    total = done.u_readings**2 + sum(share**2 for share in done.spread.shares(moved).values())
+    assert np.sqrt(total) == pytest.approx(done.u, rel=1e-6)
+
+
+@pytest.mark.parametrize(
+    "more", [{"angles_urad": 40.0}, {"drift_um": 3.0}, {"wander_um": 2.0}, {"setup_c": 0.5}, {"index": 2e-6}, {"reduced_to_20_c": True}]
+)
+def test_a_larger_source_never_shrinks_u(more):
+    layout = lay_out(Bench(increments=4).survey())
+    usual = Assumptions()
+    base, wider = (estimate(layout, "FXYZ", assumed=one) for one in (usual, replace(usual, **more)))
+    assert np.all(wider.u[: len(base.u)] >= base.u * (1 - 0.02))
+
+
+def test_a_run_more_never_makes_u_larger_by_much():
+    """Sizes are found anew with every survey, so values differ a little; nothing may be lost that was known."""
+    bench = Bench(increments=4, angle_urad=10.0)
+    less, more = (solve(bench.survey(setups)) for setups in ((*DIAGONALS, *LINEAR[:2]), (*DIAGONALS, *LINEAR)))
+    assert more.extra["volumetric_u_um"] < 1.1 * less.extra["volumetric_u_um"]
+
+
+def test_angles_beyond_the_usual_are_found_by_the_closure():
+    """The size of the angles is the machine's, not the prior's: 2 and 50 urad are told apart with 10 assumed."""
+    still, turning = (estimate(lay_out(Bench(angle_urad=size).survey()), "FXYZ").adjustment for size in (2.0, 50.0))
+    place = [effect.name for effect in still.effects].index("angles")
+    assert still.sizes.factor[place] < 1.0
+    assert turning.sizes.factor[place] > 2.5
