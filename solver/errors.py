@@ -10,14 +10,23 @@ The tree stands on the lowest floor so that every floor can raise from it. Only 
 cause into an exit code.
 """
 
+LONGEST_PART = 2000
+"""Characters of each part of a refusal: a foreign file may put megabytes where a word should be."""
+
+
+def shortened(text: str, most: int = LONGEST_PART) -> str:
+    """Return a text, or its beginning and how long it is."""
+    return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
+
 
 class StepdiagError(Exception):
-    """A refusal that says where, what was found, what was expected and what to do.
+    """A refusal that says where, what was found, what was expected and what to do; each part of bounded length.
 
     ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``).
     """
 
     def __init__(self, where: str, *, expected: str, found: str, remedy: str = "") -> None:
+        where, expected, found, remedy = shortened(where), shortened(expected), shortened(found), shortened(remedy)
         self.where = where
         self.expected = expected
         self.found = found

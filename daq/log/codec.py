@@ -22,6 +22,10 @@ from stepdiag.daq.records.status import LinkState
 
 US = 1_000
 MAX_TIME_NS = 2**63
+MOST_RANGES = 200
+"""Ranges of one poll: there are not so many signals."""
+MOST_EVENTS = 100_000
+"""Events of one message, which is written several times a second."""
 """The year 2262: no clock of ours says more."""
 _SECOND_NS = 1_000_000_000
 _STREAMS: dict[str, Stream] = {topic: stream for stream, topic in RAW_TOPICS.items()}
@@ -221,9 +225,15 @@ def decode(topic: str, data: bytes) -> list[Run]:
 
 def _chunks(stream: Stream, raw: _Bytes) -> list[Event]:
     start = int(raw.t_mono_ns)
+    _require_few(raw.after_us)
     times = list(accumulate(raw.after_us))
     _require_clock(start, times)
     return [Chunk(stream, start + after * US, text.encode("latin-1")) for after, text in zip(times, raw.data, strict=True)]
+
+
+def _require_few(times: Sequence[int]) -> None:
+    if len(times) > MOST_EVENTS:
+        raise ValueError(f"a message of {len(times)} events")
 
 
 def _require_clock(start_ns: int, later_us: Sequence[int]) -> None:
@@ -235,6 +245,9 @@ def _require_clock(start_ns: int, later_us: Sequence[int]) -> None:
 
 def _blocks(polls: _Blocks) -> list[Event]:
     start = int(polls.t_mono_ns)
+    _require_few(polls.recv_us)
+    if polls.ranges.count("|") >= MOST_RANGES:
+        raise ValueError(f"a poll of {polls.ranges.count('|') + 1} ranges")
     _require_clock(start, polls.recv_us)
     _require_clock(start, [received - answer for received, answer in zip(polls.recv_us, polls.answer_us, strict=True)])
     ranges = tuple(_range(text) for text in polls.ranges.split("|"))

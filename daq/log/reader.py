@@ -19,8 +19,10 @@ from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 from stepdiag.solver.errors import DataError
 
 MAX_RECORD_BYTES = 64_000_000
-MAX_CHUNK_BYTES = 64_000_000
+MAX_CHUNK_BYTES = 16_000_000
 """Limits far above what is ever written: chunks are of 64 KiB, packed ones of a megabyte, the largest record is the index at the end."""
+MOST_UNPACKED_BYTES, MOST_UNPACKED_PER_BYTE = 16_000_000, 2000
+"""What all chunks together may unpack to: so many bytes, and so many for each byte read. A laser at rest for hours comes to 400."""
 
 
 class BrokenRecordError(Exception):
@@ -72,7 +74,12 @@ class RecordReader:
                 reader = StreamReader(
                     cast("IO[bytes]", _BoundedFile(file)), emit_chunks=True, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES
                 )
+                unpacked = 0
                 for record in reader.records:
+                    if isinstance(record, ChunkRecord):
+                        unpacked += _claimed_bytes(record)
+                        if unpacked > MOST_UNPACKED_BYTES + MOST_UNPACKED_PER_BYTE * file.tell():
+                            raise BrokenRecordError(f"{file.tell()} bytes that unpack to more than {unpacked}")
                     parts = _unpack(record) if isinstance(record, ChunkRecord) else [record]
                     self.good_bytes = file.tell()
                     yield from parts
@@ -83,8 +90,14 @@ class RecordReader:
 
 def _unpack(chunk: ChunkRecord) -> list[McapRecord]:
     """Return the records of a chunk, its CRC checked."""
+    return breakup_chunk(chunk, validate_crc=True)
+
+
+def _claimed_bytes(chunk: ChunkRecord) -> int:
+    """Return what a chunk says that it unpacks to. Raises BrokenRecordError for one that no log of ours can hold."""
     if chunk.compression != "zstd":
         raise BrokenRecordError(f"a chunk compressed by {chunk.compression or 'nothing'}")
-    if max(chunk.uncompressed_size, zstandard.frame_content_size(chunk.data)) > MAX_CHUNK_BYTES:
+    claimed = max(chunk.uncompressed_size, zstandard.frame_content_size(chunk.data))
+    if claimed > MAX_CHUNK_BYTES:
         raise BrokenRecordError(f"a chunk that unpacks to {chunk.uncompressed_size} bytes")
-    return breakup_chunk(chunk, validate_crc=True)
+    return claimed

@@ -22,6 +22,7 @@ from stepdiag.solver.errors import UsageError
 from stepdiag.solver.findings import Finding
 
 _ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
+LONGEST_NAME = 200
 _log = structlog.get_logger("daemon")
 
 
@@ -179,7 +180,7 @@ class DaemonStatusSource:
             case "accept":
                 await self._accept(session, arguments)
             case "name":
-                session.round.run.update({key: arguments[key] for key in ("operator", "workpiece") if key in arguments})
+                session.round.run.update({key: _line(key, arguments[key]) for key in ("operator", "workpiece") if key in arguments})
         self.news()
 
 
@@ -214,3 +215,10 @@ def _planned(session: Session, setup: str) -> str:
     if setup not in planned:
         raise UsageError("choose setup", expected=f"one of {', '.join(planned)}", found=repr(setup))
     return setup
+
+
+def _line(name: str, text: str) -> str:
+    """Return a text that stays on its line of a report. Raises UsageError for another one."""
+    if len(text) > LONGEST_NAME or not (text.isprintable() or not text):
+        raise UsageError(name, expected=f"one line of at most {LONGEST_NAME} characters", found=ascii(text[:40]))
+    return text

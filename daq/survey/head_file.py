@@ -19,7 +19,7 @@ from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
 from stepdiag.solver.fourdof.head import Crosstalk, Head
 
 Pair = tuple[float, float]
-Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}$", description='a day such as "2026-03-31"')]
+Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}\Z", description='a day such as "2026-03-31"')]
 DetectorName = Literal["qd", "psd1", "psd2"]
 AxisName = Literal["x", "y"]
 

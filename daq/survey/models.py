@@ -20,6 +20,11 @@ Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Text = Annotated[str, Meta(min_length=1)]
+Line = Annotated[
+    str,
+    Meta(max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z", description="one line of text of at most 200 characters"),
+]
+"""What a report says in a line of its own cannot become several."""
 Port = Annotated[int, Meta(ge=1, le=65535)]
 Triple = tuple[float, float, float]
 PositiveTriple = tuple[Positive, Positive, Positive]
@@ -39,11 +44,11 @@ BesideFile = Annotated[str, Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", descript
 
 class Identity(msgspec.Struct, frozen=True, kw_only=True):
     name: FileName
-    machine: Text
-    operator: str = ""
-    workpiece: str = ""
+    machine: Annotated[Line, Meta(min_length=1)]
+    operator: Line = ""
+    workpiece: Line = ""
     directory: str = "."
-    temperature_note: str = ""
+    temperature_note: Line = ""
 
 
 class VolumeSection(msgspec.Struct, frozen=True, kw_only=True):

@@ -92,10 +92,14 @@ def write_once(path: Path, text: str) -> None:
 
 
 def write_new(path: Path, text: str) -> None:
-    """Write a text file that must not be there yet. Raises UsageError where it is, or where it cannot be written."""
+    """Write a text file that must not be there yet, whole or not at all. Raises UsageError where it is, or where it cannot be written."""
     try:
-        with path.open("x", encoding="utf-8", newline="\n") as target:
-            target.write(text)
+        path.open("x").close()  # claims the name
+        try:
+            write_atomically(path, text.encode("utf-8"))
+        except BaseException:
+            path.unlink()
+            raise
     except FileExistsError as error:
         raise UsageError(str(path), expected="a new file", found="one that exists", remedy="name another one") from error
     except OSError as error:

@@ -42,7 +42,7 @@ class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True,
 
     generation: Generation
     decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
-    assignment: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA$", description="a name such as CONFIG.CMA")] = "CONFIG.CMA"
+    assignment: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA\Z", description="a name such as CONFIG.CMA")] = "CONFIG.CMA"
 
 
 _TEMPLATE = """\

@@ -26,16 +26,23 @@ MOST_EXISTING = 64
 MOST_SECTIONS = 20_000
 """Sections of one axis: 20 m in millimetres; no control holds as many."""
 AxisName = Annotated[
-    str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}$", description="a name of letters, digits and underscore, a letter first")
+    str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="a name of letters, digits and underscore, a letter first")
 ]
 """It stands in files for the control and in the names of some: nothing in it may be taken for anything else."""
-PlainPath = Annotated[str, msgspec.Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}$", description="the name of a file, of at most 100 characters")]
+Line = Annotated[
+    str,
+    msgspec.Meta(
+        max_length=200, pattern=r"^[^\x00-\x1f\x7f-\x9f\u2028\u2029]*\Z", description="one line of text of at most 200 characters"
+    ),
+]
+"""What a report says in a line of its own cannot become several."""
+PlainPath = Annotated[str, msgspec.Meta(pattern=r"^[^\x00-\x1f\x7f]{1,100}\Z", description="the name of a file, of at most 100 characters")]
 
 
 class MachineSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """``[machine]``: which machine and control, and in what state it was measured."""
 
-    name: str
+    name: Line
     controller: str
     measured_with: Literal["off", "on"]
     units: Literal["mm", "inch"] = "mm"

@@ -15,6 +15,8 @@ from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.readings.csv_table import number_in, read_table, whole_number_in
 
 REQUIRED = ("setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "reading_mm")
+MOST_READINGS = 300_000
+"""Rows: two hundred setups of the largest volume, out and back. Each takes a kilobyte."""
 OPTIONAL = ("u_um", "temperature_c", "time_s")
 ZERO = "zero"
 NO_ZERO = -1
@@ -130,7 +132,10 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
     beam_z_mm``. Raises ``DataError`` that names the line, or setup, pass and stop.
     """
     required = [name for name in REQUIRED if name != "pass"]
-    rows = [_Row.parse(f"{source}: line {number}", fields) for number, fields in read_table(text, source, required, {"diagonal": "setup"})]
+    rows = [
+        _Row.parse(f"{source}: line {number}", fields)
+        for number, fields in read_table(text, source, required, {"diagonal": "setup"}, MOST_READINGS)
+    ]
     readings = make_readings(
         setup=[row.setup for row in rows],
         pass_number=[row.pass_number for row in rows],

@@ -1,8 +1,9 @@
 """The only place where a cause becomes an exit code (contract 5)."""
 
+import os
 import sys
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 from stepdiag.solver.errors import DataError, DeviceError, SafetyError, StepdiagError, UsageError
 from stepdiag.terminal.printable import printable
@@ -22,3 +23,40 @@ def refusals_said() -> Iterator[None]:
         sys.exit(next(code for cause, code in EXIT_CODES.items() if isinstance(error, cause)))
     except KeyboardInterrupt:
         sys.exit(INTERRUPTED)
+
+
+@contextmanager
+def failed_writing_said() -> Iterator[None]:
+    """Make a refusal of what the system does not let a command write or read: a full disk, no right, a terminal without the letter.
+
+    Not around the daemon: what the system refuses it for a while is no wrong usage.
+    """
+    try:
+        try:
+            yield
+        finally:
+            sys.stdout.flush()
+    except BrokenPipeError:
+        _close_output()
+        sys.exit(0)  # who read the output has enough
+    except UnicodeEncodeError as error:
+        _close_output()
+        letters = error.object[error.start : error.end]
+        raise UsageError(
+            "the terminal", expected=f"an encoding that has {letters[:20]!a}", found=error.encoding,
+            remedy="set PYTHONUTF8=1, or LC_ALL=C.UTF-8",
+        ) from error  # fmt: skip
+    except OSError as error:
+        if isinstance(error, StepdiagError):
+            raise
+        if error.filename is None:
+            _close_output()
+        raise UsageError(
+            str(error.filename or "the output"), expected="a place that can be read and written", found=error.strerror or str(error)
+        ) from error
+
+
+def _close_output() -> None:
+    """Let go of what still waits for standard output, so that its end fails no more."""
+    with suppress(OSError):
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
