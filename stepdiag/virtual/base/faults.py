@@ -3,7 +3,7 @@
     laser     beam-lost, laser-reset, laser-jump (value um), laser-frozen, laser-silent, laser-unplug, laser-garbage (value bytes),
               laser-baud
     head      head-blocked, head-silent, head-unplug, head-garbage (value bytes), head-baud
-    PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen, plc-reboot
+    PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen, plc-reboot, plc-sensor (text name, value)
     program   stop-skipped, stop-unsignalled, count-missed, count-doubled, axis-order (text such as "yxz"),
               program-aborted (value: stops to go back before it is restarted; its duration in machine seconds)
 
@@ -34,6 +34,7 @@ FaultKind = Literal[
     "plc-exception",
     "plc-frozen",
     "plc-reboot",
+    "plc-sensor",
     "stop-skipped",
     "stop-unsignalled",
     "count-missed",

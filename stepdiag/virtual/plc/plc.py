@@ -109,12 +109,18 @@ class Plc:
 
     def _air(self, machine_s: float) -> list[int]:
         hall, now = self._environment, np.array([machine_s])
-        return [
-            round(float(hall.material_c.at(now)[0]) * 100.0) & 0xFFFF,
-            round(float(hall.air_c.at(now)[0]) * 100.0) & 0xFFFF,
-            round(float(hall.pressure_hpa.at(now)[0]) * 10.0),
-            round(float(hall.humidity_percent.at(now)[0]) * 10.0),
-        ]
+        courses = {
+            "material_temperature_c": (hall.material_c, 100.0),
+            "air_temperature_c": (hall.air_c, 100.0),
+            "air_pressure_hpa": (hall.pressure_hpa, 10.0),
+            "relative_humidity_percent": (hall.humidity_percent, 10.0),
+        }
+        broken = self._faults.active("plc-sensor", self._clock.wall_s())
+        said = {
+            name: broken.value if broken and broken.text in ("", name) else float(course.at(now)[0])
+            for name, (course, _) in courses.items()
+        }
+        return [round(said[name] * scale) & 0xFFFF for name, (_, scale) in courses.items()]
 
 
 def _slice(values: list[int], first: int, count: int) -> list[int]:
