@@ -58,3 +58,70 @@ def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
         assert "a hand on the cable" in (place.round / "report.html").read_text()
         assert json.loads(stepdiag("replay", place.round, "--json").out)["different"] == []
     nothing_silently_wrong(place)
+
+
+def fault(**fields):
+    return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
+
+
+def drive_again(place):
+    """Write the survey file of a hall whose machine drives some setups twice: the plan names each once."""
+    text = place.survey.read_text()
+    named = ", ".join(f'"{setup}"' for setup in place.setups)
+    planned = ", ".join(f'"{setup}"' for setup in dict.fromkeys(place.setups))
+    place.survey.write_text(text.replace(f"setups = [{named}]", f"setups = [{planned}]"))
+
+
+@on_a_steady_computer
+def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again(tmp_path):
+    """Afterwards nothing of them hinders: result and files are there, what happened stands in the annex."""
+    faults = UNSIGNALLED + fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.05)
+    options = {**QUICK, "exports": "", "handshake": False, "dwell": 5.0, "setups": ("ppp", "npp", "pnp", "ppn", "ppp", "npp")}
+    with hall(tmp_path, faults=faults, **options) as place:
+        drive_again(place)
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "survey-complete", timeout_s=40.0)
+        book = nothing_silently_wrong(place)
+    assert {"beam-lost", "stop-recovered"} <= {each.get("code") for each in said}
+    assert book.doubts() == ()
+    result = json.loads((place.round / "result.json").read_text())
+    assert not {"beam-lost", "stop-recovered", "stop-lost"} & {each["code"] for each in result["findings"]}
+    assert not [each for each in result["findings"] if each["severity"] == "error"]
+    assert {"beam-lost", "stop-recovered"} <= {each["code"] for each in result["history"]}
+    assert "Annex: what happened while recording" in (place.round / "report.html").read_text()
+
+
+@on_a_steady_computer
+def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
+    """The same reason in journal, status and page; the readings are written; the next daemon goes on with it, and begins nothing new."""
+    (tmp_path / "angles.csv").write_text("axis,position_mm,EA_urad,EB_urad,EC_urad\nx,0,1,1,1\nx,100,nonsense,1,1\n")
+    options = {**QUICK, "exports": '[solver]\nangles = "angles.csv"\n', "setups": ("ppp", "npp")}
+    with hall(tmp_path, **options) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            opened = until(process, "survey-open", timeout_s=40.0)[-1]
+            live = stepdiag("status", place.survey).out
+        assert "angles.csv" in opened["reason"]
+        told = json.loads(stepdiag("status", place.survey, "--json").out)
+        assert told["unsolved"] in opened["reason"]
+        assert "nonsense" in told["unsolved"]
+        assert "every pass is in, and there is no result: angles.csv" in live.replace("\n", " ")
+        assert (place.round / "readings.csv").exists()
+        with daemon(place.survey) as process:
+            assert until(process, "survey-open", timeout_s=40.0)[-1]["reason"] == opened["reason"]
+        assert [each.name for each in (tmp_path / "hall").iterdir() if each.is_dir()] == ["0001"]
+
+
+@on_a_steady_computer
+def test_what_only_the_solver_sees_keeps_the_survey_open(tmp_path):
+    """The count jumps by 2 mm on one way that is driven once: no stop contradicts another, the four diagonals do."""
+    jump = fault(kind="laser-jump", setup="npp", stop=2, phase="move", value=2000.0)
+    with hall(tmp_path, faults=jump, **{**QUICK, "n": 2, "exports": ""}) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            opened = until(process, "survey-open", timeout_s=60.0)[-1]
+        told = json.loads(stepdiag("status", place.survey, "--json").out)
+    assert "most probably at fault" in opened["reason"]
+    assert [(each["place"], each["code"]) for each in told["doubts"]] == [("npp/1", "chi-square-far")]
+    assert not (place.round / "result.json").exists()
