@@ -92,6 +92,25 @@ class PassBook:
         pairs = ((doubt, next((word for word in self._acceptances if word.covers(doubt)), None)) for doubt in doubts)
         return tuple((doubt, word) for doubt, word in pairs if word is not None)
 
+    def last_stop(self, stop: CapturedStop) -> int:
+        """Return the number of the last stop of the pass that a stop belongs to: ``stop 5 of 30``."""
+        return len(make_route(self._survey.volume, stop.setup, self._survey.axis_order, outward=stop.outward)) - 1
+
+    def deviation(self, stop: CapturedStop) -> tuple[float | None, float | None]:
+        """Return what a stop reads in mm and by how much that deviates from the geometry in um, relative to the first stop of its pass.
+
+        None where it reads nothing, or its count does not reach back to the first stop.
+        """
+        passes = [each for each in self.of(stop.setup) if each.route.outward == stop.outward]
+        each = next((each for each in reversed(passes) if any(found is stop for found, _ in each.chosen().values())), None)
+        if each is None or stop.reading_mm is None:
+            return None, None
+        chosen = each.chosen()
+        first, first_offset = chosen[min(chosen)]
+        reading = stop.reading_mm + chosen[stop.stop][1] - ((first.reading_mm or 0.0) + first_offset)
+        nominal = float(each.route.nominal_mm[stop.stop] - each.route.nominal_mm[first.stop])
+        return round(reading, 6), round((reading - nominal) * 1e3, 3)
+
     def of(self, setup: str) -> list[Pass]:
         """Return the passes of a setup in order."""
         return [each for each in self.passes if each.route.setup == setup]

@@ -204,7 +204,20 @@ class Daemon:
         """Say that a stop is captured, now that a killed daemon would not lose it, and let the machine go on."""
         self.status_source.news()
         self._tally.stops += 1
-        _log.info("stop", setup=stop.setup, outward=stop.outward, stop=stop.stop, u_um=round(stop.u_um, 4), doubtful=stop.doubtful)
+        book = self._working.session.book if self._working.session.book.stops else self._working.shown.book
+        reading, deviation = book.deviation(stop)
+        _log.info(
+            "stop",
+            setup=stop.setup,
+            outward=stop.outward,
+            stop=stop.stop,
+            of=book.last_stop(stop),
+            reading_mm=reading,
+            deviation_um=deviation,
+            u_um=round(stop.u_um, 4),
+            doubtful=stop.doubtful,
+            waits_for=self.status_source.waits_for(),
+        )
         if self._handshake is not None:
             self._handshake.captured(stop)
 

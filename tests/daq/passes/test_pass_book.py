@@ -124,3 +124,14 @@ def test_a_refused_stop_carries_its_break_on(why):
     (only,) = passes.passes
     assert only.missing == ([5] if why == "unwatched" else [5, 6, 7, 8, 9])
     assert [bool(only.doubt(k)) for k in (4, 6)] == [False, why == "unwatched"]
+
+
+def test_the_journal_hears_reading_and_deviation_of_every_stop():
+    passes = book()
+    first, *_, last = stops_of()
+    passes.add_all(stops_of()[:-1])
+    off = msgspec.structs.replace(last, reading_mm=last.reading_mm + 0.005)
+    passes.add(off)
+    assert passes.last_stop(off) == 9
+    assert passes.deviation(off) == (pytest.approx(off.reading_mm - first.reading_mm), pytest.approx(5.0))
+    assert passes.deviation(msgspec.structs.replace(last, reading_mm=None)) == (None, None)
