@@ -28,7 +28,7 @@ def test_a_sensor_that_fails_in_the_middle_is_held_and_named(tmp_path):
     with hall(tmp_path, faults="\n".join(faults), **PACED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
-            said = until(process, "survey-complete", timeout_s=40.0)
+            said = until(process, "survey-complete")
         (tmp_path / "air.toml").write_text("[environment]\nair_pressure_hpa = 950.0\n")
         stated = json.loads(stepdiag("solve", place.round, "--environment", tmp_path / "air.toml", "--json").out)
     texts = [each["text"] for each in said if each["event"] == "finding" and each["code"] == "sensor-implausible"]
@@ -50,7 +50,7 @@ def test_a_plc_without_sensors_leaves_the_survey_open_with_its_readings(tmp_path
     with hall(tmp_path, setups=("ppp", "npp"), faults=zeros, **PACED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
-            opened = until(process, "survey-open", timeout_s=40.0)[-1]
+            opened = until(process, "survey-open")[-1]
         assert opened["doubted"] == ["ppp/1/0", "npp/1/0"]
         assert "solve with --environment FILE" in opened["reason"]
         assert not (place.round / "result.json").exists()
@@ -70,7 +70,7 @@ def test_registers_that_stand_still_close_no_stop(tmp_path):
     with hall(tmp_path, setups=("ppp",), n=2, dwell=5.0, faults=frozen, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
-            said = until(process, "pass-ended", timeout_s=40.0)
+            said = until(process, "pass-ended")
             live = stepdiag("status", place.survey).out
         nothing_silently_wrong(place)
     assert "heartbeat-still" in {each.get("code") for each in said}

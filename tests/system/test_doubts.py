@@ -25,7 +25,7 @@ UNSIGNALLED = '[[fault]]\nkind = "stop-unsignalled"\nsetup = "npp"\nstop = 2\n'
 
 def drive_all(place, process):
     place.start_setups(stop_after=len(place.setups))
-    return until(process, "survey-open", timeout_s=40.0)[-1]
+    return until(process, "survey-open")[-1]
 
 
 @on_a_steady_computer
@@ -49,7 +49,7 @@ def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
         with daemon(place.survey) as process:
             done = stepdiag("accept", place.survey, "npp/1/2", "--reason", "a hand on the cable", "--name", "Kim")
             assert done.code == 0, done.refusal
-            assert until(process, "survey-complete", timeout_s=40.0)[-1]["exit_code"] == 0
+            assert until(process, "survey-complete")[-1]["exit_code"] == 0
         result = json.loads((place.round / "result.json").read_text())
         (found,) = [each for each in result["findings"] if each["code"] == "stop-recovered"]
         assert (found["severity"], found["setup"], found["stop"]) == ("warning", "npp", 2)
@@ -81,7 +81,7 @@ def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again
         drive_again(place)
         with daemon(place.survey) as process:
             place.start_setups()
-            said = until(process, "survey-complete", timeout_s=40.0)
+            said = until(process, "survey-complete")
         book = nothing_silently_wrong(place)
     assert {"beam-lost", "stop-recovered"} <= {each.get("code") for each in said}
     assert book.doubts() == ()
@@ -100,7 +100,7 @@ def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
     with hall(tmp_path, **options) as place:
         with daemon(place.survey) as process:
             place.start_setups()
-            opened = until(process, "survey-open", timeout_s=40.0)[-1]
+            opened = until(process, "survey-open")[-1]
             live = stepdiag("status", place.survey).out
         assert "angles.csv" in opened["reason"]
         told = json.loads(stepdiag("status", place.survey, "--json").out)
@@ -109,19 +109,5 @@ def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
         assert "every pass is in, and there is no result: angles.csv" in live.replace("\n", " ")
         assert (place.round / "readings.csv").exists()
         with daemon(place.survey) as process:
-            assert until(process, "survey-open", timeout_s=40.0)[-1]["reason"] == opened["reason"]
+            assert until(process, "survey-open")[-1]["reason"] == opened["reason"]
         assert [each.name for each in (tmp_path / "hall").iterdir() if each.is_dir()] == ["0001"]
-
-
-@on_a_steady_computer
-def test_what_only_the_solver_sees_keeps_the_survey_open(tmp_path):
-    """The count jumps by 2 mm on one way that is driven once: no stop contradicts another, the four diagonals do."""
-    jump = fault(kind="laser-jump", setup="npp", stop=2, phase="move", value=2000.0)
-    with hall(tmp_path, faults=jump, **{**QUICK, "n": 2, "exports": ""}) as place:
-        with daemon(place.survey) as process:
-            place.start_setups()
-            opened = until(process, "survey-open", timeout_s=60.0)[-1]
-        told = json.loads(stepdiag("status", place.survey, "--json").out)
-    assert "most probably at fault" in opened["reason"]
-    assert [(each["place"], each["code"]) for each in told["doubts"]] == [("npp/1", "chi-square-far")]
-    assert not (place.round / "result.json").exists()

@@ -24,7 +24,7 @@ def test_a_plc_that_is_silent_at_the_turn_leaves_nobody_waiting(tmp_path):
     silent = '[[fault]]\nkind = "plc-silent"\nsetup = "ppp"\npass_number = 2\nstop = -1\nphase = "move"\nduration_s = 2.0\n'
     with hall(tmp_path, back=True, faults=silent, **PACED) as place, daemon(place.survey) as process:
         place.start_setups(stop_after=1)
-        said = until(process, "survey-complete", timeout_s=30.0)
+        said = until(process, "survey-complete")
         book = nothing_silently_wrong(place)
     assert "link-silent" in {each["event"] for each in said}
     assert [len(each.chosen()) for each in book.passes] == [4, 4]
@@ -32,7 +32,7 @@ def test_a_plc_that_is_silent_at_the_turn_leaves_nobody_waiting(tmp_path):
 
 def machine_says(process, code):
     """Return the finding with a code, once the daemon has said it."""
-    return until(process, "finding", code=code, timeout_s=20.0)[-1]
+    return until(process, "finding", code=code)[-1]
 
 
 @on_a_steady_computer
@@ -53,4 +53,4 @@ def test_a_plc_that_starts_again_is_told_again(tmp_path):
     reboot = '[[fault]]\nkind = "plc-reboot"\nsetup = "ppp"\nstop = 1\ndelay_s = 0.1\nduration_s = 0.2\n'
     with hall(tmp_path, faults=reboot, **PACED) as place, daemon(place.survey) as process:
         place.start_setups(stop_after=1)
-        until(process, "survey-complete", timeout_s=30.0)
+        until(process, "survey-complete")
