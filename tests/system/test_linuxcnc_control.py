@@ -9,6 +9,7 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 
+import msgspec
 import numpy as np
 import pytest
 
@@ -169,6 +170,37 @@ def test_the_control_applies_the_files_as_the_law_says() -> None:
         ]
         moved_um = (np.array(state.motor_mm) - np.array(state.commanded_mm)) * 1000.0
         np.testing.assert_allclose(moved_um, law, rtol=0, atol=1e-3)
+
+
+BACKLASH_UM = 8.0
+
+
+def test_a_comp_file_holds_the_backlash_that_it_switches_off() -> None:
+    """What the motor gives between approach in + and approach in - is BACKLASH without a table, and the same with one, to 0.1 um.
+
+    The control itself forgets its BACKLASH where a COMP_FILE is: with a file of zeros the lost motion would be back in full.
+    """
+    errors = {"EXX": [0.0, 9.0, 4.0, -7.0, -20.0]}
+    profile = profile_of("linuxcnc", VOLUME, sections=8)
+    axes = {letter: msgspec.structs.replace(axis, backlash_um=BACKLASH_UM) for letter, axis in profile.axes.items()}
+    profile = replace(profile, axes=axes)
+    controller = LinuxCnc()
+    tables = controller.plan(curves_of(made_result(errors, volume=VOLUME), ["EXX"]), profile).tables
+    (file,) = (file for file in controller.render(tables, profile) if file.role == "data")
+    zeros = b"-200 -200 -200\n200 200 200\n"
+    program = nc_programs(replace(SWIFT, setups=("linear-x",)), "linuxcnc")[0].data
+    moved = {}
+    for name, files in (("as it was", {}), ("zeros", {"X": zeros}), ("ours", {"X": file.data})):
+        with linuxcnc(files, backlash_mm={"X": BACKLASH_UM / 1000.0}) as control:
+            driven = stands(control, program)
+        moved[name] = np.array([(state.motor_mm[0] - state.commanded_mm[0]) * 1000.0 for state in driven])
+    there = VOLUME.increments + 1
+    forward, reverse = {name: um[:there] for name, um in moved.items()}, {name: um[there:][::-1] for name, um in moved.items()}
+    np.testing.assert_allclose(forward["as it was"][1:-1] - reverse["as it was"][1:-1], BACKLASH_UM, atol=0.1)
+    np.testing.assert_allclose(forward["zeros"][1:-1] - reverse["zeros"][1:-1], 0.0, atol=0.1)
+    np.testing.assert_allclose(forward["ours"][1:-1] - reverse["ours"][1:-1], BACKLASH_UM, atol=0.1)
+    middle = (forward["ours"][1:-1] + reverse["ours"][1:-1]) / 2.0
+    np.testing.assert_allclose(middle, -np.array(errors["EXX"][1:-1]), atol=0.1)
 
 
 MACHINE_ERRORS = Amplitudes(positioning_um=8.0, straightness_um=6.0, scale_um_m=20.0, squareness_urad=15.0)

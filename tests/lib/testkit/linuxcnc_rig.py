@@ -176,15 +176,15 @@ class Control:
 
 
 @contextmanager
-def linuxcnc(comp_files: Mapping[str, bytes] | None = None) -> Iterator[Control]:
-    """Run LinuxCNC with the machine switched on and homed; ``comp_files`` are COMP_FILEs (type 0) by axis letter.
+def linuxcnc(comp_files: Mapping[str, bytes] | None = None, *, backlash_mm: Mapping[str, float] | None = None) -> Iterator[Control]:
+    """Run LinuxCNC with the machine switched on and homed; COMP_FILEs (type 0) and BACKLASH of the joints by axis letter.
 
     Installs the Debian package where it is missing. Raises AssertionError where it cannot be had or does not start.
     """
     installed()
     with _alone(), tempfile.TemporaryDirectory(prefix="stepdiag-linuxcnc-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        _configured(folder, comp_files or {})
+        _configured(folder, comp_files or {}, backlash_mm or {})
         with socket.socket(socket.AF_UNIX) as door:
             door.bind(str(folder / "rig.socket"))
             (folder / "rig.socket").chmod(0o666)
@@ -214,12 +214,14 @@ def _alone() -> Iterator[None]:
         yield
 
 
-def _configured(folder: Path, comp_files: Mapping[str, bytes]) -> None:
+def _configured(folder: Path, comp_files: Mapping[str, bytes], backlash_mm: Mapping[str, float]) -> None:
     """Write the configuration; the folder is open to the ordinary user as whom LinuxCNC's real-time part runs."""
     folder.chmod(0o777)
     ini = INI.format(folder=folder)
     for joint, axis in enumerate("XYZ"):
         ini += INI_AXIS.format(axis=axis, joint=joint)
+        if axis in backlash_mm:
+            ini += f"BACKLASH = {backlash_mm[axis]}\n"
         if axis in comp_files:
             (folder / f"{axis}.comp").write_bytes(comp_files[axis])
             ini += INI_COMP.format(name=f"{axis}.comp")
