@@ -39,6 +39,8 @@ _PART = 0.1
 """Share of the products of a field that one of them must be to be told."""
 _COVERED = 0.5
 """Share of the measured travel that a table has to cover."""
+_EXCUSED = 0.25
+"""Share of a correction that its uncertainty may hide."""
 _SURE_UM = 0.2
 """Movements below this are not told from rounding and noise."""
 
@@ -203,8 +205,9 @@ class _Fit:
         at = np.linspace(low, high, _POINTS)
         moved = _centred(case.moved_um(at - shift_mm))
         wanted = _centred(_held(-curve.at(at), at, position))
-        sure = max(_SURE_UM, case.table.quantum_um, 2.0 * _typical_u(curve))
         size, size_moved = _rms(wanted), _rms(moved)
+        # what a survey is unsure of excuses little: the table is judged against what this result asks for, not against the machine
+        sure = max(_SURE_UM, case.table.quantum_um, min(2.0 * _typical_u(curve), _EXCUSED * size))
         product = float(np.mean(moved * wanted))
         return cls(
             wanted_um=size,
