@@ -47,12 +47,15 @@ def _print_table(found: "Demonstrated") -> None:
     for heading in ("", "rms over the volume, um", "largest, um", "widest face diagonal, um", "better by"):
         table.add_column(heading, justify="left" if not heading else "right")
     rows = [("as it is", found.before, "")]
-    rows += [(f"with the {name.capitalize()} files", figures, f"{found.factor(name):.1f} x") for name, figures in found.after.items()]
+    named = {"fanuc": "Fanuc: pitch error tables", "siemens": "Siemens: nine tables (EEC and CEC)"}
+    forms = {**found.after, **found.reach}
+    worst_first = sorted(forms, key=lambda name: -forms[name].rms_um)
+    rows += [(named.get(name, name), forms[name], f"{found.factor(name):.1f} x") for name in worst_first]
     for name, figures, factor in rows:
         table.add_row(name, f"{figures.rms_um:.2f}", f"{figures.largest_um:.2f}", f"{figures.face_diagonal_um:.2f}", factor)
     console = Console()
     console.print(table)
-    console.print("Siemens: positions, straightness and squareness (EEC and CEC). Fanuc: positions only (stored pitch error compensation).")
+    console.print("All from one survey with an autocollimator's angles; the files of each form lie in the folder reach or beside the logs.")
     console.print(
         f"Measured and solved in {found.seconds:.0f} s. Look at {found.round / 'report.html'}; logs, result and files lie beside it."
     )
@@ -63,5 +66,6 @@ def _print_json(found: "Demonstrated") -> None:
     from dataclasses import asdict
 
     figures = {"as it is": asdict(found.before), **{name: asdict(each) for name, each in found.after.items()}}
-    factors = {name: found.factor(name) for name in found.after}
+    figures |= {name: asdict(each) for name, each in found.reach.items()}
+    factors = {name: found.factor(name) for name in (*found.after, *found.reach)}
     typer.echo(json.dumps({"folder": str(found.round), "seconds": found.seconds, "figures": figures, "factors": factors}, indent=2))

@@ -10,8 +10,9 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_bench, write_profiles, write_survey
+from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench, write_profiles, write_survey
 from stepdiag.demo.processes import Talker, talking
+from stepdiag.demo.reach import exported
 from stepdiag.solver.errors import DataError, DeviceError, UsageError
 from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import without_rigid_motion
@@ -42,17 +43,21 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Demonstrated:
-    """What the demo found: the machine as it is, and with the files of each control loaded; ``seconds`` it took to measure."""
+    """What the demo found: the machine as it is, and with the files of each control loaded; ``seconds`` it took to measure.
+
+    ``after`` are the files that the daemon exported by itself, ``reach`` what other forms of compensation make of the same survey.
+    """
 
     folder: Path
     round: Path
     before: Figures
     after: dict[str, Figures]
+    reach: dict[str, Figures]
     seconds: float
 
     def factor(self, control: str) -> float:
         """Return by how much the volumetric error (rms over the grid) fell."""
-        return self.before.rms_um / self.after[control].rms_um
+        return self.before.rms_um / {**self.after, **self.reach}[control].rms_um
 
 
 def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
@@ -65,6 +70,7 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
         raise UsageError(str(folder), expected="an empty folder", found="one with files in it", remedy="name another one with --out")
     began = time.monotonic()
     bench = write_bench(folder, seed)
+    write_angles(folder, bench, seed)
     write_profiles(folder)
     with _bench(bench, folder) as hall:
         survey = write_survey(folder, hall.ready["plc_port"], hall.ready["laser_link"])
@@ -74,7 +80,8 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
     progress("verifying on lines that were not measured", 1, 1)
     before = verify(bench, None, ())
     after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
-    return Demonstrated(folder=folder, round=round_folder, before=before, after=after, seconds=seconds)
+    reach = {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", round_folder / "result.json")}
+    return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, seconds=seconds)
 
 
 def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figures:

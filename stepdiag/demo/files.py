@@ -2,10 +2,17 @@
 
 from pathlib import Path
 
+import numpy as np
+
+from stepdiag.virtual.bench.building import build_machine
+from stepdiag.virtual.bench.config import read_config
+
 SIZE_MM = (500.0, 400.0, 300.0)
 INCREMENTS = 8
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
 PASSES = 2
+U_ANGLE_URAD = 1.0
+"""What the autocollimator of the demo is good to."""
 EOB = b"\n\r\r"
 """FANUC's end of block as its files have it (controllers.md 2.6)."""
 
@@ -33,6 +40,7 @@ positioning_um = 9.0
 straightness_um = 9.0
 scale_um_m = 20.0
 squareness_urad = 20.0
+angle_urad = 10.0
 backlash_um = [0.6, 0.6, 0.6]
 
 [alignment]
@@ -65,6 +73,9 @@ overrun_mm = 2.0
 [machine]
 chain = "FXYZ"
 compensation = "off"
+
+[solver]
+angles = "angles.csv"
 
 [laser]
 format = "umd"
@@ -138,6 +149,11 @@ reference_point = 81
 """
 
 
+_FOURS = [first + 10 * one + point for first in (5731, 5761) for one in range(3) for point in range(4)]
+_STRAIGHTNESS = sorted([*range(5711, 5714), *range(5721, 5724), *_FOURS])
+"""The parameters of straightness compensation, for the virtual control only."""
+
+
 def write_bench(folder: Path, seed: int) -> Path:
     """Write the virtual machine's file and return its path."""
     return _write(folder / "machine.toml", _BENCH.format(seed=seed, n=INCREMENTS, setups=_quoted(), passes=PASSES, scale=10.0, mirror=0.2))
@@ -148,14 +164,45 @@ def write_survey(folder: Path, plc_port: str, laser_link: str) -> Path:
     return _write(folder / "survey.toml", _SURVEY.format(n=INCREMENTS, setups=_quoted(), laser=laser_link, port=plc_port))
 
 
+def write_angles(folder: Path, bench: Path, seed: int) -> None:
+    """Write the angles file of an autocollimator that measured every axis at the stops, good to `U_ANGLE_URAD`."""
+    truth, rng = build_machine(read_config(bench)).truth(INCREMENTS), np.random.default_rng(seed)
+    rows = ["axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad"]
+    for letter in "XYZ":
+        seen = [truth.errors[f"E{turn}{letter}"] + rng.normal(0.0, U_ANGLE_URAD, INCREMENTS + 1) for turn in "ABC"]
+        for index, at in enumerate(truth.position_mm[letter]):
+            rows.append(f"{letter.lower()},{at:g}," + ",".join(f"{one[index] - one[0]:.3f}" for one in seen) + f",{U_ANGLE_URAD:g}")
+    _write(folder / "angles.csv", "\n".join([*rows, ""]))
+
+
 def write_profiles(folder: Path) -> None:
     """Write the profiles of both controls, and what the FANUC control punches out before anything is compensated."""
-    siemens = _MACHINE.format(controller="siemens", existing="") + _AXES.format(x="AX1", y="AX2", z="AX3")
-    fanuc = _MACHINE.format(controller="fanuc", existing='existing = ["PITCH.TXT", "CNCPARAM.TXT"]') + _AXES.format(x="X", y="Y", z="Z")
     (folder / "PITCH.TXT").write_bytes(_punch([f"N{10000 + point:05d}Q0P0" for point in range(1, 129)]))
     (folder / "CNCPARAM.TXT").write_bytes(_punch(_parameters()))
-    _write(folder / "siemens.toml", siemens + "\n[siemens]\nmeasuring_system = 1\n")
-    _write(folder / "fanuc.toml", fanuc + _FANUC)
+    _write(folder / "siemens.toml", siemens_profile())
+    _write(folder / "fanuc.toml", fanuc_profile())
+
+
+def siemens_profile(*, functions: str = "", products: bool = False, held: int | None = None) -> str:
+    """Return the profile of a SINUMERIK: nine tables, or those ``functions``, with products within ``held`` CEC tables."""
+    chosen = f"functions = {functions}" if functions else ""
+    section = "\n[siemens]\nmeasuring_system = 1\n" + ("products = true\n" if products else "")
+    section += "" if held is None else f"cec_tables_held = {held}\n"
+    return _MACHINE.format(controller="siemens", existing=chosen) + _AXES.format(x="AX1", y="AX2", z="AX3") + section
+
+
+def fanuc_profile(*, straightness: bool = False) -> str:
+    """Return the profile of a FANUC control: stored pitch error, and straightness where it has the option."""
+    own = 'existing = ["PITCH.TXT", "CNCPARAM.TXT"]'
+    unit = "detection_unit_um = 1.0"
+    section = _FANUC.replace(unit, f"{unit}\nstraightness_option = true") if straightness else _FANUC
+    return _MACHINE.format(controller="fanuc", existing=own) + _AXES.format(x="X", y="Y", z="Z") + section
+
+
+def linuxcnc_profile() -> str:
+    """Return the profile of a LinuxCNC with the kinematics component."""
+    section = '\n[linuxcnc]\njoints = { X = [0], Y = [1], Z = [2] }\nway = "kinematics"\n'
+    return _MACHINE.format(controller="linuxcnc", existing="") + _AXES.format(x="X", y="Y", z="Z") + section
 
 
 def _parameters() -> list[str]:
@@ -166,6 +213,7 @@ def _parameters() -> list[str]:
         "N01020Q1" + "".join(f"A{axis}P{code}" for axis, code in zip(axes, (88, 89, 90), strict=True)),
         *(f"N{number:05d}Q1{zero}" for number in (3620, 3621, 3622, 3623)),
         "N03624Q1" + "".join(f"A{axis}P0.0" for axis in axes),
+        *(f"N{number:05d}Q1P0" for number in _STRAIGHTNESS),
     ]
 
 

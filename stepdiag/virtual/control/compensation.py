@@ -7,6 +7,7 @@ from typing import Literal
 
 from stepdiag.virtual.control.axis_table import AxisTable
 from stepdiag.virtual.control.fanuc import load_fanuc
+from stepdiag.virtual.control.lattice import LatticeTable, load_lattice
 from stepdiag.virtual.control.linuxcnc import load_matrix, load_screw_file
 from stepdiag.virtual.control.siemens import load_siemens
 
@@ -15,11 +16,12 @@ LARGEST_BYTES = 4_000_000
 _COMP_SUFFIXES = (".comp", ".dat", ".txt")
 
 
-def load_files(control: Control, files: Sequence[Path]) -> list[AxisTable]:
+def load_files(control: Control, files: Sequence[Path]) -> Sequence[AxisTable | LatticeTable]:
     """Return the tables that act after all ``files`` have been loaded into a control of that make.
 
     A LinuxCNC screw file belongs to the axis that its name tells (``screw_x.comp``, ``compX.dat``); a ``.hal`` file sets the
-    matrix kinematics. Options of a control (measuring system, detection unit) are arguments of `load_siemens`, `load_fanuc`.
+    matrix kinematics, a ``.csv`` is the lattice of the kinematics component. Options of a control (measuring system, detection unit) are
+    arguments of `load_siemens`, `load_fanuc`.
     Raises ValueError for contents that the control would refuse.
     """
     large = [file.name for file in files if file.stat().st_size > LARGEST_BYTES]
@@ -33,7 +35,9 @@ def load_files(control: Control, files: Sequence[Path]) -> list[AxisTable]:
     return [table for file, text in zip(files, texts, strict=True) for table in _linuxcnc(file, text)]
 
 
-def _linuxcnc(file: Path, text: str) -> list[AxisTable]:
+def _linuxcnc(file: Path, text: str) -> Sequence[AxisTable | LatticeTable]:
+    if file.suffix == ".csv":
+        return [load_lattice(text)]
     if file.suffix not in _COMP_SUFFIXES:
         return load_matrix(text)
     named = re.search(r"(?:^|[^a-z])([xyz])(?:$|[^a-z])|([xyz])$", file.stem.lower())

@@ -1,0 +1,49 @@
+"""What each control reaches with the same survey: the files that each would get, loaded by its law, on a grid that nobody measured."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from stepdiag.demo.files import fanuc_profile, linuxcnc_profile, siemens_profile
+from stepdiag.exporters.export.export import export
+from stepdiag.exporters.profiles.file import load_profile
+from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.solver.result.result import parse_result
+from stepdiag.virtual.control.compensation import Control
+
+ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large")
+"""Warnings of a first export on a machine that is as bad as the demo's."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Form:
+    """One form of compensation: how people call it, the control that has it and its profile."""
+
+    name: str
+    control: Control
+    profile: str
+
+
+FORMS = (
+    Form(name="pitch error tables alone (any control)", control="siemens", profile=siemens_profile(functions='["EXX", "EYY", "EZZ"]')),
+    Form(name="Fanuc: and straightness (option)", control="fanuc", profile=fanuc_profile(straightness=True)),
+    Form(name="Siemens 828D: eight CEC tables, some as products", control="siemens", profile=siemens_profile(products=True, held=8)),
+    Form(name="Siemens 840D sl: products of CEC tables", control="siemens", profile=siemens_profile(products=True)),
+    Form(name="the whole field: LinuxCNC kinematics, lattice", control="linuxcnc", profile=linuxcnc_profile()),
+)
+
+
+def exported(folder: Path, result: Path) -> Iterator[tuple[Form, Sequence[Path]]]:
+    """Write the files of every form into ``folder`` and yield those that act; what the profiles name lies beside ``folder``."""
+    measured = parse_result(result.read_text(encoding="utf-8"), result.name)
+    for number, form in enumerate(FORMS, start=1):
+        path = folder.parent / f"reach-{number}-{form.control}.toml"
+        path.write_text(form.profile, encoding="utf-8")
+        profile = load_profile(path, controller_named(form.control), measured.volume)
+        out = folder / f"{number}-{form.control}"
+        report = export(measured, form.control, profile, accept=ACCEPTED, out_dir=out)
+        yield form, [out / name for name in report.files if _acts(name)]
+
+
+def _acts(name: str) -> bool:
+    return "_RESTORE" not in name and name.endswith((".INI", ".TXT", "lattice.csv")) and name != "EXPORT_REPORT.txt"
