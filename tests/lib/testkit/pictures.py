@@ -1,49 +1,57 @@
-"""Draws the pictures of docs/machinist.md from the page over a played survey: ``PYTHONPATH=tests/lib python -m testkit.pictures``."""
+"""Draws the pictures of docs/machinist.md from a real survey of the virtual machine: ``PYTHONPATH=tests/lib python -m testkit.pictures``."""
 
+import re
+import socket
 import tempfile
 from pathlib import Path
 
 from playwright.sync_api import Page, expect, sync_playwright
 
-from stepdiag.daq.records.status import FindingStatus
 from testkit.browser import launch
-from testkit.played import Served, served
+from testkit.hall import daemon, hall, until
 
 FOLDER = Path(__file__).parents[3] / "docs" / "pictures"
+PANELS = {"lead": ".lead", "now": ".reading", "align": ".aid", "deviations": ".pass", "survey": ".survey", "findings": ".findings"}
 
 
 def draw(folder: Path) -> None:
     """Write one picture for each thing the guide speaks of."""
-    with tempfile.TemporaryDirectory() as work, served(Path(work)) as daemon, sync_playwright() as playwright:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        port = probe.getsockname()[1]
+    with (
+        tempfile.TemporaryDirectory() as work,
+        hall(Path(work), back=True, handshake=True, dwell=1.0, page=True, page_port=port) as place,
+        daemon(place.survey) as process,
+        sync_playwright() as playwright,
+    ):
         browser = launch(playwright)
-        page = browser.new_page(viewport={"width": 820, "height": 1100})
-        page.goto(daemon.address)
-        expect(page.locator("#machine")).to_have_text("VM 500")
-        _take(page, ".next", folder / "next.png")
-        _drive(daemon)
-        expect(page.locator("#deviations .dot.s1")).to_have_count(14)
-        for panel in ("now", "survey", "align", "deviations", "findings"):
-            _take(page, f".{panel}", folder / f"{panel}.png")
-        daemon.do(lambda: daemon.survey.silent.add("laser"))
-        expect(page.locator(".big.stale")).to_be_visible()
-        _take(page, ".now", folder / "old.png")
-        daemon.do(daemon.survey.complete)
-        expect(page.locator("#result figure")).to_have_count(9)
-        _take(page, ".result", folder / "result.png")
+        page = browser.new_page(viewport={"width": 1024, "height": 768})
+        page.goto(f"http://127.0.0.1:{port}")
+        expect(page.locator("body")).to_have_attribute("data-stage", "set-up", timeout=20_000)
+        _take(page, folder, "align", screen="next")
+        while place.bench.next(60.0, "bench")["event"] != "waiting":
+            pass
+        place.bench.say("start")
+        expect(page.locator("#lead")).to_contain_text(re.compile("stop [2-6] of"), timeout=60_000)
+        _take(page, folder, "now", "deviations", "survey", screen="drive")
+        place.bench.say('fault {"kind": "laser-unplug", "duration_s": 4.0}')
+        expect(page.locator(".figures.stale")).to_be_visible(timeout=10_000)
+        _take(page, folder, screen="trouble")
+        page.locator(".reading").screenshot(path=folder / "old.png")
+        place.setups = place.setups[1:]
+        place.start_setups()
+        until(process, "survey-complete")
+        expect(page.locator("#result figure")).to_have_count(9, timeout=20_000)
+        _take(page, folder, "findings", screen="result")
         browser.close()
 
 
-def _drive(daemon: Served) -> None:
-    for pass_number, stops in ((1, 31), (2, 14)):
-        for stop in range(stops):
-            daemon.do(lambda stop=stop, pass_number=pass_number: daemon.survey.stop("npp", pass_number, stop))
-    text = "setup npp, pass 1, stop 12 of 30: scatter 0.9 um in the dwell"
-    daemon.do(lambda: daemon.survey.publish(findings=(FindingStatus(code="stop-doubtful", severity="warning", text=text),)))
-
-
-def _take(page: Page, panel: str, path: Path) -> None:
-    page.wait_for_timeout(300)
-    page.locator(f"section{panel}").screenshot(path=path)
+def _take(page: Page, folder: Path, *panels: str, screen: str) -> None:
+    page.wait_for_timeout(400)
+    page.screenshot(path=folder / f"{screen}.png")
+    for panel in panels:
+        page.locator(PANELS[panel]).screenshot(path=folder / f"{panel}.png")
 
 
 if __name__ == "__main__":
