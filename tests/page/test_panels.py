@@ -77,6 +77,7 @@ def test_findings_of_one_cause_stand_together_with_their_stops(page: Page, daemo
     items = page.locator("#findings li")
     expect(items).to_have_count(3)
     expect(items.first).to_contain_text("npp out, stops 5–12: the count was lost. ×8")
+    assert items.first.evaluate("one => getComputedStyle(one).textDecorationLine") == "none"
     page.locator("#all-findings").click()
     expect(page.locator("#all-list li")).to_have_count(7)
 

@@ -190,8 +190,11 @@ def test_each_stage_on_each_screen(tmp_path: Path, browser: Browser, stage: str,
 @pytest.mark.page
 def test_an_alarm_takes_the_whole_page(page: Page, daemon: Served) -> None:
     """Title, frame, text and sound; it ends by itself when the beam is back."""
+    drive(daemon)
+    page.locator("#volume").scroll_into_view_if_needed()
     trouble(daemon)
     expect(page.locator("body.alarm")).to_be_attached()
+    expect(page.locator("#lead")).to_be_in_viewport(ratio=0.99)
     expect(page.locator("#lead")).to_have_text("Beam lost: this pass counts to stop 5. Go back to stop 5 now")
     assert page.title().startswith("⚠ ALARM: Beam lost")
     page.locator("#sound").click()

@@ -45,7 +45,7 @@ function item({ code, severity, said, advice, times, state, places, word }, whol
   const accept = whole && state === "open" && places.length ? places.map((place) => button(place)) : [];
   return node(
     "li",
-    { class: `finding ${severity} ${state}` },
+    { class: `finding ${severity} state-${state}` },
     node("strong", {}, common(`severity_${severity}`)),
     `: ${said[language].replace(/[^.!?]$/, "$&.")} `,
     ...(times > 1 ? [node("strong", {}, `×${times} `)] : []),

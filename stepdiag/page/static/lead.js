@@ -61,6 +61,7 @@ export function update(snapshot) {
 
 function stages(stage) {
   if (stage === drawn) return;
+  if (drawn) document.querySelector("main").scrollTo(0, 0); // what matters now stands at the top, wherever a person was reading
   drawn = stage;
   const items = STAGES.map((one) => {
     const current = one === stage || (stage === "trouble" && one === "drive");

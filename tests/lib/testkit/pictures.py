@@ -1,4 +1,4 @@
-"""Draws the pictures of docs/machinist.md from a real survey of the virtual machine: ``PYTHONPATH=tests/lib python -m testkit.pictures``."""
+"""Draws the pictures of docs/machinist.md from a real survey: ``PYTHONPATH=tests/lib python -m testkit.pictures``."""
 
 import re
 import socket
