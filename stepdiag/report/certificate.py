@@ -62,13 +62,20 @@ def _picture(path: Path) -> str:
     return f"data:{kind};base64,{base64.b64encode(data).decode()}"
 
 
+def _compensation(result: Result, words: Mapping[str, str]) -> str:
+    """Return what was active while measuring, with the files and their hashes."""
+    statement = stated_in(result)
+    state = words[f"compensation_{statement.state}" if statement.state in ("off", "on") else "compensation_unstated"]
+    return "; ".join([state, *(f"{file.name} ({file.source}, {file.date}) SHA-256 {file.sha256}" for file in statement.files)])
+
+
 def facts_table(result: Result, words: Mapping[str, str]) -> Table:
     """Return who measured what, when and with what; what the survey does not say is left out."""
     said = result.extra.get("survey")
     known: Mapping[str, Any] = said if isinstance(said, dict) else {}
     shadowed = {"date"} if known.get("begun") else set()
     rows = [(words[name], shown(known[name])) for name in FACTS if known.get(name) and name not in shadowed]
-    rows.append((words["compensation"], stated_in(result).words()))
+    rows.append((words["compensation"], _compensation(result, words)))
     rows.append((words["reference_temperature"], words["at_20_c" if known.get("at_20_c") else "as_measured"]))
     rows.append((words["sign"], words["sign_convention"]))
     rows.append((words["standards"], words["standards_used"]))

@@ -6,6 +6,8 @@ import io
 import re
 import shutil
 from dataclasses import replace
+from datetime import date
+from hashlib import sha256
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -16,7 +18,8 @@ from typer.testing import CliRunner
 from stepdiag.cli.app import build
 from stepdiag.cli.report import read_result
 from stepdiag.comparing.compare import same_machine
-from stepdiag.report.certificate import read_letterhead
+from stepdiag.exporters.safety.compensation import Statement, stated
+from stepdiag.report.certificate import facts_table, read_letterhead
 from stepdiag.report.charts import ticks
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import Exported, ExportedFile
@@ -352,3 +355,19 @@ def test_a_letterhead_comes_from_a_settings_file(tmp_path: Path) -> None:
     settings.write_text('logo = "us.toml"\n', encoding="utf-8")
     with pytest.raises(UsageError, match="a picture"):
         read_letterhead(settings)
+
+
+@pytest.mark.parametrize(("language", "off", "unstated"), [("en", "off", "not stated"), ("de", "aus", "nicht angegeben")])
+def test_what_was_active_while_measuring_stands_in_the_report(language: str, off: str, unstated: str) -> None:
+    """State, files with their hashes, when and how they were read out; nothing where the survey says nothing."""
+    words = {**catalogue("common", language), **catalogue("report", language)}
+    said = {
+        state: dict(facts_table(replace(made_up_result(), extra={"survey": statement.as_json()}), words).rows)[words["compensation"]]
+        for state, statement in (
+            ("off", Statement(state="off")),
+            ("on", stated("on", {"A.INI": b"table"}, date(2026, 1, 31), "archive")),
+            ("?", Statement(state="?")),
+        )
+    }
+    assert (said["off"], said["?"]) == (off, unstated)
+    assert f"A.INI (archive, 2026-01-31) SHA-256 {sha256(b'table').hexdigest()}" in said["on"]
