@@ -23,7 +23,8 @@ demo: $(VENV)/.ready ## the whole job on a virtual machine, into demo/
 test: $(TEST_VENV)/.ready .setup/debian .setup/node ## style, types, layers and every test against the installed wheel
 	tools/test $(TEST_VENV)
 
-# the property tests with examples that nobody has seen, and ten times the changed files of somebody else
+# the property tests with examples that nobody has seen, ten times the changed files of somebody else, and every file door of the command
+# line with files that are right but for one field
 explore: $(TEST_VENV)/.ready ## property tests and fuzzing with examples nobody has seen
 	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control" tests
 
