@@ -43,18 +43,22 @@ def _print_table(found: "Demonstrated") -> None:
     from rich.console import Console
     from rich.table import Table
 
+    from stepdiag.cli.status import concluded_in
+
     table = Table(title="Errors of the tool where nobody measured: a 9 x 9 x 9 grid and six face diagonals")
-    for heading in ("", "rms over the volume, um", "largest, um", "widest face diagonal, um", "better by"):
+    for heading in ("", "rms over the volume, um", "largest, um", "widest face diagonal, um"):
         table.add_column(heading, justify="left" if not heading else "right")
-    rows = [("as it is", found.before, "")]
+    rows = [("as it is", found.before)]
     named = {"fanuc": "Fanuc: pitch error tables", "siemens": "Siemens: nine tables (EEC and CEC)"}
     forms = {**found.after, **found.reach}
     worst_first = sorted(forms, key=lambda name: -forms[name].rms_um)
-    rows += [(named.get(name, name), forms[name], f"{found.factor(name):.1f} x") for name in worst_first]
-    for name, figures, factor in rows:
-        table.add_row(name, f"{figures.rms_um:.2f}", f"{figures.largest_um:.2f}", f"{figures.face_diagonal_um:.2f}", factor)
+    rows += [(named.get(name, name), forms[name]) for name in worst_first]
+    for name, figures in rows:
+        table.add_row(name, f"{figures.rms_um:.2f}", f"{figures.largest_um:.2f}", f"{figures.face_diagonal_um:.2f}")
     console = Console()
     console.print(table)
+    for line in concluded_in(found.round):
+        console.print(line, markup=False, highlight=False, soft_wrap=True)
     console.print("All from one survey with an autocollimator's angles; the files of each form lie in the folder reach or beside the logs.")
     console.print(
         f"Measured and solved in {found.seconds:.0f} s. Look at {found.round / 'report.html'}; logs, result and files lie beside it."

@@ -121,8 +121,7 @@ def _print(comparison: Any, trends: Any, names: list[str]) -> None:
 
     console = Console()
     console.print(comparison_table(comparison, names[0], names[-1]))
-    factor = comparison.improvement
     told = f"volumetric error (rms): {comparison.rms_before_um:.2f} um, then {comparison.rms_after_um:.2f} um"
-    console.print(told + (f"; improvement factor {factor:.2f}" if factor is not None else ""))
+    console.print(told)
     if trends:
         console.print(trend_table(trends, names))

@@ -90,11 +90,15 @@ def _print(found: "Standing") -> None:
 
 
 def _concluded(found: "Standing") -> list[str]:
-    """Return the conclusion that stands beside the result, as lines; none before there is one."""
+    return [] if found.result is None else concluded_in(found.result.parent)
+
+
+def concluded_in(folder: Path) -> list[str]:
+    """Return the conclusion that stands in a survey's folder, as lines; none before there is one."""
     from stepdiag.conclusion import conclusion_in, titles_of, words_of
     from stepdiag.terminal.tables import conclusion_lines
 
-    document = None if found.result is None else conclusion_in(found.result.parent)
+    document = conclusion_in(folder)
     return [] if document is None else list(conclusion_lines(words_of(document, "en"), titles_of("en")))
 
 
