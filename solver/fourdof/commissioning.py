@@ -61,8 +61,8 @@ def signs_and_lever(wobbles: Sequence[Standstill]) -> SignsAndLever:
 
     Refused (DataError) where the wobble is too small to tell a sign or the distances contradict each other.
     """
-    lines = [_regression(wobble.psd1_urad, wobble.qd_um / 2, wobble.travel_mm, "QD") for wobble in wobbles]
-    angles = [_regression(wobble.psd1_urad, wobble.psd2_urad, wobble.travel_mm, "PSD2") for wobble in wobbles]
+    lines = [_regression(wobble.psd1_urad, wobble.qd_um / 2, wobble.psd2_urad, wobble.travel_mm, "QD") for wobble in wobbles]
+    angles = [_regression(wobble.psd1_urad, wobble.psd2_urad, wobble.qd_um, wobble.travel_mm, "PSD2") for wobble in wobbles]
     slope, u_slope = np.array(lines).T
     angle_slope = np.array(angles)[:, 0]
     psd1_sign, relative = _common_sign(slope, "QD"), _common_sign(angle_slope, "PSD2")
@@ -84,14 +84,18 @@ def signs_and_lever(wobbles: Sequence[Standstill]) -> SignsAndLever:
     )
 
 
-def _regression(x: Vector, y: Vector, travel_mm: float, name: str) -> tuple[float, float]:
-    """Return the slope of y over x and its standard uncertainty; the slow drift of either has no say in the sign."""
+def _regression(x: Vector, y: Vector, third: Vector, travel_mm: float, name: str) -> tuple[float, float]:
+    """Return the slope of y over x and its standard uncertainty; the slow drift of either has no say in the sign.
+
+    PSD1's own noise would flatten a least-squares slope. The third detector saw the same wobble with a noise of its own: the slope is
+    the quotient of what each has in common with it (instrumental variable; Fuller 1987, 1.4).
+    """
     correlation, power = 0.0, 0.0
     if len(x) >= 3:
-        x, y = x - x.mean(), y - y.mean()
-        power = float(x @ x)
-        both = np.sqrt(power * float(y @ y))
-        correlation = abs(float(x @ y)) / both if both > 0 else 0.0
+        x, y, third = x - x.mean(), y - y.mean(), third - third.mean()
+        power = float(third @ x)
+        both = np.sqrt(float(x @ x) * float(y @ y))
+        correlation = abs(float(x @ y)) / both if both > 0 and power != 0.0 else 0.0
     if correlation < MIN_CORRELATION:
         raise DataError(
             f"signs: {name} at travel {travel_mm:g} mm",
@@ -99,9 +103,9 @@ def _regression(x: Vector, y: Vector, travel_mm: float, name: str) -> tuple[floa
             found=f"{correlation:.2f} over {len(x)}",
             remedy="wobble the laser's pointing harder while the target stands",
         )
-    slope = float(x @ y) / power
+    slope = float(third @ y) / power
     residual = y - slope * x
-    return slope, float(np.sqrt(residual @ residual / (len(x) - 2) / power))
+    return slope, float(np.sqrt(residual @ residual / (len(x) - 2) * (third @ third))) / abs(power)
 
 
 def _common_sign(slopes: Vector, name: str) -> Literal[1, -1]:
