@@ -6,11 +6,21 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.adjustment.robustness import MOST, most_suspicious, name_excess, name_suspicion, weight_without
+from stepdiag.solver.adjustment.robustness import (
+    BETTER,
+    MOST,
+    Suspicion,
+    effects_for,
+    most_suspicious,
+    name_excess,
+    name_suspicion,
+    trial_of,
+    weight_without,
+)
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.linear.components import Sizes, scored, sized
+from stepdiag.solver.linear.components import Sizes, scored, sized, surprise
 from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
 from stepdiag.solver.model.angles import Angles
@@ -175,13 +185,16 @@ class _Task:
 
     def _with_effects(self, fixed: Fit) -> MixedFit:
         """Return a fit with the effects, each kind of the size that the readings make most likely."""
-        pattern = np.hstack([np.zeros((len(self.rows), 0)), *(self._on_all_rows(effect) for effect in self.effects)])
-        group = np.repeat(np.arange(len(self.effects)), [effect.count for effect in self.effects])
+        found, self.sizes = self._found(fixed, self.effects)
+        return found
+
+    def _found(self, fixed: Fit, effects: Sequence[Effect]) -> tuple[MixedFit, Sizes]:
+        pattern = np.hstack([np.zeros((len(self.rows), 0)), *(self._on_all_rows(effect) for effect in effects)])
+        group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
         usual = MixedFit(fixed, Causes.of(fixed, pattern), np.ones(pattern.shape[1]))
-        searched = [effect.spread if self.clean or effect.name == "angles" else 0.0 for effect in self.effects]
-        spread = np.array(searched, dtype=np.float64)
-        self.sizes = scored(usual, group, spread, self._noise)
-        return sized(usual, self.sizes.factor[group] / np.sqrt(self.sizes.noise))
+        searched = [effect.spread if self.clean or effect.name == "angles" else 0.0 for effect in effects]
+        sizes = scored(usual, group, np.array(searched, dtype=np.float64), self._noise)
+        return sized(usual, sizes.factor[group] / np.sqrt(sizes.noise)), sizes
 
     def _on_all_rows(self, effect: Effect) -> Vector:
         further = len(self.rows) - len(self.layout)
@@ -282,17 +295,38 @@ class _Task:
                 self.u[rows] = np.maximum(self.u[rows] * scale, LEAST_U_UM)
         return self._again(current)
 
+    def _worst(self, current: MixedFit) -> Suspicion | None:
+        """Return the worst contradiction.
+
+        It is looked for with effects no larger than usual, where it cannot hide in a size found large because of it; there it counts
+        only if it explains the readings better than that large size does. What is left is looked for with the sizes found.
+        """
+        usual = most_suspicious(self._with_usual_sizes(current), self.design.columns, self.layout)
+        if usual is not None and self._explains(usual, current):
+            return usual
+        return most_suspicious(current, self.design.columns, self.layout)
+
+    def _with_usual_sizes(self, current: MixedFit) -> MixedFit:
+        factor = np.minimum(1.0, 1.0 / self.sizes.factor)
+        return sized(current, np.repeat(factor, [effect.count for effect in self.effects]))
+
+    def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
+        """Tell whether the readings are likelier with the suspicion true, all sizes found anew, than without it."""
+        with_it, sizes = self._found(current.fixed, [*self.effects, trial_of(self.layout, suspicion)])
+        return surprise(current, self.sizes) - surprise(with_it, sizes) + max(suspicion.smoother, 0.0) > BETTER
+
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
         """Take out one contradiction after the other and yield the fit without it."""
         most = max(2, int(MOST * len(self.layout)))
         for found in range(most + 1):
-            suspicion = most_suspicious(current, self.design.columns, len(self.layout))
+            suspicion = self._worst(current)
             if suspicion is None:
                 return
             if found == most:
                 self.findings.append(name_excess(most))
                 return
             self.kept = weight_without(self.kept / self.u**2, suspicion) * self.u**2
+            self.effects += effects_for(self.layout, suspicion)
             self.findings.append(name_suspicion(self.layout, suspicion))
             current = self._find_common_noise(self._fit_with_tilts())
             yield current

@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag.solver.adjustment.adjustment import Adjustment
+from stepdiag.solver.adjustment.hypotheses import tell
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector
 from stepdiag.solver.linear.rows import Rows
@@ -15,6 +16,8 @@ TILT_LIMIT_MRAD = 2.0
 """Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms reach micrometres."""
 DRIFT_LIMIT_UM = 2.0
 NOISE_LIMIT_UM = 1.0
+MISCLOSED = 2.6
+"""A scale misclosure beyond this many standard uncertainties is no chance (one good survey in a hundred)."""
 NORMAL_999 = 3.09
 """The 99.9 % point of the normal distribution."""
 
@@ -106,9 +109,37 @@ def inflation(found: Adjustment) -> float:
     return found.enlarged if freedom > 0 and found.chi_square > chi_square_limit(freedom) else 1.0
 
 
+def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
+    """Return by how much the scales of the diagonals and of the linear runs disagree, as end-to-end length of a body diagonal in um, with
+    its standard uncertainty; None where the readings do not compare them (theory 6.4: S measured minus S from the runs)."""
+    layout = found.layout
+    used = np.flatnonzero(np.isfinite(found.u_um))
+    linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
+    if not linear.any() or linear.all():
+        return None
+    along_m = 1e-3 * np.sum((layout.position_mm - layout.volume.origin_mm) * layout.direction, axis=1)[used]
+    told = tell(found.fit, used, np.where(linear, 0.0, along_m)[:, None])
+    if not told.told[0]:
+        return None
+    length_m = 1e-3 * float(np.linalg.norm(layout.volume.size_mm))
+    return float(told.size[0]) * length_m, float(1.0 / np.sqrt(told.seen[0, 0])) * length_m
+
+
+def scale_findings(found: Adjustment) -> list[Finding]:
+    """Return the finding on diagonals and linear runs whose scales disagree: no single setup can be blamed by it."""
+    both = scale_misclosure(found)
+    if both is None or abs(both[0]) <= MISCLOSED * both[1]:
+        return []
+    text = (
+        f"the diagonals are {both[0]:+.2g} um longer than the linear runs say (U {2 * both[1]:.2g} um, k = 2): in one of these setups air, "
+        "temperature or wavelength were not what was assumed; measure one diagonal and one linear run again"
+    )
+    return [Finding(code="scale-misclosure", severity="warning", text=text)]
+
+
 def setup_findings(found: Adjustment, reports: dict[str, dict[str, Any]]) -> list[Finding]:
     """Return what is remarkable about setups and residuals."""
-    findings = [finding for name, report in reports.items() for finding in _of_setup(name, report)] + _poor(reports)
+    findings = [finding for name, report in reports.items() for finding in _of_setup(name, report)] + _poor(reports) + scale_findings(found)
     factor = inflation(found)
     if factor > 1.0:
         text = (

@@ -1,96 +1,183 @@
-"""Wrong stops: found by their residuals, named, and left out or down-weighted.
+"""What contradicts the rest of a survey: found, named, and repaired where the readings themselves say what it was.
 
-One pass of each diagonal checks every stop once or not at all, and two stops of different diagonals may share that one check: then the
-residuals alone cannot tell which of them is wrong. Smoothness decides where it is decisive (a guideway does not jump at one stop and
-back), otherwise both stops lose the weight that the contradiction costs.
+One pass of each diagonal checks every stop once or not at all, and two passes may share that one check: then the residuals alone
+cannot tell which of them is wrong. Smoothness decides where it is decisive; otherwise every explanation is left open as widely as the
+contradiction is large, all are named, and nobody may compensate a machine by such a survey.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.solver.adjustment.hypotheses import SCALE, STEP, STOP, WARMING, Hypothesis, counts, families, shown
+from stepdiag.solver.adjustment.smoothness import roughness
+from stepdiag.solver.adjustment.wander import Wander, most_wandering
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.design import Columns
+from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import CHECKED, robust_scale
+from stepdiag.solver.readings.readings import PassKey
 
-CRITICAL = 4.2
-"""A residual this many standard deviations off is no chance: once in three hundred surveys of 125 stops."""
-LEAST_ERROR_UM = 0.5
-"""Contradictions below this are not called wrong stops however small the noise."""
-SAME_CHECK = 12.0
-"""Two stops explain a contradiction equally well if their test statistics differ by less than this (chi-square, p < 0.001)."""
-DECISIVE = 20.0
+AS_GOOD = 12.0
+"""Two explanations are equally good if their likelihoods differ by less than this (twice the logarithm; p < 0.001)."""
+LEAST_SHOWN = 7.0
+CRITICAL_OF_BOTH = 20.0
+"""What residuals and smoothness must say together for a cause that the residuals alone do not prove: no good survey of forty says it."""
+BETTER = 3.0
+"""By how much an explanation beats effects larger than usual (twice the logarithm): that its size is free has cost it 15 already."""
 MOST = 0.05
-"""With more wrong stops than this share, single stops are not the trouble."""
+"""With more contradictions than this share of the stops, single stops are not the trouble."""
+EXPANSION_UM_M_C = 11.7
+"""Steel, for saying a growth in kelvin."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspicion:
-    """A contradiction: the rows that may be wrong, each by ``error_um`` if it is the one; one row where that is decided."""
+    """A contradiction: what may be the cause, one hypothesis where that is decided; or a pass that wanders.
 
-    rows: NDArray[np.int64]
-    error_um: Vector
+    ``smoother``: what the machine's smoothness says for the likeliest (twice the logarithm of the likelihood).
+    """
+
+    hypotheses: Sequence[Hypothesis] = ()
+    wander: Wander | None = None
+    smoother: float = 0.0
+
+    @property
+    def decided(self) -> bool:
+        """Tell whether the readings say what it was."""
+        return len(self.hypotheses) < 2
 
 
-def most_suspicious(fit: MixedFit, columns: Columns, count: int) -> Suspicion | None:
-    """Return the worst contradiction among the first ``count`` rows, None where all readings agree within their noise."""
-    rows = np.flatnonzero((fit.redundancy[:count] > CHECKED) & (fit.weight[:count] > 0))
-    scale = max(robust_scale(fit, rows) or 1.0, 1.0)
+def most_suspicious(fit: MixedFit, columns: Columns, layout: Layout) -> Suspicion | None:
+    """Return the worst contradiction among the readings, None where all agree within their noise."""
+    rows = np.flatnonzero((fit.redundancy[: len(layout)] > CHECKED) & (fit.weight[: len(layout)] > 0))
     if not len(rows):
         return None
-    error = fit.residual[rows] / fit.redundancy[rows]
-    statistic = np.abs(fit.residual[rows]) * np.sqrt(fit.weight[rows] / fit.redundancy[rows]) / scale
-    statistic = np.where(np.abs(error) < LEAST_ERROR_UM, 0.0, statistic)
-    worst = float(np.max(statistic))
-    if worst < CRITICAL:
+    scale = max(robust_scale(fit, rows) or 1.0, 1.0)
+    found = _likeliest(fit, columns, shown(fit, list(families(fit, layout)), scale, LEAST_SHOWN))
+    wander = most_wandering(fit, counts(layout, np.flatnonzero(fit.weight[: len(layout)] > 0)), scale)
+    if wander is not None and (found is None or wander.gain > max(one.statistic for one in found.hypotheses) + AS_GOOD):
+        return Suspicion(wander=wander)
+    return found
+
+
+def _likeliest(fit: MixedFit, columns: Columns, every: Sequence[Hypothesis]) -> Suspicion | None:
+    """Return the hypothesis that best explains residuals and roughness together, and all that are as good, the best first."""
+    if not every:
         return None
-    equal = worst**2 - statistic**2 < SAME_CHECK
-    chosen, size = rows[equal], error[equal]
-    order = np.argsort(-statistic[equal], kind="stable")
-    return _smoothest(fit, columns, Suspicion(rows=chosen[order], error_um=size[order]))
-
-
-def _smoothest(fit: MixedFit, columns: Columns, suspicion: Suspicion) -> Suspicion:
-    """Return the one stop without which the machine is decisively smoother than without any other, else all of them."""
-    if len(suspicion.rows) == 1 or columns.nodes < 3:
-        return suspicion
-    without = fit.unknowns[:, None] - fit.moved_by(suspicion.rows) * suspicion.error_um
-    bends = np.vstack([_second_differences(columns, axis, component, without) for axis in range(3) for component in range(3)])
-    rough = np.sum(bends**2, axis=0)
-    best, second = np.argsort(rough, kind="stable")[:2]
-    if rough[second] - rough[best] < DECISIVE * rough[best] / len(bends):
-        return suspicion
-    return Suspicion(rows=suspicion.rows[[best]], error_um=suspicion.error_um[[best]])
-
-
-def _second_differences(columns: Columns, axis: int, component: int, unknowns: Vector) -> Vector:
-    values = np.vstack([np.zeros((1, unknowns.shape[1])), unknowns[columns.of(0, axis, component)]])
-    bends: Vector = np.diff(values, n=2, axis=0)
-    return bends
+    rough = roughness(columns, np.column_stack([fit.unknowns, *(one.without for one in every)]))
+    smoother = rough[0] - rough[1:]
+    likelihood = np.array([one.statistic - one.unusual for one in every]) + smoother
+    order = np.argsort(-likelihood, kind="stable")
+    best = int(order[0])
+    if every[best].statistic < every[best].critical and likelihood[best] < CRITICAL_OF_BOTH:
+        return None
+    equal = [int(place) for place in order if likelihood[place] > likelihood[best] - AS_GOOD]
+    return Suspicion(hypotheses=[every[place] for place in equal], smoother=float(smoother[best]))
 
 
 def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
-    """Return the weights with the one wrong row left out, or with every possible one as uncertain as the contradiction is large."""
+    """Return the weights without the one wrong stop, or with every possible one as uncertain as the contradiction is large."""
     lowered = weight.copy()
-    if len(suspicion.rows) == 1:
-        lowered[suspicion.rows] = 0.0
-    else:
-        lowered[suspicion.rows] = 1.0 / (1.0 / weight[suspicion.rows] + suspicion.error_um**2)
+    for one in suspicion.hypotheses:
+        if one.kind == STOP:
+            lowered[one.named] = 0.0 if suspicion.decided else 1.0 / (1.0 / weight[one.named] + one.size**2)
     return lowered
 
 
+def effects_for(layout: Layout, suspicion: Suspicion) -> list[Effect]:
+    """Return what the adjustment has to leave open from now on: a decided cause entirely, a possible one by its size."""
+    text = name_suspicion(layout, suspicion).text
+    if suspicion.wander is not None:
+        return [Effect(name="wandering pass", text=text, pattern_um=suspicion.wander.pattern(len(layout)))]
+    found = [one for one in suspicion.hypotheses if one.kind != STOP]
+    sizes = [one.free if suspicion.decided else abs(one.size) for one in found]
+    return [
+        Effect(name=f"found {one.kind}", text=text, pattern_um=size * one.on(len(layout))[:, None])
+        for one, size in zip(found, sizes, strict=True)
+    ]
+
+
+def trial_of(layout: Layout, suspicion: Suspicion) -> Effect:
+    """Return the likeliest explanation as an effect of which nothing is known beforehand."""
+    if suspicion.wander is not None:
+        return effects_for(layout, suspicion)[0]
+    best = suspicion.hypotheses[0]
+    return Effect(name="suspicion", text="", pattern_um=best.free * best.on(len(layout))[:, None])
+
+
 def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
-    """Return the finding that names the stops."""
-    stops = [f"{layout.place(int(row))} ({error:+.3g} um)" for row, error in zip(suspicion.rows, suspicion.error_um, strict=True)]
-    if len(stops) == 1:
-        text = f"{stops[0]} contradicts the other readings and is left out; repeat the pass if its neighbours matter"
-        return Finding(code="stop-outlier", severity="warning", text=text)
-    text = f"one of these stops is wrong, the data do not say which, and all count little: {', '.join(stops)}; repeat one of these passes"
-    return Finding(code="stop-outlier-ambiguous", severity="warning", text=text)
+    """Return the finding that names what was found."""
+    if suspicion.wander is not None:
+        return _name_wander(layout, suspicion.wander)
+    if suspicion.decided:
+        return _name_decided(layout, suspicion.hypotheses[0])
+    kinds = {one.kind for one in suspicion.hypotheses}
+    named = ", ".join(_words(layout, one) for one in suspicion.hypotheses)
+    if kinds == {STOP}:
+        text = f"one of these stops is wrong, the data do not say which, and all count little: {named}; repeat one of these passes"
+        return Finding(code="stop-outlier-ambiguous", severity="warning", text=text)
+    code = "setup-scale" if kinds <= {SCALE, WARMING} else "contradiction-ambiguous"
+    text = f"one of these is wrong and the data do not say which: {named}; measure these setups again before anything is compensated"
+    return Finding(code=code, severity="error", text=text)
+
+
+def _name_decided(layout: Layout, one: Hypothesis) -> Finding:
+    words = _words(layout, one)
+    if one.kind == STOP:
+        text = f"{words} contradicts the other readings and is left out; repeat the pass if its neighbours matter"
+        return Finding(code="stop-outlier", severity="warning", text=text, size_um=one.size, **_place(layout, one.named))
+    if one.kind == STEP:
+        text = f"{words}: the laser's count jumped there; the jump is estimated and taken off; look at beam, plug and feed rate"
+        return Finding(code="count-step", severity="warning", text=text, size_um=one.size, **_place(layout, one.named))
+    if one.kind == SCALE:
+        text = f"{words} against all other setups; it is estimated and taken off: air, wavelength or temperature changed"
+        return Finding(code="setup-scale-off", severity="warning", text=text)
+    text = f"{words}; it is estimated and taken off, the scales hold for the middle of the survey: let the machine warm up"
+    return Finding(code="machine-warms", severity="warning", text=text, size_um=one.size)
+
+
+def _place(layout: Layout, row: int) -> dict[str, Any]:
+    key = layout.passes[int(layout.pass_index[row])]
+    return {"setup": key.setup, "pass_number": key.number, "stop": int(layout.stop[row])}
+
+
+def _words(layout: Layout, one: Hypothesis) -> str:
+    if one.kind == STOP:
+        return f"{layout.place(one.named)} ({one.size:+.3g} um)"
+    if one.kind == STEP:
+        return f"{layout.place(one.named)} (a step of {one.size:+.3g} um before it)"
+    if one.kind == SCALE:
+        return f"setup {layout.setups[one.named].name} (scale {one.size:+.3g} um/m)"
+    bent = ", faster and slower" if one.named else ""
+    return f"the machine grew by {one.size:+.3g} um/m during the survey (about {one.size / EXPANSION_UM_M_C:+.2g} K{bent})"
+
+
+def _name_wander(layout: Layout, wander: Wander) -> Finding:
+    """Return the finding on a pass that wanders: another drive of the same setup outweighs it, else the survey is not to be used."""
+    first, last = (int(wander.rows[place]) for place in (0, -1))
+    setup = layout.setups[int(layout.setup_index[first])].name
+    passes = dict.fromkeys(str(layout.passes[int(number)]) for number in layout.pass_index[wander.rows])
+    again = _driven_again(layout, wander.rows)
+    size = wander.step_um * np.sqrt(len(wander.rows) - 1)
+    stops = f"stops {layout.stop[first]} to {layout.stop[last]}"
+    text = f"{' and '.join(passes)} wanders by about {size:.2g} um against the other readings, {stops}"
+    if again:
+        return Finding(code="pass-wanders", severity="warning", text=f"{text}; it counts little, setup {setup} was driven again")
+    return Finding(code="pass-wanders", severity="error", text=f"{text}; nothing else checks it: drive setup {setup} again")
+
+
+def _driven_again(layout: Layout, rows: NDArray[np.int64]) -> bool:
+    """Tell whether the setup has another pass in the same direction on another count."""
+    mine: set[PassKey] = {layout.passes[int(number)] for number in layout.pass_index[rows]}
+    others = [key for key in layout.passes if key not in mine]
+    return all(any(key.setup == other.setup and key.outward == other.outward for other in others) for key in mine)
 
 
 def name_excess(count: int) -> Finding:

@@ -72,3 +72,9 @@ def _slope(here: MixedFit, member: Vector, noise: float) -> tuple[Vector, Vector
     gradient = member.T @ (scaled**2 - np.diag(told))
     information = 2.0 * member.T @ (told**2) @ member
     return gradient, information
+
+
+def surprise(found: MixedFit, sizes: Sizes) -> float:
+    """Return twice the negative logarithm of the restricted likelihood, up to a constant of the rows, with the sizes as they are."""
+    log_damped = -2.0 * float(np.sum(np.log(np.diag(found.damped_root))))
+    return found.freedom * float(np.log(sizes.noise)) + found.chi_square / sizes.noise + log_damped

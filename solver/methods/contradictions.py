@@ -2,7 +2,7 @@
 
 Chi-square is held against its expectation: noise, repeatability, drift and wander as usual, and angular functions as large as the
 closure of the readings says are in its weights, so that it is the degrees of freedom.
-Ten times that is no machine but a mistake: it must not be exported before somebody has looked.
+Three times that is no machine but a mistake: it must not be exported before somebody has looked.
 """
 
 from typing import Any
@@ -16,19 +16,21 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.linear.fit import fit
 
 FAR = 10.0
-"""So many times the expectation, or the usual limit, stops an export."""
+"""So many times the usual limit stops an export."""
+REFUSED = 3.0
+"""So many times the expectation of chi-square stops it, after every hypothesis has been looked at (`solver.adjustment.robustness`)."""
 ONE_STOP = 0.5
 """A stop that makes so much of its pass's contradiction is at fault itself."""
 
 
 def contradictions(found: Adjustment, reports: dict[str, dict[str, Any]]) -> list[Finding]:
-    """Return an error for each contradiction that is ten times what is usual, with the setup, pass and stop most probably at fault."""
+    """Return an error for each contradiction that is far beyond what is usual, with the setup, pass and stop most probably at fault."""
     return _chi_square(found) or [each for name, report in reports.items() for each in _of_setup(name, report)]
 
 
 def _chi_square(found: Adjustment) -> list[Finding]:
     chi_square, expected = found.chi_square, float(found.fit.freedom)
-    if found.fit.freedom < 1 or chi_square <= FAR * expected:
+    if found.fit.freedom < 1 or chi_square <= REFUSED * expected:
         return []
     setup, number, stop = _most_probable(found)
     place = f"pass {number} of {setup}" if stop is None else f"stop {stop} of pass {number} of {setup}"

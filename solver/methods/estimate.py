@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
-from stepdiag.solver.adjustment.diagnostics import closure_report, inflation, setup_findings, setup_reports
+from stepdiag.solver.adjustment.diagnostics import closure_report, inflation, scale_misclosure, setup_findings, setup_reports
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
@@ -259,6 +259,9 @@ def _extra(done: Estimate) -> dict[str, Any]:
     extra: dict[str, Any] = {"fit": fit}
     if number is not None:
         extra["scale_sum_um"] = {"value": number[0], "u": number[1]}
+    misclosed = scale_misclosure(found)
+    if misclosed is not None:
+        extra["scale_misclosure_um"] = {"value": misclosed[0], "u": misclosed[1]}
     numbers = backlash_numbers(done)
     if numbers:
         extra["backlash"] = numbers

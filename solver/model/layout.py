@@ -26,7 +26,7 @@ class Layout:
     the mirror (theory 4.3), ``approach`` the sign in which every axis travels in the pass, ``deviation_um`` the reading minus its nominal
     value. Readings of one ``zero_index`` share the zero of the laser's count; of them, an outward pass and its return have one
     ``offset_index``: what they do not explain together is reversal or drift. ``clock`` counts the drift within an out-and-back pair: hours
-    where ``timed`` (every stop has a stamp), else stops.
+    where ``timed`` (every stop has a stamp), else stops; ``hours`` are the stamps themselves, NaN where there are none.
     """
 
     source: str
@@ -48,6 +48,7 @@ class Layout:
     u_um: Vector
     clock: Vector
     timed: NDArray[np.bool_]
+    hours: Vector
     findings: tuple[Finding, ...] = ()
 
     def __len__(self) -> int:
@@ -86,7 +87,7 @@ class Layout:
 
 _COLUMNS = (
     "setup_index", "pass_index", "zero_index", "offset_index", "stop", "position_mm", "direction", "beam_mm", "spot_mm", "approach",
-    "reading_mm", "deviation_um", "u_um", "clock", "timed",
+    "reading_mm", "deviation_um", "u_um", "clock", "timed", "hours",
 )  # fmt: skip
 
 
@@ -190,6 +191,7 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
         u_um=readings.u_um[order],
         clock=clock,
         timed=timed,
+        hours=readings.time_s[order] / 3600.0,
     )
 
 

@@ -60,17 +60,21 @@ def test_five_millimetres_on_four_diagonals_alone_are_found_and_harmless():
         assert largest < 2.0
 
 
-def test_a_stop_that_two_diagonals_could_have_wrong_costs_weight_and_is_said():
+def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_of_several():
+    """One pass of four diagonals: smoothness decides, and where it does not, every candidate is said."""
     readings, before = CLEAN[DIAGONALS]
-    codes = []
-    for row in range(4, 120, 6):
+    named = 0
+    for row in range(4, 120, 12):
         after = solve(spoiled(readings, row, 4.0))
-        found = [finding for finding in after.findings if finding.code == "stop-outlier-ambiguous"]
-        codes += [finding.code for finding in found]
-        for finding in found:
-            assert "repeat one of these passes" in finding.text
-            assert moved(before, after)[0] < 1.0
-    assert codes
+        texts = [
+            finding.text
+            for finding in after.findings
+            if finding.code in ("stop-outlier", "stop-outlier-ambiguous", "contradiction-ambiguous")
+        ]
+        assert not texts or any(name_of(readings, row) in text for text in texts)
+        named += bool(texts)
+        assert moved(before, after)[0] < 1.0
+    assert named >= 8
 
 
 def test_a_wrong_first_stop_is_named_although_all_others_are_relative_to_it():
@@ -106,5 +110,5 @@ def test_a_setup_that_went_wrong_as_a_whole_is_not_mended_stop_by_stop():
     wrong = np.array(readings.setup) == "npp"
     noise = np.random.default_rng(0).normal(scale=0.03, size=len(readings))
     after = solve(replace(readings, reading_mm=readings.reading_mm + np.where(wrong, noise, 0.0)))
-    codes = {finding.code for finding in after.findings}
-    assert codes & {"too-many-outliers", "chi-square-high"}
+    errors = [finding.text for finding in after.findings if finding.severity == "error"]
+    assert any("npp" in text for text in errors)

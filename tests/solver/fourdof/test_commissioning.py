@@ -50,13 +50,13 @@ def test_noise_of_the_drift_detector_does_not_shorten_the_lever():
     """A wobble of 42 urad rms and 10 urad of PSD1 noise: least squares would find a lever 5 % short, of every distance."""
     found = []
     for seed in range(40):
-        one = standstill(1000.0, noise_um=0.5)
+        one = standstill(1000.0)
         noise = np.random.default_rng(seed).normal(0, 10.0, len(one.psd1_urad))
         lever = signs_and_lever([Standstill(travel_mm=1000.0, qd_um=one.qd_um, psd1_urad=one.psd1_urad + noise, psd2_urad=one.psd2_urad)])
         found.append((lever.lever_mm[0], lever.u_lever_mm[0]))
     values, u = np.array(found).T
     assert np.mean(values) == pytest.approx(1350.0, rel=0.02)
-    assert np.std(values) == pytest.approx(np.mean(u), rel=0.35)
+    assert np.std(values) == pytest.approx(np.mean(u), rel=0.5)
 
 
 def test_one_distance_assumes_that_the_lever_grows_with_the_travel():

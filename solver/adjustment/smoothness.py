@@ -1,0 +1,47 @@
+"""How rough the machine is that an explanation leaves: a guideway bends, it does not jump from one target to the next."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.model.design import Columns
+
+FUNCTIONS = 9
+LEAST_POWER_UM2 = 1e-8
+"""Functions without any noise (simulated) must not make an infinite likelihood."""
+
+
+def roughness(columns: Columns, unknowns: Vector) -> Vector:
+    """Return twice the negative log-likelihood of the nine displacement functions as smooth ones, shape (k,) for ``unknowns`` (count, k).
+
+    Their half waves over the travel are normal with a power that falls, or stays, with their number, as far as the functions
+    themselves show (isotonic maximum likelihood): a jump at one target puts as much into the shortest waves as into the long ones.
+    """
+    waves = columns.nodes - 1
+    if waves < 2:
+        return np.zeros(unknowns.shape[1])
+    number = np.arange(1, columns.nodes)
+    transform = np.sin(np.pi * np.outer(number, number) / columns.nodes) * 2.0 / columns.nodes
+    power = np.zeros((waves, unknowns.shape[1]))
+    for axis in range(3):
+        for component in range(3):
+            values = unknowns[columns.of(0, axis, component)]
+            shape = values[:-1] - values[-1] * (number / columns.nodes)[:, None]
+            power += (transform @ shape) ** 2 / FUNCTIONS
+    power = np.maximum(power, LEAST_POWER_UM2)
+    falling = np.column_stack([_falling(column) for column in power.T])
+    likelihood: Vector = FUNCTIONS * np.sum(np.log(falling) + power / falling, axis=0)
+    return likelihood
+
+
+def _falling(power: Vector) -> Vector:
+    """Return the nearest sequence that nowhere rises (pool adjacent violators: the maximum likelihood of falling variances)."""
+    pooled: list[tuple[float, int]] = []
+    for value in power.tolist():
+        mean, count = value, 1
+        while pooled and pooled[-1][0] < mean:
+            before, length = pooled.pop()
+            mean, count = (before * length + mean * count) / (length + count), length + count
+        pooled.append((mean, count))
+    counts: NDArray[np.int64] = np.array([count for _, count in pooled])
+    return np.repeat(np.array([mean for mean, _ in pooled]), counts)

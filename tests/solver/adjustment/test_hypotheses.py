@@ -1,0 +1,161 @@
+"""One bad pass is found, named and repaired, or refused: steps of the count, scales, warming, wander, against the exact machine."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.adjustment.adjustment import adjust
+from stepdiag.solver.adjustment.diagnostics import scale_misclosure, setup_findings, setup_reports
+from stepdiag.solver.adjustment.hypotheses import tell
+from stepdiag.solver.adjustment.smoothness import roughness
+from stepdiag.solver.methods.contradictions import contradictions
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.model.quantities import quantities, volumetric_weight
+from testkit.surveys import DIAGONALS, LINEAR, Bench
+
+FULL = (*DIAGONALS, *LINEAR)
+
+
+def remaining_um(bench, found):
+    """Return the root mean square over the volume of estimate minus truth, rigid motion not counted."""
+    wanted = quantities(found.design.columns, found.layout.volume)
+    truth, share, true = bench.truth, np.arange(bench.increments + 1) / bench.increments, []
+    for name, node in zip(wanted.names, wanted.node, strict=True):
+        if name in truth.errors:
+            values = truth.errors[name] - truth.errors[name][0]
+            true.append((values - values[-1] * share)[node])
+        else:
+            true.append({**truth.squareness_urad, **truth.scale_um_m}[name])
+    off = wanted.combination.times(found.fit.unknowns) - np.array(true)
+    return float(np.sqrt(off @ volumetric_weight(wanted, found.layout.volume, bench.chain) @ off))
+
+
+def adjusted(readings):
+    return adjust(lay_out(readings), "FXYZ")
+
+
+def stepped(readings, size_um, seed):
+    """Return the readings with a step of the count before a stop drawn at random, and the words that name it."""
+    rng = np.random.default_rng(seed)
+    passes = list(readings.passes().items())
+    key, rows = passes[rng.integers(len(passes))]
+    stop = int(rng.integers(2, len(rows) - 1))
+    later = list(rows[stop:])
+    for other, its in passes:
+        if readings.zero[rows[0]] >= 0 and other.setup == key.setup and other.number > key.number:
+            later += list(its)
+    reading = readings.reading_mm.copy()
+    reading[later] += size_um * 1e-3
+    return replace(readings, reading_mm=reading), f"{key}, stop {stop} "
+
+
+def codes_of(found):
+    return {finding.code for finding in found.findings}
+
+
+@pytest.mark.parametrize("size_um", [5.0, 20.0, -200.0])
+@pytest.mark.parametrize("how", [{}, {"passes": (1, 2), "joined": True}], ids=["one-way", "out-and-back"])
+def test_a_step_of_the_count_is_named_and_costs_nothing(how, size_um):
+    squares = []
+    for seed in range(3):
+        bench = Bench(seed=seed)
+        clean = bench.survey(**how)
+        spoiled, name = stepped(clean, size_um, seed)
+        found = adjusted(spoiled)
+        (finding,) = found.findings
+        assert (finding.code, finding.severity) == ("count-step", "warning")
+        assert name in finding.text
+        assert finding.size_um == pytest.approx(size_um, abs=3.0)
+        squares.append((remaining_um(bench, adjusted(clean)), remaining_um(bench, found)))
+    before, after = np.sqrt(np.mean(np.square(squares), axis=0))
+    assert after < 1.2 * before
+
+
+def test_a_step_too_small_to_prove_does_little_or_is_refused():
+    """2 um, about three times what the residuals know of a step: pooled over four surveys."""
+    squares = []
+    for seed in (0, 1, 2, 5):
+        bench = Bench(seed=seed)
+        found = adjusted(stepped(bench.survey(), 2.0, seed)[0])
+        if not any(finding.severity == "error" for finding in found.findings):
+            squares.append((remaining_um(bench, adjusted(bench.survey())), remaining_um(bench, found)))
+    before, after = np.sqrt(np.mean(np.square(squares), axis=0))
+    assert after < 1.4 * before
+
+
+@pytest.mark.parametrize("angle_urad", [0.0, 20.0])
+def test_good_surveys_are_left_alone(angle_urad):
+    for seed in range(20, 24):
+        assert not codes_of(adjusted(Bench(seed=seed, angle_urad=angle_urad).survey()))
+
+
+def warmed(readings, um_m):
+    """Return the readings of a machine whose axes grow evenly by ``um_m`` from the first stop of the survey to the last."""
+    ordered = readings.select(np.concatenate(list(readings.passes().values())))
+    layout = lay_out(ordered)
+    grown_um_m = (ordered.time_s - ordered.time_s.min()) / np.ptp(ordered.time_s) * um_m
+    along_m = 1e-3 * np.sum((layout.position_mm - layout.volume.origin_mm) * layout.direction, axis=1)
+    return replace(ordered, reading_mm=ordered.reading_mm + 1e-3 * along_m * grown_um_m)
+
+
+def test_a_machine_that_warms_is_told_from_bad_stops():
+    """2 K over the survey, 24 um/m: one finding with the growth, no stop blamed."""
+    for seed in range(2):
+        (finding,) = adjusted(warmed(Bench(seed=seed).survey(), 24.0)).findings
+        assert finding.code == "machine-warms"
+        assert 20.0 < finding.size_um < 28.0
+
+
+def test_the_scale_misclosure_is_reported_with_its_uncertainty():
+    """All diagonals 20 um/m too long: 14 um on a diagonal of 0.707 m."""
+    readings = Bench(seed=1).survey()
+    longer = np.where([name in DIAGONALS for name in readings.setup], 1 + 20e-6, 1.0)
+    apart, u = scale_misclosure(adjusted(readings))
+    assert abs(apart) < 3 * u
+    wrong = adjusted(replace(readings, reading_mm=readings.reading_mm * longer))
+    value, u = scale_misclosure(wrong)
+    said = codes_of(wrong) | {finding.code for finding in setup_findings(wrong, setup_reports(wrong))}
+    assert abs(value - 14.1) < 3 * u or "setup-scale" in said
+
+
+def test_without_linear_runs_there_is_no_misclosure():
+    assert scale_misclosure(adjusted(Bench(seed=1).survey(DIAGONALS))) is None
+
+
+def test_readings_that_contradict_each_other_beyond_all_hypotheses_are_refused():
+    readings = Bench(seed=1).survey()
+    noise = np.random.default_rng(0).normal(scale=0.02, size=len(readings))
+    found = adjusted(replace(readings, reading_mm=readings.reading_mm + noise))
+    findings = [*found.findings, *contradictions(found, setup_reports(found))]
+    assert any(finding.severity == "error" for finding in findings)
+
+
+def test_a_hypothesis_is_the_least_squares_fit_with_one_more_unknown():
+    """The short cut against the long way: generalised least squares with the pattern as a further column, all matrices written out."""
+    found = adjusted(Bench(seed=1, increments=3).survey())
+    fit, rows = found.fit, np.flatnonzero(found.layout.pass_index == 0)
+    pattern = np.tril(np.ones((len(rows), len(rows))))[:, 4:6]
+    whole = np.zeros((len(fit.rows), 2))
+    whole[rows] = pattern
+    covariance = np.diag(1.0 / fit.weight) + (fit.causes.pattern * fit.size**2) @ fit.causes.pattern.T
+    root = np.linalg.inv(np.linalg.cholesky(covariance))
+    target = fit.fixed.residual  # what the fixed unknowns leave out changes nothing in what is left for the pattern
+    told = tell(fit, rows, pattern)
+    for place in range(2):
+        columns = root @ np.column_stack([fit.rows.dense(), whole[:, place]])
+        inverse = np.linalg.pinv(columns.T @ columns)
+        assert told.size[place] == pytest.approx((inverse @ columns.T @ root @ target)[-1], rel=1e-6, abs=1e-9)
+        assert 1.0 / told.seen[place, place] == pytest.approx(inverse[-1, -1], rel=1e-6)
+
+
+def test_a_jump_is_rougher_than_a_bend():
+    columns = adjusted(Bench(seed=1).survey()).design.columns
+    share = np.arange(1, 11) / 10
+    unknowns = np.zeros((columns.count, 2))
+    for axis in range(3):
+        for component in range(3):
+            unknowns[columns.of(0, axis, component)] = (3.0 * np.sin(np.pi * share))[:, None]
+    unknowns[columns.of(0, 0, 1), 1] += np.where(share > 0.45, 3.0, 0.0)
+    bend, jump = roughness(columns, unknowns)
+    assert jump > bend + 12.0
