@@ -155,7 +155,7 @@ class Pass:
         still = self.open_doubts()
         if not still:
             return ""
-        if still[0].code == "count-slip":
+        if still[0].code == "count-slip" or still[0] in self.suspected:
             return f"{still[0].text}: drive the pass again, or accept it"
         named = {each.stop for each in still}
         doubted = [

@@ -266,7 +266,8 @@ class Daemon:
         if solved or begun or working.shown.folder != folder:
             return
         working.session = self._session(working.recorder, working.shown.as_round(verdicts_in(folder)), armed=False)
-        working.session.unsolved = working.session.unsolved or working.finisher.message
+        if not working.session.book.doubts():
+            working.session.unsolved = working.session.unsolved or working.finisher.message
         working.shown = working.session
         self._verdicts_mark = (folder, *mark_of(folder))
 

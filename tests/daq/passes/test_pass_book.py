@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.daq.passes.doubt import Doubt, acceptance_of
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
 from testkit.captured import stops_of
@@ -135,3 +136,21 @@ def test_the_journal_hears_reading_and_deviation_of_every_stop():
     assert passes.last_stop(off) == 9
     assert passes.deviation(off) == (pytest.approx(off.reading_mm - first.reading_mm), pytest.approx(5.0))
     assert passes.deviation(msgspec.structs.replace(last, reading_mm=None)) == (None, None)
+
+
+@pytest.mark.parametrize("stop", [None, 4])
+def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_or_accepted(stop):
+    """Said in words wherever a doubt is, whether it names a stop or the pass as a whole."""
+    passes = book()
+    passes.add_all(stops_of())
+    taken_ns = max(each.window_from_ns for each in stops_of()) if stop is None else stop
+    doubt = Doubt(setup="ppp", pass_number=1, stop=stop, code="chi-square-far", text="contradicts the others", taken_ns=taken_ns)
+    passes.suspect([doubt])
+    (only,) = passes.passes
+    assert passes.doubts() == (doubt,)
+    assert not passes.complete()
+    assert passes.whole()
+    assert only.why_incomplete() == "contradicts the others: drive the pass again, or accept it"
+    passes.accept(acceptance_of(doubt, reason="known", name="Kim", time_s=1.0))
+    assert passes.complete()
+    assert [word.name for _, word in passes.accepted()] == ["Kim"]
