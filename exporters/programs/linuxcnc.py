@@ -25,6 +25,7 @@ class LinuxCNC(Dialect):
     needs = (
         "hal: motion.analog-out-00 setup, motion.analog-out-01 stop counter, motion.digital-out-00 stopped",
         "hal: motion.analog-in-00 captured, only with handshake",
+        "stepdiag.hal beside this program serves them over modbus",
     )
 
     def file_name(self, job: Job) -> str:

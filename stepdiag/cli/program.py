@@ -20,29 +20,35 @@ def program(
 ) -> None:
     """Write the NC programs that drive a survey.
 
-    One for each setup, with stops, dwells and the signals to the PLC.
+    One for each setup, with stops, dwells and the signals to the PLC; for LinuxCNC also the HAL component that serves them over Modbus.
     """
     from stepdiag.daemon.driving import sequence_of
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.writing import write_all
     from stepdiag.exporters.profiles.file import read_profile_text
-    from stepdiag.exporters.programs import default_signals, nc_programs
+    from stepdiag.exporters.programs import companion_files, default_signals, nc_programs
     from stepdiag.exporters.programs.settings import program_section, travel_in
 
-    sequence = sequence_of(load_survey(file))
+    survey = load_survey(file)
+    sequence = sequence_of(survey)
     defaults = default_signals(controller)
     text, source = ("", "") if profile is None else (read_profile_text(profile), profile.name)
     section = program_section(text, source, controller)
     signals, travel = section.signals(defaults), travel_in(text, source)
     programs = nc_programs(sequence, controller, signals=signals, decimals=section.decimals, travel_mm=travel)
-    write_all(out, [ControlFile(name=each.name, data=each.data, role="program") for each in programs])
+    beside = companion_files(controller, survey.plc.host, survey.plc.port)
+    write_all(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
     written = [{"setup": each.setup, "file": str(out / each.name)} for each in programs]
     if as_json:
         import json
 
-        typer.echo(json.dumps({"controller": controller, "programs": written}, indent=2))
+        typer.echo(
+            json.dumps({"controller": controller, "programs": written, "beside": [str(out / each.name) for each in beside]}, indent=2)
+        )
         return
     for each in written:
         typer.echo(f"{each['setup']:<12}{each['file']}")
+    if beside:
+        typer.echo(f"for the control: {', '.join(each.name for each in beside)}: copy both beside its INI file and add the HALFILE")
     typer.echo("First run of each program: single block, feed override low, hand on feed hold. Each begins with what the PLC must offer.")

@@ -2,7 +2,7 @@
 """The DISPLAY program of the LinuxCNC rig: an operator without a screen, run by the control with the system's Python.
 
 It switches the machine on, homes it, and then speaks JSON lines over the Unix socket named in STEPDIAG_RIG: out goes
-the control's state, as often as a fast PLC would look; in come ``{"run": program}``, ``{"captured": count}`` and
+the control's state, as often as a fast PLC would look; in come ``{"run": program}``, ``{"set": [pin, value]}`` and
 ``{"quit": true}``. It presses cycle start wherever a program halts.
 """
 
@@ -17,28 +17,24 @@ import hal
 import linuxcnc
 
 PERIOD_S = 0.004
-PINS = {
-    **{f"motor-{joint}": f"joint.{joint}.motor-pos-cmd" for joint in range(3)},
-    **{f"commanded-{joint}": f"joint.{joint}.pos-cmd" for joint in range(3)},
-    "setup": "motion.analog-out-00",
-    "count": "motion.analog-out-01",
-}
-BITS = {"stopped": "motion.digital-out-00", "in-position": "motion.in-position"}
+MOTORS = [f"motor-{joint}" for joint in range(3)]
+SIGNALS = {"setup": "setup", "count": "count", **{f"commanded-{n}": f"position-{axis}" for n, axis in enumerate("xyz")}}
+"""Signals of stepdiag.hal, which the product's own component reads too: the rig sees what the survey sees."""
+BITS = {"stopped": "stopped", "in-position": "in-position"}
 
 
 def wired() -> "hal.component":
     """Return a HAL component whose pins are netted to the control's own."""
     rig = hal.component("rig")
-    for pin in PINS:
+    for pin in (*MOTORS, *SIGNALS):
         rig.newpin(pin, hal.HAL_FLOAT, hal.HAL_IN)
     for pin in BITS:
         rig.newpin(pin, hal.HAL_BIT, hal.HAL_IN)
-    rig.newpin("captured", hal.HAL_FLOAT, hal.HAL_OUT)
     rig.ready()
-    for pin, source in {**PINS, **BITS}.items():
-        net = f"motor-{pin[-1]}" if pin.startswith("motor") else f"rig-{pin}"
-        subprocess.run(["halcmd", "net", net, source, "=>", f"rig.{pin}"], check=True)
-    subprocess.run(["halcmd", "net", "rig-captured", "rig.captured", "=>", "motion.analog-in-00"], check=True)
+    for pin in MOTORS:
+        subprocess.run(["halcmd", "net", pin, f"rig.{pin}"], check=True)
+    for pin, signal in {**SIGNALS, **BITS}.items():
+        subprocess.run(["halcmd", "net", f"stepdiag-{signal}", f"rig.{pin}"], check=True)
     return rig
 
 
@@ -56,14 +52,14 @@ def switched_on(command: "linuxcnc.command", status: "linuxcnc.stat") -> None:
     command.wait_complete()
 
 
-def obey(order: dict, rig: "hal.component", command: "linuxcnc.command") -> bool:
+def obey(order: dict, command: "linuxcnc.command") -> bool:
     """Carry out one order; return False for the last one."""
     if "run" in order:
         command.program_open(order["run"])
         command.wait_complete()
         command.auto(linuxcnc.AUTO_RUN, 0)  # not waited for: the state must go on being told
-    if "captured" in order:
-        rig["captured"] = float(order["captured"])
+    if "set" in order:
+        subprocess.run(["halcmd", "setp", *order["set"]], check=True)
     return "quit" not in order
 
 
@@ -72,7 +68,7 @@ def state_of(rig: "hal.component", status: "linuxcnc.stat", started: int) -> dic
     now = time.monotonic_ns()
     return {
         "time_ns": now,
-        "motor_mm": [rig[f"motor-{joint}"] for joint in range(3)],
+        "motor_mm": [rig[pin] for pin in MOTORS],
         "commanded_mm": [rig[f"commanded-{joint}"] for joint in range(3)],
         "setup": round(rig["setup"]),
         "count": round(rig["count"]),
@@ -101,7 +97,7 @@ def serve(link: socket.socket, rig: "hal.component", command: "linuxcnc.command"
         *orders, received = received.split(b"\n")
         for order in map(json.loads, orders):
             started += "run" in order
-            if not obey(order, rig, command):
+            if not obey(order, command):
                 return
         time.sleep(PERIOD_S)
 

@@ -18,7 +18,9 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
-PACKAGE = "linuxcnc-uspace"
+from stepdiag.exporters.programs import companion_files
+
+PACKAGES = ("linuxcnc-uspace", "linuxcnc-uspace-dev", "gcc", "libc6-dev")
 BRIDGE = Path(__file__).with_name("linuxcnc_bridge.py")
 ORDINARY_UID = 65534
 
@@ -43,8 +45,9 @@ CYCLE_TIME = 0.05
 TOOL_TABLE = rig.tbl
 [HAL]
 HALFILE = rig.hal
-[KINS]
-KINEMATICS = trivkins coordinates=XYZ
+HALFILE = stepdiag.hal
+{halfiles}[KINS]
+KINEMATICS = {kinematics}
 JOINTS = 3
 [TRAJ]
 COORDINATES = XYZ
@@ -105,7 +108,9 @@ class State:
 class Control:
     """A running LinuxCNC. ``on_state`` is called with every state, in the thread that reads them."""
 
-    def __init__(self, link: socket.socket, folder: Path) -> None:
+    def __init__(self, link: socket.socket, folder: Path, plc_port: int) -> None:
+        self.plc_port = plc_port
+        """Where the product's own component serves the register block, on loopback."""
         self._link = link
         self._folder = folder
         self._changed = threading.Condition()
@@ -138,9 +143,9 @@ class Control:
         self.wait_for(lambda state: state.started > before and state.running)
         self.wait_for(lambda state: not state.running, timeout_s)
 
-    def captured(self, count: int) -> None:
-        """Show the control that a stop has been captured (handshake)."""
-        self._order({"captured": count})
+    def set(self, pin: str, value: str) -> None:
+        """Set a HAL pin, as a person does at ``halcmd``."""
+        self._order({"set": [pin, value]})
 
     def quit(self) -> None:
         """Let the operator leave; the control shuts down behind him."""
@@ -176,34 +181,52 @@ class Control:
 
 
 @contextmanager
-def linuxcnc(comp_files: Mapping[str, bytes] | None = None, *, backlash_mm: Mapping[str, float] | None = None) -> Iterator[Control]:
-    """Run LinuxCNC with the machine switched on and homed; COMP_FILEs (type 0) and BACKLASH of the joints by axis letter.
+def linuxcnc(
+    comp_files: Mapping[str, bytes] | None = None,
+    kinematics: Mapping[str, bytes] | None = None,
+    *,
+    backlash_mm: Mapping[str, float] | None = None,
+) -> Iterator[Control]:
+    """Run LinuxCNC with the machine switched on and homed, and the product's component that serves its signals.
 
-    Installs the Debian package where it is missing. Raises AssertionError where it cannot be had or does not start.
+    ``comp_files`` are COMP_FILEs (type 0) and ``backlash_mm`` the BACKLASH of the joints, by axis letter; ``kinematics`` are the files of an
+    export of the kinematics component, which is built and loaded as its report says. Installs the Debian packages where they are missing.
+    Raises AssertionError where they cannot be had or the control does not start.
     """
     installed()
     with _alone(), tempfile.TemporaryDirectory(prefix="stepdiag-linuxcnc-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        _configured(folder, comp_files or {}, backlash_mm or {})
+        plc_port = _free_port()
+        _configured(folder, comp_files or {}, kinematics or {}, backlash_mm or {}, plc_port)
         with socket.socket(socket.AF_UNIX) as door:
             door.bind(str(folder / "rig.socket"))
             (folder / "rig.socket").chmod(0o666)
             door.listen(1)
             door.settimeout(60.0)
-            yield from _running(folder, door)
+            yield from _running(folder, door, plc_port)
 
 
 def installed() -> None:
     """Install LinuxCNC if it is missing. Raises AssertionError where that fails: the test of the real control is never skipped."""
-    if shutil.which("linuxcnc"):
+    if shutil.which("linuxcnc") and shutil.which("halcompile"):
         return
+    told = ""
+    for arguments in (["update", "-q"], ["install", "-y", "-q", "--no-install-recommends", *PACKAGES]):
+        told = _as_root(["apt-get", *arguments]).stderr[-2000:]
+    assert shutil.which("halcompile"), (
+        f"the Debian packages {', '.join(PACKAGES)} cannot be installed, so the control is not tested: {told}"
+    )
+
+
+def _as_root(command: list[str], folder: Path | None = None) -> subprocess.CompletedProcess[str]:
     as_root = [] if os.geteuid() == 0 else ["sudo", "-n"]
     quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    told = ""
-    for arguments in (["update", "-q"], ["install", "-y", "-q", "--no-install-recommends", PACKAGE]):
-        done = subprocess.run([*as_root, "apt-get", *arguments], env=quiet, capture_output=True, text=True, check=False)
-        told = done.stderr[-2000:]
-    assert shutil.which("linuxcnc"), f"the Debian package {PACKAGE} cannot be installed, so the control is not tested: {told}"
+    return subprocess.run([*as_root, *command], env=quiet, capture_output=True, text=True, check=False, cwd=folder)
+
+
+def _free_port() -> int:
+    with socket.create_server(("127.0.0.1", 0)) as door:
+        return int(door.getsockname()[1])
 
 
 @contextmanager
@@ -214,10 +237,17 @@ def _alone() -> Iterator[None]:
         yield
 
 
-def _configured(folder: Path, comp_files: Mapping[str, bytes], backlash_mm: Mapping[str, float]) -> None:
+def _configured(
+    folder: Path, comp_files: Mapping[str, bytes], kinematics: Mapping[str, bytes], backlash_mm: Mapping[str, float], plc_port: int
+) -> None:
     """Write the configuration; the folder is open to the ordinary user as whom LinuxCNC's real-time part runs."""
     folder.chmod(0o777)
-    ini = INI.format(folder=folder)
+    for file in companion_files("linuxcnc", "127.0.0.1", plc_port):
+        (folder / file.name).write_bytes(file.data)
+    for name, data in kinematics.items():
+        (folder / name).write_bytes(data)
+    line, halfiles = _kinematics_lines(folder) if kinematics else ("trivkins coordinates=XYZ", "")
+    ini = INI.format(folder=folder, kinematics=line, halfiles=halfiles)
     for joint, axis in enumerate("XYZ"):
         ini += INI_AXIS.format(axis=axis, joint=joint)
         if axis in backlash_mm:
@@ -232,7 +262,15 @@ def _configured(folder: Path, comp_files: Mapping[str, bytes], backlash_mm: Mapp
     (folder / "bridge.py").chmod(0o755)
 
 
-def _running(folder: Path, door: socket.socket) -> Iterator[Control]:
+def _kinematics_lines(folder: Path) -> tuple[str, str]:
+    """Build the component as the export's report says, and return what its ini_lines.txt gives: KINEMATICS, and the HALFILE line."""
+    built = _as_root(["halcompile", "--install", "stepdiagkins.c"], folder)
+    assert built.returncode == 0, built.stdout + built.stderr
+    lines = dict(line.split(" = ", 1) for line in (folder / "ini_lines.txt").read_text(encoding="ascii").splitlines() if " = " in line)
+    return lines["KINEMATICS"], f"HALFILE = {lines['HALFILE']}\n"
+
+
+def _running(folder: Path, door: socket.socket, plc_port: int) -> Iterator[Control]:
     environment = {
         "PATH": "/usr/bin:/bin:/usr/sbin:/sbin",
         "HOME": str(folder),
@@ -249,7 +287,7 @@ def _running(folder: Path, door: socket.socket) -> Iterator[Control]:
             stderr=subprocess.STDOUT, start_new_session=True,
         )  # fmt: skip
     try:
-        yield from _served(door, folder, log)
+        yield from _served(door, folder, log, plc_port)
     finally:
         try:
             process.wait(30.0)
@@ -258,13 +296,13 @@ def _running(folder: Path, door: socket.socket) -> Iterator[Control]:
             process.wait()
 
 
-def _served(door: socket.socket, folder: Path, log: Path) -> Iterator[Control]:
+def _served(door: socket.socket, folder: Path, log: Path, plc_port: int) -> Iterator[Control]:
     try:
         link, _ = door.accept()
     except TimeoutError:
         raise AssertionError(f"LinuxCNC does not start: {log.read_text(errors='replace')[-3000:]}") from None
     with link:
-        control = Control(link, folder)
+        control = Control(link, folder, plc_port)
         try:
             control.wait_for(lambda state: True)
             yield control

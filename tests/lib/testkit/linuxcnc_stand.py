@@ -1,12 +1,10 @@
-"""PLC and laser around a real control: what LinuxCNC does goes out over Modbus TCP, what its motors do moves the virtual machine.
+"""The laser beside a real control: what LinuxCNC's motors do moves the virtual machine.
 
-The contract's register block is served from the control's own state; the laser reads the exact physics of `stepdiag.virtual` at the
-control's motor positions, so a compensation that the control applies is seen as the laser of a real machine would see it.
+The laser reads the exact physics of `stepdiag.virtual` at the control's motor positions, so a compensation that the control applies is seen
+as the laser of a real machine would see it. The register block comes from the control itself, by the product's own HAL component.
 """
 
-import struct
 from collections import deque
-from collections.abc import Sequence
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -22,46 +20,13 @@ from stepdiag.virtual.instruments.laser_source import Counter, TalkingLaser
 from stepdiag.virtual.instruments.lasers import BOARDS, UmdBoard
 from stepdiag.virtual.instruments.talker import LASER_CABLE, Talker
 from stepdiag.virtual.physics.machine import Machine, Setup
-from stepdiag.virtual.plc.modbus import ILLEGAL_ADDRESS, ModbusError
-from stepdiag.virtual.plc.modbus_server import Slave, TcpSlave
 from testkit.linuxcnc_rig import Control, State
 
-CAPTURED_REGISTER = 100
 LATENCY_S = 0.1
 """The laser tells what was true so long ago: by then the control has told where its motors were."""
 REALIGNING_S = 0.3
-TURNING_MM = 1e-3
-"""What counts as a move of an axis: more than its compensation ramps while it stands."""
-HALL = (2000, 2000, 10132, 500)
-"""Material and air at 20 C, 1013.2 hPa, 50 %: what the virtual machine's own hall is."""
-
-
-class ControlPlc:
-    """The register block of contract 2, filled from the control."""
-
-    def __init__(self, control: Control) -> None:
-        self._control = control
-
-    def read(self, table: str, address: int, count: int) -> Sequence[int]:
-        """Return registers of the block as they are now."""
-        state = self._control.state
-        bits = state.stopped | state.running << 1
-        words = [state.time_ns // 400_000_000 % 65536, state.count % 65536, bits, state.setup]
-        for position in state.commanded_mm:
-            words += struct.unpack(">HH", struct.pack(">i", round(position * 1e4)))
-        words += HALL
-        if table != "holding" or address + count > len(words):
-            raise ModbusError(ILLEGAL_ADDRESS)
-        return words[address : address + count]
-
-    def write(self, table: str, address: int, values: Sequence[int]) -> None:
-        """Take ``captured``; nothing else may be written."""
-        if (table, address, len(values)) != ("holding", CAPTURED_REGISTER, 1):
-            raise ModbusError(ILLEGAL_ADDRESS)
-        self._control.captured(values[0])
-
-    def reboot(self) -> None:
-        """This PLC does not reboot."""
+TURNING_MM = 0.02
+"""What counts as a move of an axis between two looks: more than a compensation moves it while others travel."""
 
 
 class MotorReadout:
@@ -100,7 +65,7 @@ class MotorReadout:
 
 
 class Stand:
-    """Modbus TCP server and laser on a pty beside a running control; use it in a ``with`` statement."""
+    """A laser on a pty beside a running control; use it in a ``with`` statement."""
 
     def __init__(self, control: Control, machine: Machine, box: Box, folder: Path, *, noise_um: float) -> None:
         clock, faults = Clock(), FaultBoard(())
@@ -109,19 +74,12 @@ class Stand:
         counter = Counter(noise_um=noise_um, seed=7)
         laser = TalkingLaser(UmdBoard(BOARDS["umd2"]), self.readout.read, counter, clock=clock, faults=faults, latency_s=LATENCY_S)
         self.laser_port = str(line.link)
-        self._plc = TcpSlave(Slave(ControlPlc(control), unit=1, clock=clock, faults=faults))
+        self.plc_port = control.plc_port
         self._laser = Talker(line, laser, LASER_CABLE, clock=clock, faults=faults)
 
-    @property
-    def plc_port(self) -> int:
-        """Return the port of the Modbus server on loopback."""
-        return self._plc.port
-
     def __enter__(self) -> Self:
-        self._plc.start()
         self._laser.start()
         return self
 
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self._laser.close()
-        self._plc.close()
