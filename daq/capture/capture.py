@@ -15,6 +15,7 @@ from stepdiag.daq.capture.machine_remarks import Alarm, remarked
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.pass_start import PassFinder
 from stepdiag.daq.capture.pulse import Pulse
+from stepdiag.daq.capture.standstill import Standstills
 from stepdiag.daq.capture.stop import Placing, certain_window, certain_windows, unbroken_parts
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.capture.stream_findings import StreamRemarks
@@ -29,6 +30,10 @@ from stepdiag.solver.findings import Finding
 
 SAMPLES_WAIT_NS = 500_000_000
 """How long the samples of a closed dwell may take to arrive before it is judged without them."""
+FAR_NS = 1 << 62
+"""A time after everything: the log has ended, nothing is waited for."""
+LAG_S = 0.5
+"""How long the position registers may show another place than the stop that comes next before that place is believed."""
 PATIENCE = 10.0
 """With the handshake, a stop that has not become steady after this many windows is taken as it is, and named doubtful."""
 
@@ -54,8 +59,9 @@ class Capture:
         self._remarks = StreamRemarks(self._streams)
         self._finder = PassFinder(survey, start)
         self._taker = StopTaker(survey, self.laser, self.head, start)
-        self._pending: list[Dwell] = []
+        self._pending = Standstills()
         self._skip_open = start.skip_open_dwell
+        self._last_count = start.last_count
         self._taken_from_ns = -1
         self._heard_since_poll = False
 
@@ -100,7 +106,8 @@ class Capture:
         """Return what the dwells still waiting for samples give: the log has ended."""
         outcomes: list[Outcome] = []
         while self._pending:
-            self._take_dwell(self._pending.pop(0), outcomes)
+            self._pending.settled(FAR_NS, None, self._mover(self._pending.first().signals))
+            self._take_dwell(self._pending.take(), outcomes)
         self._remarks.listen(outcomes)
         return outcomes
 
@@ -139,13 +146,13 @@ class Capture:
             signals = replace(signals, stopped=False)
         closed = self.tracker.poll(signals, block.send_ns, block.recv_ns)
         if self._skip_open:
-            self._skip_open = self.tracker.open is not None and closed is None
+            self._skip_open = self.tracker.open is not None and closed is None and signals.stop_count in (None, self._last_count)
             if self._skip_open:
                 return
             if closed is not None:
                 closed = None
         if closed is not None and closed.from_ns != self._taken_from_ns:
-            self._pending.append(closed)
+            self._pending.add(closed)
 
     def _still(self, now_ns: int) -> Finding:
         text = (
@@ -184,26 +191,38 @@ class Capture:
         What is not here yet is not waited for, but for the chunk that follows each poll (`_samples_follow`).
         """
         dwell, rules = self.tracker.open, self._survey.stop
-        if dwell is None or dwell.from_ns == self._taken_from_ns or self._pending:
+        if dwell is None or dwell.from_ns == self._taken_from_ns:
             return
         placing = self._placing(dwell.signals)
+        if not self._pending.are(dwell, self._mover(dwell.signals)):
+            return
         known = replace(dwell, to_ns=min(dwell.to_ns, int(max(placing.newest_ns(), dwell.from_ns))))
         unbroken = unbroken_parts(placing, known)[-1]
         certain_s = (unbroken.to_ns - unbroken.from_ns) * 1e-9 - rules.settle_s
-        if certain_s < rules.min_window_s:
+        if certain_s < rules.min_window_s or (certain_s < LAG_S and not self._at_expected(dwell.signals)):
             return
         taken = certain_window(placing, unbroken, rules)
         if taken is not None and (not taken.doubtful or certain_s > PATIENCE * rules.min_window_s):
             self._taken_from_ns = dwell.from_ns
+            self._pending.drop()
             self._take_dwell(known, outcomes)
+
+    def _at_expected(self, signals: Signals) -> bool:
+        """Tell whether position and counter are those of the stop that comes next; the registers may lag behind the stop signal."""
+        walk = self.walk
+        if walk is None or walk.ended or signals.commanded_mm is None:
+            return True
+        return walk.route.find(signals.commanded_mm, walk.expected) == walk.expected and walk.counts_on(signals)
 
     def _settle(self, now_ns: int, outcomes: list[Outcome]) -> None:
         while self._pending:
-            dwell = self._pending[0]
-            if self._placing(dwell.signals).newest_ns() < dwell.to_ns and now_ns - dwell.to_ns < SAMPLES_WAIT_NS:
+            dwell = self._pending.first()
+            placing = self._placing(dwell.signals)
+            if placing.newest_ns() < dwell.to_ns and now_ns - dwell.to_ns < SAMPLES_WAIT_NS:
                 return
-            self._pending.pop(0)
-            self._take_dwell(dwell, outcomes)
+            if not self._pending.settled(now_ns, self.tracker.open, self._mover(dwell.signals)):
+                return
+            self._take_dwell(self._pending.take(), outcomes)
 
     def _take_dwell(self, dwell: Dwell, outcomes: list[Outcome]) -> None:
         self._remarks.listen(outcomes)
@@ -228,6 +247,10 @@ class Capture:
         """Return what the laser reads at the first dwell; None where nothing, or where its count does not reach back to the log before."""
         taken = certain_windows(self.laser, dwell, self._survey.stop)
         return taken[0].window.mean_mm if taken and self._taker.reaches_back(taken, dwell) else None
+
+    def _mover(self, signals: Signals) -> Placing | None:
+        """Return the stream that shows whether the machine moves; None in a run of the 4-DOF head, which sees no travel."""
+        return None if self.head is not None and self._finder.is_head_run(signals) else self.laser
 
     def _placing(self, signals: Signals) -> Placing:
         """Return the stream that places a stop: the laser's, in a run of the 4-DOF head the head's own."""

@@ -18,6 +18,7 @@ Certain is only the time between the answer to the first poll that saw it standi
     BLIND      silent        BLIND
 """
 
+from collections import Counter
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal
@@ -39,6 +40,7 @@ class State(Enum):
 
 Observation = Literal["moving", "same", "new", "silent"]
 Action = Literal["open", "extend", "close"]
+Place = tuple[float, float, float] | None
 
 TRANSITIONS: dict[tuple[State, Observation], tuple[State, tuple[Action, ...]]] = {
     (State.MOVING, "moving"): (State.MOVING, ()),
@@ -61,8 +63,8 @@ class Dwell:
     """One standstill as Modbus saw it.
 
     The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it cannot have stopped before
-    ``not_before_ns`` (the request of the last poll that saw it moving). ``signals`` are those of the first poll; ``blind`` tells that polls
-    failed in between.
+    ``not_before_ns`` (the request of the last poll that saw it moving). ``signals`` are those of the position told
+    most often; ``blind`` tells that polls failed in between.
     """
 
     from_ns: int
@@ -81,6 +83,7 @@ class DwellTracker:
         self.open: Dwell | None = None
         self._last: Dwell | None = None
         self._last_moving_ns: int | None = None
+        self._told: Counter[Place] = Counter()
 
     def poll(self, signals: Signals, send_ns: int, recv_ns: int) -> Dwell | None:
         """Take one poll; return the dwell that it closed, if any."""
@@ -91,12 +94,19 @@ class DwellTracker:
             if action == "close":
                 closed, self._last, self.open = self.open, self.open, None
             elif action == "open":
+                self._told = Counter([signals.commanded_mm])
                 self.open = Dwell(from_ns=recv_ns, to_ns=recv_ns, not_before_ns=self._last_moving_ns, signals=signals)
             elif self.open is not None:
-                self.open = replace(self.open, to_ns=max(send_ns, self.open.from_ns), polls=self.open.polls + 1)
+                self.open = replace(self._with(self.open, signals), to_ns=max(send_ns, self.open.from_ns), polls=self.open.polls + 1)
         if observation == "moving":
             self._last_moving_ns = send_ns
         return closed
+
+    def _with(self, dwell: Dwell, signals: Signals) -> Dwell:
+        """Return the open dwell with the signals whose position was told most often: the register may still be running in."""
+        self._told[signals.commanded_mm] += 1
+        more = self._told[signals.commanded_mm] > self._told[dwell.signals.commanded_mm]
+        return replace(dwell, signals=signals) if more else dwell
 
     def silent(self) -> None:
         """Take note that a poll brought no answer."""

@@ -127,6 +127,10 @@ class Walk:
             odd = [*odd, self.finding("stop-again", "info", by_laser, "the laser reads this stop once more: it is measured again")]
         return odd
 
+    def counts_on(self, signals: Signals) -> bool:
+        """Tell whether the counter says the next stop, as far as it can say anything."""
+        return self._steps(signals.stop_count) in (None, 1)
+
     def _steps(self, count: int | None) -> int | None:
         """Return by how many stops the counter went on since the last stop; None where it cannot tell."""
         if count is None or self._last_count is None or self.expected == 0:

@@ -129,3 +129,32 @@ def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
     assert any("ppp out, stop 4 of 9" in text and f"count slip of {slip_um:+.0f}"[:-1] in text for text in texts), texts
     assert not book.complete()
     assert {each.code for each in book.doubts()} == {"count-slip"}
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize("handshake", [False, True], ids=["by time", "handshake"])
+def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
+    """Counter and position come 0.1 s after the stop signal: nothing is said, nothing is lost."""
+    paced = {"handshake": handshake, "dwell": 0.5 if handshake else 6.0}
+    with hall(tmp_path, n=2, setups=("ppp",), plc_bench="lag_s = 0.1\n", feed=6000.0, **paced, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete, only.why_incomplete()
+    assert not [each for each in said if each["event"] == "finding" and each["code"] != "laser-device"]
+
+
+@on_a_steady_computer
+def test_a_stop_signal_that_flickers(tmp_path):
+    """Away for 40 ms, 0.1 s into the dwell: the long part is measured, once."""
+    trouble = fault(kind="stop-flicker", setup="ppp", stop=2, delay_s=0.1, duration_s=0.04)
+    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete
+    assert only.chosen()[2][0].window_to_ns - only.chosen()[2][0].window_from_ns > 0.3e9

@@ -3,7 +3,8 @@
     laser     beam-lost, laser-reset, laser-jump (value um), laser-frozen, laser-silent, laser-unplug, laser-garbage (value bytes),
               laser-baud
     head      head-blocked, head-silent, head-unplug, head-garbage (value bytes), head-baud
-    PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen, plc-reboot, plc-sensor (text name, value)
+    PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen, plc-reboot, plc-sensor (text name, value),
+              stop-flicker
     program   stop-skipped, stop-unsignalled, count-missed, count-doubled, axis-order (text such as "yxz"),
               program-aborted (value: stops to go back before it is restarted; its duration in machine seconds)
 
@@ -35,6 +36,7 @@ FaultKind = Literal[
     "plc-frozen",
     "plc-reboot",
     "plc-sensor",
+    "stop-flicker",
     "stop-skipped",
     "stop-unsignalled",
     "count-missed",

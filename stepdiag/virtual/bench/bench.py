@@ -109,6 +109,7 @@ class VirtualBench:
             clock=self._clock,
             faults=self._faults,
             scan_s=part.scan_s,
+            lag_s=part.lag_s,
             base=part.base,
             order=part.order,
         )

@@ -145,7 +145,10 @@ class HeadPart(_Part, frozen=True):
 
 
 class PlcPart(_Part, frozen=True):
-    """The PLC: TCP on ``port`` (0: any free one) or RTU on the pty ``link``."""
+    """The PLC: TCP on ``port`` (0: any free one) or RTU on the pty ``link``.
+
+    ``lag_s`` (wall seconds) is how far counter and position lag behind the stop signal.
+    """
 
     transport: Literal["tcp", "rtu"] = "tcp"
     host: str = "127.0.0.1"
@@ -153,6 +156,7 @@ class PlcPart(_Part, frozen=True):
     link: str = "plc"
     unit: int = 1
     scan_s: float = 0.01
+    lag_s: float = 0.0
     base: int = 0
     order: Literal["ABCD", "CDAB", "BADC", "DCBA"] = "ABCD"
 

@@ -22,11 +22,12 @@ _STOPPED, _RUNNING, _ALARM = 1, 2, 4
 class Plc:
     """The registers as a master reads them at a moment.
 
-    The image is made new every ``scan_s``: a change in the control is seen up to that much later. ``order`` is the byte order of the
-    32-bit positions, ``base`` the address of the block. Coils and discrete inputs 0 to 2 repeat the bits of the state word.
+    The image is made new every ``scan_s``: a change in the control is seen up to that much later, counter and position ``lag_s`` later.
+    ``order`` is the byte order of the 32-bit positions, ``base`` the address of the block. Coils and discrete inputs 0 to 2 repeat the
+    bits of the state word.
     """
 
-    def __init__(
+    def __init__(  # noqa: PLR0913 - one argument a property of the PLC
         self,
         player: Player,
         drive: Drive,
@@ -35,6 +36,7 @@ class Plc:
         clock: Clock,
         faults: FaultBoard,
         scan_s: float = 0.01,
+        lag_s: float = 0.0,
         base: int = 0,
         order: str = "ABCD",
     ) -> None:
@@ -44,6 +46,7 @@ class Plc:
         self._clock = clock
         self._faults = faults
         self._scan_s = scan_s
+        self._lag_s = lag_s
         self._base = base
         self._order = _BYTE_ORDERS[order]
         self._lock = threading.Lock()
@@ -91,8 +94,11 @@ class Plc:
         machine_s = scanned_s * self._clock.scale
         segment = self._player.advance(machine_s)
         step = segment.step
-        stopped = step.kind == "dwell" and step.signalled
+        stopped = step.kind == "dwell" and step.signalled and not self._faults.active("stop-flicker", wall_s)
         state = _STOPPED * stopped | _RUNNING * (bool(step.setup) and not step.alarm) | _ALARM * step.alarm
+        if self._lag_s:
+            machine_s -= self._lag_s * self._clock.scale
+            segment = self._player.span(machine_s, machine_s)[0]
         fraction = self._drive.fraction(segment.distance_mm, np.array([machine_s - segment.start_s]))
         commanded = segment.from_mm + fraction[0] * (segment.to_mm - segment.from_mm)
         count = (segment.stop_count - self._counted_before_reboot) % 65536

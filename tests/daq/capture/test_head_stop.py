@@ -93,7 +93,7 @@ def test_a_run_is_captured_without_any_laser(signals):
     timeline = Timeline(stands())
     stops, findings, ends = run([*HeadLine(timeline, LATERAL).chunks(), *timeline.polls()], text(signals=signals))
     assert_right(stops)
-    assert findings == []
+    assert [each.code for each in findings] == (["position-unchecked", "signals-absent"] if signals else [])
     assert [end.kind for end in ends] == ["complete"]
     assert all(stop.reading_mm is None and not stop.broken and not stop.doubtful for stop in stops)
 

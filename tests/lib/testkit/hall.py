@@ -36,6 +36,7 @@ noise_um = 0.2
 {laser_more}
 [plc]
 transport = "{transport}"
+{plc_more}
 {faults}
 """
 
@@ -122,12 +123,13 @@ def hall(
     faults="",
     program="",
     signals="",
+    plc_bench="",
 ):
     """Run a bench process in ``folder``; a survey file that fits it stands there."""
     named = ", ".join(f'"{setup}"' for setup in setups)
     common = {"n": n, "setups": named, "laser": laser, "handshake": str(handshake).lower()}
     bench_file = folder / "bench.toml"
-    driven = {"passes": 1 + back, "dwell": dwell, "feed": feed, "program_more": program}
+    driven = {"passes": 1 + back, "dwell": dwell, "feed": feed, "program_more": program, "plc_more": plc_bench}
     bench_file.write_text(
         BENCH.format(**common, **driven, seed=seed, laser_more=laser_bench, transport=transport, faults=faults), encoding="utf-8"
     )
