@@ -189,9 +189,9 @@ def linuxcnc(
 ) -> Iterator[Control]:
     """Run LinuxCNC with the machine switched on and homed, and the product's component that serves its signals.
 
-    ``comp_files`` are COMP_FILEs (type 0) and ``backlash_mm`` the BACKLASH of the joints, by axis letter; ``kinematics`` are the files of an
-    export of the kinematics component, which is built and loaded as its report says. Installs the Debian packages where they are missing.
-    Raises AssertionError where they cannot be had or the control does not start.
+    ``comp_files`` are COMP_FILEs (type 0) and ``backlash_mm`` the BACKLASH of the joints, by axis letter; ``kinematics`` are the files of
+    an export of the kinematics component, which is built and loaded as its report says. Installs the Debian packages where they are
+    missing. Raises AssertionError where they cannot be had or the control does not start.
     """
     installed()
     with _alone(), tempfile.TemporaryDirectory(prefix="stepdiag-linuxcnc-", ignore_cleanup_errors=True) as name:
