@@ -82,7 +82,9 @@ class Stretches:
         whole = [zeros for zeros in found if len(self._used(zeros)) == stops]
         fewest = min((sum(bool(zero.doubt) for zero in self._used(zeros)) for zeros in whole), default=0)
         best = [zeros for zeros in whole if sum(bool(zero.doubt) for zero in self._used(zeros)) == fewest]
-        return best[-1] if best else found[0] if found else {}
+        if not best:
+            return found[0] if found else {}
+        return best[0] if fewest else best[-1]
 
     def _used(self, zeros: Zeros) -> list[Zero]:
         """Return the zero of the latest usable measurement of every stop that has one."""
@@ -116,11 +118,18 @@ class Stretches:
                 yield shift_mm, zeros[known], float(np.hypot(here.u_um, there.u_um))
 
     def _joined(self, stretch: int, shifts: list[tuple[float, Zero, float]]) -> Zero:
-        offset_mm, known, slip = float(np.median([shift for shift, _, _ in shifts])), shifts[0][1], self.slips.get(stretch)
+        offset_mm, known = float(np.median([shift for shift, _, _ in shifts])), shifts[0][1]
+        slip = self._slip_between(stretch, known)
         if slip is not None and len(shifts) == 1 and not known.doubt:
             why = f"stop {slip.stop} read {slip.size_um:+.1f} um otherwise when it was measured again, and no other stop confirms it"
             return Zero(offset_mm, why, "reading-differs", slip.size_um)
         return Zero(offset_mm, known.doubt, known.code, known.size_um)
+
+    def _slip_between(self, stretch: int, known: Zero) -> Slip | None:
+        """Return the slip with which the later of two stretches began: that to be joined, or the one that is known."""
+        return self.slips.get(stretch) or next(
+            (slip for later, slip in self.slips.items() if stretch == later - 1 and not known.doubt), None
+        )
 
     def _presume(self, zeros: Zeros) -> bool:
         """Take one more stretch to have kept the count of the one before it; return whether there was one."""

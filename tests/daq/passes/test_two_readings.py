@@ -1,0 +1,82 @@
+"""One standstill measured twice, and one place passed twice: where they differ the laser has lost its count, and that is named."""
+
+import msgspec
+import numpy as np
+import pytest
+
+from stepdiag.daq.passes.doubt import acceptance_of
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.passes.slips import step_in
+from stepdiag.daq.survey.file import parse_survey
+from testkit.captured import stops_of
+from testkit.timeline import survey_text
+
+
+def book_of(*stops, **plan):
+    passes = PassBook(parse_survey(survey_text(**plan), "survey.toml"))
+    for number, stop in enumerate(each for part in stops for each in part):
+        passes.add(msgspec.structs.replace(stop, window_from_ns=number))
+    return passes
+
+
+def relative(only):
+    readings = {index: stop.reading_mm + offset for index, (stop, offset) in only.chosen().items()}
+    return [readings[k] - readings[0] for k in range(10)]
+
+
+TRUE = [stop.reading_mm for stop in stops_of()]
+
+
+@pytest.mark.parametrize("size_mm", [0.003, -0.055, 143.0])
+def test_a_stop_that_reads_otherwise_joins_over_the_stops_measured_on_both_sides(size_mm):
+    passes = book_of(stops_of(only=range(6)), stops_of(only=range(3, 10), zero=size_mm))
+    (only,) = passes.passes
+    assert relative(only) == pytest.approx(TRUE, abs=1e-9)
+    assert only.complete
+    (said,) = passes.news()
+    assert (said.code, said.stop) == ("reading-differs", 3)
+    assert said.size_um == pytest.approx(size_mm * 1e3)
+
+
+def test_one_common_stop_alone_is_doubted_until_a_person_accepts_it():
+    passes = book_of(stops_of(only=range(6)), stops_of(only=range(5, 10), zero=0.05))
+    (only,) = passes.passes
+    (doubt,) = passes.doubts()
+    assert (doubt.stop, doubt.code) == (5, "reading-differs")
+    assert "drive again from stop 3 on" in only.why_incomplete()
+    passes.accept(acceptance_of(doubt, reason="mirror not touched", name="me", time_s=0.0))
+    assert only.complete
+    assert passes.accepted()[0][0] == doubt
+
+
+def test_a_mirror_that_was_turned_never_makes_one_pass():
+    """The stops measured twice disagree: the whole pass is asked for, and once it is driven it alone counts."""
+    turned = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm * 1.0001 + 0.05) for stop in stops_of()]
+    passes = book_of(stops_of(only=range(6)), turned[3:])
+    (only,) = passes.passes
+    assert "drive the whole pass again" in only.why_incomplete()
+    passes.add_all(turned)
+    assert only.complete
+    assert relative(only) == pytest.approx([reading * 1.0001 for reading in TRUE], abs=1e-9)
+
+
+@pytest.mark.parametrize("size_um", [-200.0, -20.0, 5.0])
+def test_a_slip_between_out_and_back_is_named_and_leaves_with_its_pass(size_um):
+    """Backlash of 12 um between the passes is no slip."""
+    slipped = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm + size_um * 1e-3 * (stop.stop >= 4)) for stop in stops_of()]
+    back = stops_of(outward=False, zero=size_um * 1e-3 + 0.012)
+    passes = book_of(slipped, back, back=True)
+    named = [(each.pass_number, each.stop) for each in passes.doubts() if each.code == "count-slip"]
+    assert (1, 4) in named
+    assert next(each.size_um for each in passes.doubts() if each.pass_number == 1) == pytest.approx(size_um, abs=0.01)
+    passes.add_all(stops_of(zero=size_um * 1e-3))
+    assert not passes.doubts()
+
+
+def test_what_a_machine_does_is_no_slip():
+    """Reversal, drift and 0.3 um of repeatability: at most one false word in a hundred pairs of passes."""
+    rng = np.random.default_rng(3)
+    place = np.arange(31)
+    smooth = [rng.normal(0, 5) + rng.normal(0, 3) * place / 31 + np.sin(place / 31 * rng.uniform(1, 6)) for _ in range(200)]
+    found = [step_in(each + rng.normal(0, 0.42, 31), np.full(31, 0.05)) for each in smooth]
+    assert sum(each is not None for each in found) <= 2
