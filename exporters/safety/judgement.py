@@ -5,7 +5,7 @@ at the curve that the export would write, as far as the table has points to hold
 table of another axis or function, shifted, and scaled.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -16,8 +16,9 @@ from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um
 from stepdiag.solver.errors import DataError
+from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import AXES, Vector, Volume
-from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import Result
 
 Code = Literal[
@@ -285,6 +286,22 @@ def _of_product(case: _Case, result: Result) -> Judgement:
     if not 1.0 / 2.0 <= share <= 2.0:
         return case.says("scaled", f"{1.0 / share:.3g} times as large as it should be", 1.0 / share)
     return case.says("right", "what the result asks for", 1.0 / share)
+
+
+def judge_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Finding | None:
+    """Return what is wrong with a correction that has no tables, such as a lattice: turned in sign, scaled, or of something else."""
+    points = _grid_mm(result.volume)
+    asked = -without_rigid_motion(result.volume, points, error_field_um(result, points))
+    moved = without_rigid_motion(result.volume, points, moved_um(points))
+    size, size_moved = _rms(asked), _rms(moved)
+    if max(size, size_moved) < _SURE_UM or _rms(moved - asked) <= _SAME * size or size_moved < _SURE_UM / 2:
+        return None
+    factor = float(np.mean(moved * asked)) / size**2
+    if abs(factor) * size < _ALIKE * size_moved:
+        return Finding(code="lattice-unlike", severity="error", text="the lattice is nothing like what the result asks for")
+    sign = " and turned in sign" if factor < 0 else ""
+    text = f"the lattice is {abs(factor):.3g} times as large as the result asks for{sign}"
+    return Finding(code="lattice-scaled", severity="error", text=text)
 
 
 _NODES = 9

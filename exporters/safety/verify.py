@@ -16,7 +16,7 @@ from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.safety.checks import limit_findings
 from stepdiag.exporters.safety.compensation import require_agreement, stated_in
-from stepdiag.exporters.safety.judgement import Judgement, judge
+from stepdiag.exporters.safety.judgement import Judgement, judge, judge_field
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.profile import Profile
@@ -145,8 +145,15 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
     if profile is not None:
         require_agreement(result, profile)
     if len(files) == 1 and lattice.recognises(files[0]):
-        prediction = predict_moved(result, lattice.parse(files[0]).correction_um, nodes=nodes)
-        return Verification(controller=lattice.NAME, assumed=False, tables=(), prediction=prediction)
+        moved = lattice.parse(files[0]).correction_um
+        fault = judge_field(result, moved) if stated_in(result).state != "on" else None
+        return Verification(
+            controller=lattice.NAME,
+            assumed=False,
+            tables=(),
+            prediction=predict_moved(result, moved, nodes=nodes),
+            findings=() if fault is None else (fault,),
+        )
     controller = controller_of(files)
     reading = profile or quick_profile(controller, result.volume, float(result.volume.step_mm[0]))
     tables = controller.parse(files, reading)

@@ -9,6 +9,7 @@ import pytest
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.judgement import judge
 from stepdiag.exporters.safety.verify import verify_files
+from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
@@ -163,3 +164,21 @@ def test_limits_are_applied_to_files_from_anywhere():
     found = verify_files(RESULT, files, profile)
     assert "tables-beyond-limit" in {finding.code for finding in found.findings}
     assert not found.right
+
+
+@pytest.mark.parametrize(
+    ("factor", "code"), [(1.0, None), (0.0, None), (-1.0, "lattice-scaled"), (10.0, "lattice-scaled"), (0.1, "lattice-scaled")]
+)
+def test_a_lattice_is_judged_as_a_whole(factor, code):
+    """It has no tables, but a size and a sign."""
+    made = lattice.lattice_of(RESULT, 50.0)
+    file = lattice.render(replace(made, vectors_um=factor * made.vectors_um))
+    found = verify_files(RESULT, [file])
+    assert [finding.code for finding in found.findings] == ([code] if code else [])
+    assert found.right == (code is None)
+
+
+def test_the_lattice_of_another_machine():
+    other = made_result({name: values[::-1] for name, values in ERRORS.items()}, u_um=0.1)
+    found = verify_files(RESULT, [lattice.render(lattice.lattice_of(other, 50.0))])
+    assert [finding.code for finding in found.findings] == ["lattice-unlike"]
