@@ -12,7 +12,7 @@ from threading import Event, Thread
 
 import numpy as np
 
-from benchmarks.stand import daemon, feeding, logged, running
+from benchmarks.stand import Process, daemon, feeding, logged, running
 from benchmarks.table import Row
 from stepdiag.daq.records.events import Chunk
 
@@ -78,12 +78,23 @@ def page(seconds: float) -> list[Row]:
         port = survey.read_text().partition("[page]")[2].split("port = ")[1].split()[0]
         with daemon(survey) as (process, _):
             time.sleep(SETTLE_S)
-            before = process.percent_over(seconds)
+            both = [process, *process.children()]
+            before = _percent_over(both, seconds)
             with Viewer(f"http://127.0.0.1:{port}/stream"):
                 time.sleep(SETTLE_S)
-                added = process.percent_over(seconds) - before
-                resident = process.resident_mb()
-    return [Row("page: what one viewer adds", f"{added:.1f} % of a core, {resident:.0f} MB in all", goal="2 %", met=added <= 2)]
+                after = _percent_over(both, seconds)
+            resident = sum(each.resident_mb() for each in both)
+    recording, added = after[0] - before[0], sum(after) - sum(before)
+    said = f"{added:.1f} % of a core ({recording:.1f} % in the recording process), {resident:.0f} MB in all"
+    return [Row("page: what one viewer adds", said, goal="2 %", met=added <= 2)]
+
+
+def _percent_over(processes: list[Process], seconds: float) -> list[float]:
+    """Return what share of a core each process uses for so long from now."""
+    began, before = time.monotonic(), [each.cpu_s() for each in processes]
+    time.sleep(seconds)
+    took = time.monotonic() - began
+    return [100 * (each.cpu_s() - used) / took for each, used in zip(processes, before, strict=True)]
 
 
 class Viewer:

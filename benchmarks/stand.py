@@ -51,6 +51,11 @@ class Process:
         """Return the processor time used so far, children that have ended not counted."""
         return time.clock_gettime(~self.pid << 3 | _CPUCLOCK_SCHED)
 
+    def children(self) -> list["Process"]:
+        """Return the processes that this one has started and that still run."""
+        pids = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
+        return [Process(int(pid)) for pid in pids]
+
     def percent_over(self, seconds: float) -> float:
         """Return what share of a core is used for so long from now."""
         began, before = time.monotonic(), self.cpu_s()

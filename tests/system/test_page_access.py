@@ -95,6 +95,7 @@ def test_files_are_for_those_with_the_token(page):
 def test_wrong_tokens_are_delayed_counted_and_said(tmp_path):
     """Each later than the one before, and ten of one address are a finding of the survey."""
     with served(tmp_path, token=TOKEN) as page:
+        assert ask(page, "/about.json")[0] == 200  # its process is up
         took = []
         for _ in range(10):
             began = time.monotonic()
