@@ -69,7 +69,8 @@ class TestMessages:
     def test_a_sign_test_of_no_table_of_this_control_is_refused(self):
         """A record that no table takes as evidence would leave the files _UNTESTED_SIGN without a word."""
         record = '[[sign_test]]\nkind = "siemens"\ndate = 2026-01-31\nverdict = "as-error"\n'
-        with pytest.raises(
+        expected = r"p\.toml: sign_test\[0\]\.kind: expected eec or cec or cec-product, .*siemens.*stepdiag signtest"
+        with pytest.raises(UsageError, match=expected):
             UsageError, match=r"p\.toml: sign_test\[0\]\.kind: expected eec or cec or cec-product.*siemens.*stepdiag signtest"
         ):
             parse_profile(siemens_text() + record, "p.toml", SIEMENS, VOLUME)
