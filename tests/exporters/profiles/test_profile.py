@@ -71,8 +71,6 @@ class TestMessages:
         record = '[[sign_test]]\nkind = "siemens"\ndate = 2026-01-31\nverdict = "as-error"\n'
         expected = r"p\.toml: sign_test\[0\]\.kind: expected eec or cec or cec-product, .*siemens.*stepdiag signtest"
         with pytest.raises(UsageError, match=expected):
-            UsageError, match=r"p\.toml: sign_test\[0\]\.kind: expected eec or cec or cec-product.*siemens.*stepdiag signtest"
-        ):
             parse_profile(siemens_text() + record, "p.toml", SIEMENS, VOLUME)
 
     @pytest.mark.parametrize(
