@@ -13,12 +13,13 @@ from pathlib import Path
 import msgspec
 
 from stepdiag.exporters.export.report import report_text
-from stepdiag.exporters.export.volume import export_kinematics, export_lattice
+from stepdiag.exporters.export.volume import export_etalon, export_kinematics, export_lattice
 from stepdiag.exporters.export.written import REPORT, ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import UNTESTED, suffixed
 from stepdiag.exporters.files.sets import write_set
 from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
+from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
@@ -58,6 +59,8 @@ def export(
     """
     if controller == lattice.NAME:
         return export_lattice(result, _step(step_mm, profile), out_dir)
+    if controller == etalon.NAME:
+        return export_etalon(result, out_dir)
     control = controller_named(controller)
     settled = _settled(profile, control, result, step_mm)
     require_agreement(result, settled)

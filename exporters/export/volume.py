@@ -12,6 +12,7 @@ from stepdiag.exporters.files.naming import RESTORE, suffixed
 from stepdiag.exporters.files.sets import write_set
 from stepdiag.exporters.linuxcnc import kinematics
 from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
+from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.gate import require_clean
@@ -34,6 +35,16 @@ def export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportRepor
     require_clean([file])
     names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
+
+
+def export_etalon(result: Result, out_dir: Path) -> ExportReport:
+    """Write every function of the result in the Etalon Exchange format, for other software: no control's law is involved."""
+    file = etalon.render(result)
+    text = f"{file.name}: functions and squareness, chain {result.chain}; levers of angles count from the zero of the axes\n"
+    text += f"compensation while measuring: {stated_in(result).words()}\n"
+    require_clean([file])
+    names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    return ExportReport(controller=etalon.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
 
 
 def export_kinematics(result: Result, profile: Profile, accept: Collection[str], out_dir: Path) -> ExportReport:

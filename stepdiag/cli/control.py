@@ -31,6 +31,7 @@ def register(app: typer.Typer) -> None:
     app.command("profile")(profile)
     app.command("export")(export)
     app.command("verify")(verify)
+    app.command("import")(import_)
 
 
 def profile(
@@ -55,7 +56,7 @@ def profile(
 
 def export(
     result: Annotated[Path, typer.Argument(help="result.json")],
-    controller: Annotated[str, typer.Option(help="The control, or lattice for correction vectors of the whole volume.")],
+    controller: Annotated[str, typer.Option(help="The control, lattice for correction vectors of the whole volume, or etalon.")],
     out: OutFolder,
     profile: ProfileFile = None,
     step_mm: Annotated[
@@ -133,6 +134,24 @@ def _print_load(written: "ExportReport") -> None:
 
     for sentence in loadable([export_of(written)]):
         typer.echo(render(sentence, "en"))
+
+
+def import_(
+    file: Annotated[Path, typer.Argument(help="The file of other software: Etalon Exchange.")],
+    chain: Annotated[str, typer.Option(help="The machine's kinematic chain, FXYZ or [w X' b Y Z t]: the file does not say it.")],
+    out: Annotated[Path, typer.Option(help="The result.json to write.")],
+) -> None:
+    """Take over what other software measured.
+
+    Functions and squareness in the Etalon Exchange format become a result that `export`, `verify` and `compare` take.
+    """
+    from stepdiag.exporters.files.control_file import ControlFile
+    from stepdiag.exporters.files.files import read_bytes, write_new
+    from stepdiag.exporters.neutral import etalon
+
+    found = etalon.parse(ControlFile(name=file.name, data=read_bytes(file)), chain)
+    write_new(out, found.to_json())
+    typer.echo(f"{out} written; the file says neither how sure its functions are nor whether a compensation was on")
 
 
 def verify(
