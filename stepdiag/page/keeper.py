@@ -144,7 +144,10 @@ class PageKeeper:
         failures = 0
         while True:
             began_s = time.monotonic()
-            last_words = await self._one_life()
+            try:
+                last_words = await self._one_life()
+            except Exception as error:  # noqa: BLE001 - whatever it is, the page comes back and the recording goes on
+                last_words = f"{type(error).__name__}: {error}"[:LAST_WORDS]
             failures = 1 if time.monotonic() - began_s > LIVED_S else failures + 1
             wait_s = AGAIN_S[min(failures, len(AGAIN_S)) - 1]
             _log.error("page-ended", said=last_words, again_in_s=wait_s)
@@ -214,8 +217,9 @@ class _Line:
         self._transport.write(framed(message))
 
     def close(self) -> None:
-        """Close the pipe without waiting for anybody."""
-        self._transport.abort()
+        """Close the pipe without waiting for anybody; one that broke has closed itself."""
+        if not self._transport.is_closing():
+            self._transport.abort()
 
 
 class _Visit:

@@ -1,15 +1,19 @@
 """What somebody on the network does to the page while a pass is recorded: every stop is captured, and the log stays readable."""
 
+import os
 import resource
+import signal
 import socket
 import threading
 import time
 import urllib.request
 from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
 
 import pytest
 
 from testkit.hall import daemon, hall, until
+from testkit.played import served
 
 pytestmark = pytest.mark.system
 
@@ -104,3 +108,23 @@ def test_a_page_that_dies_is_started_again_and_the_recording_does_not_notice(tmp
         assert sum(one["event"] == "stop" for one in said) == 7
         assert any(one["event"] == "page-ended" for one in said), said
         assert answers_soon(port)
+
+
+@pytest.mark.parametrize("after_s", [0.0, 0.1, 0.4])
+def test_a_page_that_dies_while_it_starts_comes_back_too(tmp_path, after_s):
+    """Its pipe may break before or after the first word over it; the line to it is closed only once."""
+    with served(tmp_path) as page:
+        while not (pid := page_process(os.getpid())):
+            time.sleep(0.005)
+        time.sleep(after_s)
+        os.kill(pid, signal.SIGKILL)
+        assert answers_soon(int(page.address.rpartition(":")[2]))
+
+
+def page_process(parent):
+    """Return the page's process of a daemon, 0 while there is none."""
+    for child in Path(f"/proc/{parent}/task").glob("*/children"):
+        for pid in child.read_text().split():
+            if b"stepdiag.page.process" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                return int(pid)
+    return 0
