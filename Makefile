@@ -11,7 +11,7 @@ BUILD := --quiet --wheel --build-constraint tools/build.txt --require-hashes
 RELEASE ?= release
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test explore soak bench format rooms release clean
+.PHONY: help demo test explore soak bench honesty format rooms release clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -34,6 +34,9 @@ soak: $(TEST_VENV)/.ready ## two hundred kills in one survey
 
 bench: $(VENV)/.ready ## every figure of speed beside its floor or its peer
 	$(VENV)/bin/python -m benchmarks
+
+honesty: $(VENV)/.ready ## does what the solver says of itself hold, against exact machines
+	$(VENV)/bin/python -m benchmarks.honesty
 
 format: $(VENV)/.ready rooms ## style mended, the tree of rooms written
 	$(VENV)/bin/ruff format .

@@ -19,6 +19,7 @@ from stepdiag.daq.passes.verdict import history, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
 from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
+from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.bundle import compensation_findings, compensation_of, tables_for
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
@@ -90,7 +91,14 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     level = _angles(replayed) or {}
     head = evaluate_head(survey, replayed.book.passes, replayed.files, level) if chosen == "estimate" else HeadMeasured(angles={})
     angles, twice = merge_angles(level, head.angles)
-    result = solve(readings, chain=survey.machine.chain, method=chosen, angles=angles or None, straightness=head.straightness)
+    result = solve(
+        readings,
+        chain=survey.machine.chain,
+        method=chosen,
+        angles=angles or None,
+        straightness=head.straightness,
+        assumed=assumptions_of(survey),
+    )
     solved = (*head.findings, *twice, *result.findings)
     replayed.book.suspect(suspected(replayed.book, solved))
     findings = (*compensation_findings(survey), *unchecked(survey), *settled_findings(replayed.book, solved, stated=environment or {}))

@@ -258,6 +258,26 @@ class Solver(msgspec.Struct, frozen=True, kw_only=True):
     angles: str = ""
 
 
+class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """What is taken for granted (k = 1 unless a range or a limit is named); the meaning stands in `stepdiag.solver.model.assumptions`."""
+
+    angles_urad: NotNegative = 10.0
+    drift_um: NotNegative = 0.15
+    wander_um: NotNegative = 0.1
+    repeatability_um: NotNegative = 0.1
+    setup_c: NotNegative = 0.02
+    index_ppm: NotNegative = 0.2
+    index_setup_ppm: NotNegative = 0.05
+    u_material_c: NotNegative = 0.3
+    u_expansion_um_m_c: NotNegative = 1.0
+    alignment_mrad: NotNegative = 0.5
+    between_um: NotNegative = 0.3
+    reading_um: Positive = 0.3
+    shape_um: Positive = 5.0
+    squareness_urad: Positive = 30.0
+    scale_um_m: Positive = 20.0
+
+
 class Export(msgspec.Struct, frozen=True, kw_only=True):
     controller: FileName
     """Also the name of the folder that its files go into."""
@@ -312,6 +332,7 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     stop: StopRules = StopRules()
     environment: Environment = Environment()
     solver: Solver = Solver()
+    uncertainty: Uncertainty = Uncertainty()
     exports: tuple[Export, ...] = msgspec.field(name="export", default=())
     report: Certificate = Certificate()
     page: Page = Page()

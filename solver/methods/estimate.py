@@ -15,7 +15,7 @@ from stepdiag.solver.methods.angular import angle_findings, expected_angles
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.head_report import head_findings, head_report
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
-from stepdiag.solver.methods.volumetric import budget, left_with_head_um, make_posterior, volume_report
+from stepdiag.solver.methods.volumetric import budget, drawn_surveys, left_with_head_um, make_posterior, volume_report
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Model
@@ -127,8 +127,12 @@ def solve_estimate(
     angles: Angles | None = None,
     straightness: Sequence[MeasuredStraightness] = (),
     assumed: Assumptions | None = None,
+    trials: int = 0,
 ) -> Result:
-    """Return the result of the estimator; what the readings do not identify is None and named in a finding with its remedy."""
+    """Return the result of the estimator; what the readings do not identify is None and named in a finding with its remedy.
+
+    With ``trials`` the result says how so many drawn surveys scatter beside its ``u`` (JCGM 101).
+    """
     done = estimate(layout, chain, angles=angles, straightness=straightness, assumed=assumed)
     found = done.adjustment
     reports = setup_reports(found)
@@ -167,6 +171,7 @@ def solve_estimate(
         **({"head_straightness": of_head} if of_head else {}),
         "budget": budget(done.spread, done.quantities, done.u, done.u_readings, texts),
         "standards": standards_report(layout, found.assumed),
+        **({"monte_carlo": drawn_surveys(done.spread, done.quantities, done.u, trials)} if trials else {}),
     }
     return replace(result, findings=(*result.findings, *angle_findings(found, resolved, left)), extra=extra)
 

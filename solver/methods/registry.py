@@ -23,6 +23,7 @@ class Options:
     angles: Angles | None = None
     straightness: tuple[MeasuredStraightness, ...] = ()
     assumed: Assumptions | None = None
+    trials: int = 0
 
 
 Method = Callable[[Layout, Options], Result]
@@ -35,13 +36,14 @@ def _estimate(layout: Layout, options: Options) -> Result:
         angles=options.angles,
         straightness=options.straightness,
         assumed=options.assumed,
+        trials=options.trials,
     )
 
 
 def _without_angles(name: str, solve: Callable[[Layout, str], Result]) -> Method:
     def method(layout: Layout, options: Options) -> Result:
-        if options.angles or options.straightness:
-            expected = "estimate, which can use angles and the head's straightness"
+        if options.angles or options.straightness or options.trials:
+            expected = "estimate, which can use angles, the head's straightness and Monte Carlo"
             raise UsageError("method", expected=expected, found=repr(name), remedy="leave them out")
         return solve(layout, options.chain)
 

@@ -21,15 +21,17 @@ def solve(
     straightness: Sequence[MeasuredStraightness] = (),
     assumed: Assumptions | None = None,
     source: str = "readings",
+    monte_carlo: int = 0,
 ) -> Result:
     """Return what the readings of a survey say about the machine.
 
     ``chain`` is ``FXYZ`` .. ``XYZF`` or the ISO form ``[w X' b Y Z t]``. ``angles`` are angular functions known from elsewhere;
     the others are resolved where the beams allow it, else estimated within what is usual. ``straightness`` is what a 4-DOF head
     measured, ``assumed`` what the user takes for granted about machine and hall. ``source`` names the readings in messages.
+    ``monte_carlo`` surveys are drawn beside the law of propagation (JCGM 101); 0: none.
     Raises ``UsageError`` for a wrong chain or method, ``DataError`` where the readings are no survey or the method needs others.
     """
     parse_chain(chain)
     chosen = method_of(method)
-    options = Options(chain=chain, angles=angles, straightness=tuple(straightness), assumed=assumed)
+    options = Options(chain=chain, angles=angles, straightness=tuple(straightness), assumed=assumed, trials=monte_carlo)
     return chosen(lay_out(readings, source), options)

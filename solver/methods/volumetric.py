@@ -17,16 +17,14 @@ from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.prediction import predicted, volumetric_u_um
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.solver.uncertainty.machine import Machine, covariance, machine_of, posterior_of, usual_rows, volumetric_um, with_usual
+from stepdiag.solver.uncertainty.monte_carlo import monte_carlo
 from stepdiag.solver.uncertainty.spread import Spread
 
 LATTICE = 6
 HEAD_URAD = 1.0
 """What a 4-DOF head leaves of an angular function."""
-ARCH = 5.0
-"""The middle between two targets differs from their line by a quarter to an eighth of the second difference there: for waves of any length
-longer than two increments between 1/8 and 1/4 of it."""
-_BENT = 6.0
-"""Variance of a second difference of independent values over theirs."""
+_BENT, _BENT_TWICE = 6.0, 70.0
+"""Variances of the second and fourth difference of independent values over theirs."""
 
 
 def lattice_mm(volume: Volume, nodes: int = LATTICE) -> Vector:
@@ -69,11 +67,24 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
         hidden = assumed.between_um if name[1] == name[2] else 0.0
         if function.value is None or len(function.value) < 3:
             found[name] = float(np.hypot(assumed.shape_um, hidden))
-            continue
-        noise = np.zeros(1) if function.u_readings is None else function.u_readings
-        bent = rms(np.diff(function.value, n=2)) ** 2 - _BENT * rms(noise) ** 2
-        found[name] = float(np.hypot(np.sqrt(max(bent, 0.0)) / ARCH, hidden))
+        else:
+            noise = 0.0 if function.u_readings is None else rms(function.u_readings)
+            found[name] = float(np.hypot(arch_um(function.value, noise), hidden))
     return found
+
+
+def arch_um(value: Vector, noise_um: float) -> float:
+    """Return by how much a function leaves the straight line in the middle between two of its values (rms), from how these bend.
+
+    A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth ones their square, and leaves the line by
+    1 - cos(w/2), all times its size: the ratio of the differences tells w.
+    """
+    bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
+    if bent == 0.0 or len(value) < 5:
+        return float(bent) / 5.0
+    twice = np.sqrt(max(rms(np.diff(value, n=4)) ** 2 - _BENT_TWICE * noise_um**2, 0.0))
+    half = np.sqrt(1.0 - 0.25 * min(twice / bent, 4.0))  # cos(w/2)
+    return float(bent / (4.0 * (1.0 + half)))
 
 
 def budget(spread: Spread, quantities: Quantities, u: Vector, u_readings: Vector, texts: Mapping[str, str]) -> dict[str, Any]:
@@ -89,6 +100,19 @@ def budget(spread: Spread, quantities: Quantities, u: Vector, u_readings: Vector
         "shares": {name: {source: rms(values[rows]) for source, values in shares.items()} for name, rows in groups.items()},
         "combined": {name: rms(u[rows]) for name, rows in groups.items()},
     }
+
+
+def drawn_surveys(spread: Spread, quantities: Quantities, u: Vector, trials: int) -> dict[str, Any]:
+    """Return per function (rms over its nodes) or number the standard deviation of drawn surveys, beside the one stated, and the shortest
+    95 % interval of a number (JCGM 101)."""
+    drawn = monte_carlo(spread, quantities.combination, trials=trials)
+    report: dict[str, Any] = {"trials": trials}
+    for name in quantities.groups:
+        rows = quantities.of(name)
+        report[name] = {"u": rms(drawn.u[rows]), "u_stated": rms(u[rows])}
+        if len(rows) == 1:
+            report[name] |= {"low": float(drawn.low[rows[0]]), "high": float(drawn.high[rows[0]])}
+    return report
 
 
 def volume_report(result: Result) -> dict[str, Any]:

@@ -11,8 +11,8 @@ class Assumptions:
 
     ``angles_urad`` *: range of each angular function over the travel of its axis; ``angle_urad`` overrides it for single functions.
     ``drift_um`` *: straight drift in one pass without return; ``wander_um`` *: what drift adds up to beside it by the end of a pass.
-    ``repeatability_um``: how well the machine comes back to a target. ``setup_c`` *: temperature of the machine from setup to setup,
-    ``sensor_c`` the same where the readings bring it. ``expansion_um_m_c``: material of the axes, ``u_expansion_um_m_c`` how
+    ``repeatability_um``: how well the machine comes back to a target. ``setup_c`` *: temperature of the machine from setup to setup.
+    ``expansion_um_m_c``: material of the axes, ``u_expansion_um_m_c`` how
     well that is known. ``index``: relative, of the air's index and the laser's wavelength, one error for the whole survey;
     ``index_setup`` what it changes unseen between setups. ``alignment_mrad``: largest angle of a beam to mirror or travel.
     ``between_um``: waves of the positioning functions that are too short for the targets. ``reading_um`` serves where a stop
@@ -23,15 +23,14 @@ class Assumptions:
 
     angles_urad: float = 10.0
     angle_urad: Mapping[str, float] = field(default_factory=dict)
-    drift_um: float = 0.3
-    wander_um: float = 0.2
-    repeatability_um: float = 0.2
-    setup_c: float = 0.05
-    sensor_c: float = 0.03
+    drift_um: float = 0.15
+    wander_um: float = 0.1
+    repeatability_um: float = 0.1
+    setup_c: float = 0.02
     expansion_um_m_c: tuple[float, float, float] = (11.7, 11.7, 11.7)
     u_expansion_um_m_c: float = 1.0
     index: float = 2e-7
-    index_setup: float = 1e-7
+    index_setup: float = 5e-8
     alignment_mrad: float = 0.5
     between_um: float = 0.3
     reading_um: float = 0.3

@@ -18,13 +18,13 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.result.result import ROTATIONS
 from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
-LINE_SHARE, WAVE_SHARE = 0.3, 0.4
+LINE_SHARE, WAVE_SHARE = 0.3, 0.32
 """Standard deviations of an angular function's straight part at the far end and of its first half wave, as shares of its range; higher
 half waves fall with their number, as those of guideways do. Drawn functions of that prior have the range one on average."""
 MOST_WAVES = 16
 WANDER_WAVES = 3
-LOOSE, SURE = 1.0, 0.7
-"""Standard deviation of the logarithm of a usual size: known within a factor of seven (angles), of four (what the hall does)."""
+LOOSE, SURE = 0.8, 0.5
+"""Standard deviation of the logarithm of a usual size: known within a factor of five (angles), of two (what the hall does)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

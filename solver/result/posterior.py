@@ -34,13 +34,19 @@ class Posterior:
         return max((len(values) for values in self.modes.values()), default=0)
 
     def deviations(self) -> dict[str, Vector]:
-        """Return offset and modes as deviations by name, shape (1 + modes, k)."""
-        found = {}
-        for name in dict.fromkeys((*self.offset, *self.modes)):
-            size = len(self.offset[name]) if name in self.offset else self.modes[name].shape[1]
-            found[name] = np.zeros((1 + self.count, size))
-            found[name][0] = self.offset.get(name, 0.0)
-            found[name][1:] = self.modes.get(name, 0.0)
+        """Return offset, modes and the rest value by value, all as deviations by name, shape (1 + modes + values of the rest, k)."""
+        names = dict.fromkeys((*self.offset, *self.modes, *self.rest))
+        total = 1 + self.count + sum(len(values) for values in self.rest.values())
+        found, start = {}, 1 + self.count
+        for name in names:
+            size = next(np.atleast_2d(part[name]).shape[1] for part in (self.offset, self.modes, self.rest) if name in part)
+            values = np.zeros((total, size))
+            values[0] = self.offset.get(name, 0.0)
+            values[1 : 1 + self.count] = self.modes.get(name, 0.0)
+            if name in self.rest:
+                values[start : start + size] = np.diag(self.rest[name])
+                start += size
+            found[name] = values
         return found
 
     def as_json(self) -> dict[str, Any]:

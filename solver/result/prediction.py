@@ -54,18 +54,16 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector) -> Predi
     before = error_field_um(result, points_mm)
     posterior = result.posterior
     moved = _moved(result, posterior, points_mm)
-    alone = np.sqrt(_rest_square_um(result, posterior, points_mm))
-    between = 0.0 if posterior is None else float(sum(value**2 for value in posterior.between_um.values()))
+    alone = np.sqrt(_between_square_um(result, posterior, points_mm))
     draw = np.random.default_rng(0)
     amount = np.column_stack([np.ones(DRAWS), draw.standard_normal((DRAWS, len(moved) - 1))])
     each = (alone * draw.standard_normal((DRAWS, *alone.shape))).reshape(DRAWS, -1) if np.any(alone) else None
-    curved = between * draw.chisquare(_CELLS, DRAWS) / _CELLS
     motions = rigid_motions(result.volume, points_mm)
     parts: dict[str, dict[str, tuple[Vector, Vector]]] = {}
     for name, free in (("as_it_is", None), ("without_rigid_motion", motions)):
         parts[name] = {}
         for when, field in (("before", before), ("after", before + correction_um)):
-            parts[name][when] = _lengths_um(_flat(field[None], free)[0], _flat(moved, free), amount, curved, each)
+            parts[name][when] = _lengths_um(_flat(field[None], free)[0], _flat(moved, free), amount, each)
     known = posterior is not None
     return Predicted(
         **{
@@ -73,10 +71,6 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector) -> Predi
             for name, part in parts.items()
         },
     )
-
-
-_CELLS = 12.0
-"""Independent arches between targets that matter for one figure of the volume."""
 
 
 def _told(drawn: Vector, known: bool) -> Interval:
@@ -101,21 +95,18 @@ def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
     return flat if motions is None else flat - (flat @ motions) @ motions.T
 
 
-def _rest_square_um(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
-    """Return the mean square at the points of what differs value by value, shape (N, 3): linear between two values, as they are."""
+def _between_square_um(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
+    """Return the mean square at the points of what functions do between their values beside the straight line, shape (N, 3): an arch."""
     total = np.zeros((len(points_mm), 3))
-    if posterior is None:
-        return total
-    for name, rest in posterior.rest.items():
-        if name[0] == "E":
-            one = field_of_um(result.volume, result.chain, {name: Tabulated(posterior.position_mm[name[2]], rest[None, :])}, {}, points_mm)
-        else:
-            one = field_of_um(result.volume, result.chain, {}, {name: rest}, points_mm)
-        total += one[0] ** 2
+    for name, arch in posterior.between_um.items() if posterior is not None else ():
+        at, nodes = points_mm[:, "XYZ".index(name[2])], result.errors[name].position_mm
+        place = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
+        share = np.clip((at - nodes[place]) / (nodes[place + 1] - nodes[place]), 0.0, 1.0)
+        total[:, "XYZ".index(name[1])] += (4.0 * arch * share * (1.0 - share)) ** 2
     return total
 
 
-def _lengths_um(field: Vector, moved: Vector, amount: Vector, curved: Vector, each: Vector | None) -> tuple[Vector, Vector]:
+def _lengths_um(field: Vector, moved: Vector, amount: Vector, each: Vector | None) -> tuple[Vector, Vector]:
     """Return root mean square and largest length of the error vector of every draw, shapes (draws,)."""
     rms, largest = np.empty(len(amount)), np.empty(len(amount))
     for start in range(0, len(amount), _TOGETHER):
@@ -124,8 +115,8 @@ def _lengths_um(field: Vector, moved: Vector, amount: Vector, curved: Vector, ea
         if each is not None:
             drawn += each[some]
         square = np.sum(drawn.reshape(len(drawn), -1, 3) ** 2, axis=2)
-        rms[some] = np.sqrt(np.mean(square, axis=1) + BETWEEN_SHARE * curved[some])
-        largest[some] = np.sqrt(np.max(square, axis=1) + BETWEEN_SHARE * curved[some])
+        rms[some] = np.sqrt(np.mean(square, axis=1))
+        largest[some] = np.sqrt(np.max(square, axis=1))
     return rms, largest
 
 
@@ -135,5 +126,4 @@ def volumetric_u_um(result: Result, points_mm: Vector) -> float | None:
         return None
     moved = _flat(_moved(result, result.posterior, points_mm), rigid_motions(result.volume, points_mm))
     between = sum(result.posterior.between_um[name] ** 2 for name in DISPLACEMENTS if name in result.posterior.between_um)
-    alone = np.sum(_rest_square_um(result, result.posterior, points_mm))
-    return float(np.sqrt((np.sum(moved[1:] ** 2) + alone) / len(points_mm) + BETWEEN_SHARE * between))
+    return float(np.sqrt(np.sum(moved[1:] ** 2) / len(points_mm) + BETWEEN_SHARE * between))

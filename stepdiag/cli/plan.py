@@ -59,9 +59,10 @@ def planned(survey: "Survey") -> "Plan":
 
 def circumstances(survey: "Survey") -> "Circumstances":
     """Return the job's circumstances as far as the survey file tells them."""
+    from stepdiag.daq.survey.assumed import assumptions_of
     from stepdiag.solver.planning.planner import Circumstances
 
-    return Circumstances(chain=survey.machine.chain)
+    return Circumstances(chain=survey.machine.chain, assumed=assumptions_of(survey))
 
 
 def _advise(plan: "Plan", about: "Circumstances", minutes: float | None, target_um: float | None) -> "Advice":

@@ -16,6 +16,9 @@ Sources = Annotated[list[Path], typer.Argument(help="A readings CSV, or the logs
 AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
 
 
+MOST_TRIALS = 2_000_000
+
+
 def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
     app.command("solve")(solve)
@@ -37,6 +40,10 @@ def solve(
     environment: Annotated[
         Path | None, typer.Option(help="Air and material that count in place of what was recorded in logs (TOML, [environment]).")
     ] = None,
+    uncertainty: Annotated[
+        Path | None, typer.Option(help="What is taken for granted about the machine (TOML, [uncertainty]); logs bring their own.")
+    ] = None,
+    monte_carlo: Annotated[int, typer.Option(help="Draw so many surveys (JCGM 101) and say how they scatter; 200000 are usual.")] = 0,
     as_json: AsJson = False,
 ) -> None:
     """Solve readings or logs.
@@ -48,12 +55,15 @@ def solve(
     if len(sources) == 1 and sources[0].suffix.lower() == ".csv":
         if environment is not None:
             raise UsageError("--environment", expected="logs: readings are put right already", found=sources[0].name)
-        result = _solve_csv(sources[0], method, chain, angles)
+        result = _solve_csv(sources[0], method, chain, angles, uncertainty, monte_carlo)
         if compensation is not None:
             result = _with_compensation(result, compensation, active or [], active_date, active_source)
     elif compensation is not None:
         raise UsageError("--compensation", expected="nothing for logs: their survey file says it", found=compensation)
     else:
+        if uncertainty is not None or monte_carlo:
+            option = "--uncertainty" if uncertainty is not None else "--monte-carlo"
+            raise UsageError(option, expected="one readings file (*.csv)", found="logs", remedy="solve the readings.csv beside the result")
         result = _solve_logs(sources, method, environment)
     if out is not None:
         _write_result(out, result)
@@ -73,14 +83,19 @@ def concluded(result: "Result") -> list[str]:
     return list(conclusion_lines(words_of(conclusion_document(conclude(result)), "en"), titles_of("en")))
 
 
-def _solve_csv(path: Path, method: str, chain: str, angles: Path | None) -> "Result":
+def _solve_csv(path: Path, method: str, chain: str, angles: Path | None, uncertainty: Path | None, monte_carlo: int) -> "Result":
+    from stepdiag.daq.survey.assumed import parse_uncertainty
     from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.methods.solve import solve as solve_readings
     from stepdiag.solver.model.angles import parse_angles
     from stepdiag.solver.readings.readings import parse_readings
 
+    if monte_carlo and not 1000 <= monte_carlo <= MOST_TRIALS:
+        raise UsageError("--monte-carlo", expected=f"1000 to {MOST_TRIALS} surveys", found=str(monte_carlo))
     known = parse_angles(read_text(angles), angles.name) if angles is not None else None
-    return solve_readings(parse_readings(read_text(path), path.name), chain=chain, method=method, angles=known, source=path.name)
+    assumed = parse_uncertainty(read_text(uncertainty), uncertainty.name) if uncertainty is not None else None
+    readings = parse_readings(read_text(path), path.name)
+    return solve_readings(readings, chain=chain, method=method, angles=known, assumed=assumed, source=path.name, monte_carlo=monte_carlo)
 
 
 def _with_compensation(result: "Result", state: str, active: list[Path], day: "datetime | None", source: str) -> "Result":

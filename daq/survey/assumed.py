@@ -1,0 +1,50 @@
+"""What the user takes for granted about machine, laser and hall, from the ``[uncertainty]`` of a survey file."""
+
+from dataclasses import replace
+
+from stepdiag.daq.survey.models import Survey, Uncertainty
+from stepdiag.exporters.files.settings import convert, read_toml, refuse
+from stepdiag.solver.model.assumptions import Assumptions
+
+
+def assumptions_of(survey: Survey) -> Assumptions:
+    """Return the assumptions of a survey; lengths that it brings to 20 C carry what is uncertain about the material's temperature."""
+    machine = survey.machine
+    warm = survey.environment.material_temperature_c
+    return replace(
+        _stated(survey.uncertainty),
+        expansion_um_m_c=machine.expansion_um_m_c,
+        material_c=(warm, warm, warm),
+        reduced_to_20_c=machine.apply_expansion,
+    )
+
+
+def parse_uncertainty(text: str, source: str) -> Assumptions:
+    """Return the assumptions that a TOML text states under ``[uncertainty]``, as in a survey file; what it does not name is usual.
+
+    Raises UsageError for unknown names and values that nothing has.
+    """
+    document = read_toml(text, source)
+    if "uncertainty" not in document:
+        raise refuse(source, "uncertainty", "a table [uncertainty]", list(document))
+    return _stated(convert(document["uncertainty"], Uncertainty, source, "uncertainty"))
+
+
+def _stated(section: Uncertainty) -> Assumptions:
+    return Assumptions(
+        angles_urad=section.angles_urad,
+        drift_um=section.drift_um,
+        wander_um=section.wander_um,
+        repeatability_um=section.repeatability_um,
+        setup_c=section.setup_c,
+        index=1e-6 * section.index_ppm,
+        index_setup=1e-6 * section.index_setup_ppm,
+        u_material_c=section.u_material_c,
+        u_expansion_um_m_c=section.u_expansion_um_m_c,
+        alignment_mrad=section.alignment_mrad,
+        between_um=section.between_um,
+        reading_um=section.reading_um,
+        shape_um=section.shape_um,
+        squareness_urad=section.squareness_urad,
+        scale_um_m=section.scale_um_m,
+    )
