@@ -10,7 +10,7 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function
-from stepdiag.solver.uncertainty.spread import Spread
+from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 
 def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
@@ -30,9 +30,9 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
         expected[name] = Function(
             position_mm=volume.nodes_mm(AXIS_LETTERS.index(name[2])),
             value=at_nodes @ found.fit.amount,
-            u=np.sqrt(spread.variance(moved)),
+            u=deviation(spread.variance(moved)),
             unit="urad",
-            u_readings=np.sqrt(spread.variance_by_readings(moved)),
+            u_readings=deviation(spread.variance_by_readings(moved)),
         )
     return expected
 

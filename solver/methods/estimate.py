@@ -35,7 +35,7 @@ from stepdiag.solver.model.reported import (
 )
 from stepdiag.solver.planning.identifiability import cheapest_runs, resolved_angles
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
-from stepdiag.solver.uncertainty.spread import Spread
+from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,8 +106,8 @@ def estimate(
         adjustment=adjustment,
         quantities=found,
         value=found.combination.times(adjustment.fit.unknowns),
-        u=np.sqrt(alone + spread.variance(moved)),
-        u_readings=np.sqrt(alone + spread.variance_by_readings(moved)),
+        u=deviation(alone + spread.variance(moved)),
+        u_readings=deviation(alone + spread.variance_by_readings(moved)),
         # of a single increment a function has only its ends: the shape between them is zero, and no combination stands for it
         known={**dict.fromkeys(DISPLACEMENTS, True), **identified(found, inverse)},
         spread=spread,
@@ -169,9 +169,9 @@ def solve_estimate(
         **_extra(done),
         **volume,
         **({"head_straightness": of_head} if of_head else {}),
-        "budget": budget(done.spread, done.quantities, done.u, done.u_readings, texts),
+        "budget": budget(done.spread, done.quantities, done.known, done.u, done.u_readings, texts),
         "standards": standards_report(layout, found.assumed),
-        **({"monte_carlo": drawn_surveys(done.spread, done.quantities, done.u, trials)} if trials else {}),
+        **({"monte_carlo": drawn_surveys(done.spread, done.quantities, done.known, done.u, trials)} if trials else {}),
     }
     return replace(result, findings=(*result.findings, *angle_findings(found, resolved, left)), extra=extra)
 

@@ -87,14 +87,17 @@ def arch_um(value: Vector, noise_um: float) -> float:
     return float(bent / (4.0 * (1.0 + half)))
 
 
-def budget(spread: Spread, quantities: Quantities, u: Vector, u_readings: Vector, texts: Mapping[str, str]) -> dict[str, Any]:
+def budget(
+    spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector, texts: Mapping[str, str]
+) -> dict[str, Any]:
     """Return the budget as plain JSON (k = 1): what was assumed, the shares per function or number by source, and their combination.
 
-    Shares are root mean squares over the nodes of a function.
+    Shares are root mean squares over the nodes of a function. What is not identified has none: its numbers would be those of an arbitrary
+    solution, and other ones on another processor.
     """
     moved = spread.moved(quantities.combination)
     shares = {"readings": u_readings, **spread.shares(moved)}
-    groups = {name: quantities.of(name) for name in quantities.groups}
+    groups = {name: quantities.of(name) for name in quantities.groups if known.get(name, True)}
     return {
         "assumptions": dict(texts),
         "shares": {name: {source: rms(values[rows]) for source, values in shares.items()} for name, rows in groups.items()},
@@ -102,12 +105,12 @@ def budget(spread: Spread, quantities: Quantities, u: Vector, u_readings: Vector
     }
 
 
-def drawn_surveys(spread: Spread, quantities: Quantities, u: Vector, trials: int) -> dict[str, Any]:
+def drawn_surveys(spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int) -> dict[str, Any]:
     """Return per function (rms over its nodes) or number the standard deviation of drawn surveys, beside the one stated, and the shortest
     95 % interval of a number (JCGM 101)."""
     drawn = monte_carlo(spread, quantities.combination, trials=trials)
     report: dict[str, Any] = {"trials": trials}
-    for name in quantities.groups:
+    for name in (name for name in quantities.groups if known.get(name, True)):
         rows = quantities.of(name)
         report[name] = {"u": rms(drawn.u[rows]), "u_stated": rms(u[rows])}
         if len(rows) == 1:

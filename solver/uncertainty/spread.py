@@ -16,6 +16,8 @@ from stepdiag.solver.linear.components import Sizes, sized
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.linear.rows import Rows
 
+_NONE = 1e-9
+"""A variance (um^2, urad^2) below which there is none."""
 _AWAY = np.sqrt(3.0)
 """Three-point rule of Gauss and Hermite: at 0 and this many standard deviations to either side, weights 2/3, 1/6, 1/6."""
 
@@ -75,3 +77,9 @@ class Spread:
 
 SIZES_UNKNOWN = "sizes of these"
 """The share of what the readings do not say about how large the causes are."""
+
+
+def deviation(variance: Vector) -> Vector:
+    """Return the standard deviations of variances; what rounding leaves of none is none, on every processor."""
+    found: Vector = np.sqrt(np.where(variance < _NONE, 0.0, variance))
+    return found

@@ -1,5 +1,11 @@
 """The one door: methods by name, chains, determinism, refusals."""
 
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -73,3 +79,25 @@ def test_a_pass_of_one_stop_is_refused():
     rows = [row for row in range(len(SURVEY)) if SURVEY.setup[row] != "linear-x" or SURVEY.stop[row] == 0]
     with pytest.raises(DataError, match="setup linear-x, pass 1: expected at least 2 stops, found 1"):
         solve(SURVEY.select(rows))
+
+
+ELSEWHERE = """
+from testkit.surveys import Bench
+from stepdiag.solver.methods.solve import solve
+print(solve(Bench(seed=4, increments=3).survey(("ppp",), passes=(1, 2), joined=True)).to_json())
+"""
+
+
+def test_what_is_not_identified_leaves_no_trace_of_the_processor():
+    """A survey of one diagonal identifies little; the arbitrary rest of a solution is another one on another kernel of the products."""
+    lib = str(Path(__file__).parents[2] / "lib")
+    told = []
+    for kernel in ({}, {"OPENBLAS_CORETYPE": "Prescott"}):
+        environment = os.environ | kernel | {"PYTHONPATH": lib}
+        done = subprocess.run([sys.executable, "-c", ELSEWHERE], capture_output=True, text=True, check=True, env=environment, timeout=120)
+        told.append(done.stdout)
+    assert told[0] == told[1]
+    result = json.loads(told[0])
+    unidentified = {name for name, function in result["errors"].items() if function["value"] is None}
+    assert unidentified
+    assert not unidentified & set(result["budget"]["shares"])
