@@ -4,12 +4,18 @@ The daemon as systemd starts it (``run FILE``) goes past the command line, whose
 its memory for as long as it runs.
 """
 
+import os
 import sys
 from pathlib import Path
 
 
 def main() -> None:
-    """Run the daemon, or whatever else the command line asks for."""
+    """Run the daemon, or whatever else the command line asks for.
+
+    The solver's matrices are small: numpy's threads would wait for each other, spinning, for seven times the work, and more beside a busy
+    neighbour; and sums in one order are the same on every computer.
+    """
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     match sys.argv[1:]:
         case ["run", file] if not file.startswith("-"):
             from stepdiag.daemon.service import record

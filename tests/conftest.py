@@ -1,6 +1,10 @@
 """How the property tests draw: the same examples in every `make test`, new ones with ``--hypothesis-profile explore``."""
 
+import os
+
 from hypothesis import HealthCheck, settings
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, and before numpy is loaded
 
 # A change is judged by what it did, not by the luck of the draw nor by how busy the machine is; `make explore` looks for new examples.
 BUSY = [HealthCheck.too_slow]
