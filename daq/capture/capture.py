@@ -135,7 +135,7 @@ class Capture:
         signals = self._decoder.decode(block)
         self.signals = signals
         if self.walk is not None and not self.ended:
-            outcomes.extend(self._alarm.look(self.walk, signals, block.recv_ns))
+            outcomes.extend(self._alarm.look(self.walk, signals, block.recv_ns, waiting=bool(self._pending)))
         if self._pulse.take(signals, block):
             outcomes.append(self._still(block.recv_ns))
         if self._pulse.still:

@@ -20,20 +20,22 @@ class Alarm:
     def __init__(self, wall_offset_ns: int) -> None:
         self._wall_offset_ns = wall_offset_ns
         self._on = False
-        self._doubts: list[Remark] = []
+        self._doubts: list[tuple[int, Remark]] = []
 
-    def look(self, walk: Walk, signals: Signals, now_ns: int) -> Iterator[Finding]:
-        """Look at a poll; yield an alarm that has just come."""
+    def look(self, walk: Walk, signals: Signals, now_ns: int, *, waiting: bool) -> Iterator[Finding]:
+        """Look at a poll; yield an alarm that has just come. ``waiting`` says that a standstill is over and not yet taken as a stop."""
         before, self._on = self._on, bool(signals.alarm)
         if self._on and not before:
             moment = datetime.fromtimestamp((now_ns + self._wall_offset_ns) * 1e-9, UTC)
             text = f"the machine reported an alarm at {moment:%H:%M:%S} UTC: whether it stood where it should is for a person to say"
-            self._doubts.append(("machine-alarm", text))
-            yield walk.finding("machine-alarm", "warning", walk.expected, text)
+            self._doubts.append((now_ns, ("machine-alarm", text)))
+            last = len(walk.route) - 1
+            yield walk.finding("machine-alarm", "warning", min(walk.expected + waiting, last), text)
 
-    def doubts(self) -> list[Remark]:
-        """Return what is to be doubted of the next stop."""
-        doubts, self._doubts = self._doubts, []
+    def doubts(self, stop: CapturedStop) -> list[Remark]:
+        """Return what is to be doubted of a stop: what came before it was over, and has not been told of another one."""
+        doubts = [remark for time_ns, remark in self._doubts if time_ns <= stop.window_to_ns]
+        self._doubts = [each for each in self._doubts if each[0] > stop.window_to_ns]
         return doubts
 
 
@@ -43,9 +45,8 @@ def remarked(walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm)
     doubted = [] if walk.route.setup in FOURDOF_RUNS else judged.doubted
     for code, words in (*judged.said, *doubted):
         yield walk.finding(code, "warning", stops[0].stop if stops else walk.expected, words)
-    doubted = [*doubted, *(alarm.doubts() if stops else ())]
     for each in taken:
-        yield _marked(each, judged.held, doubted) if isinstance(each, CapturedStop) else each
+        yield _marked(each, judged.held, [*doubted, *alarm.doubts(each)]) if isinstance(each, CapturedStop) else each
 
 
 def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Remark]) -> CapturedStop:
