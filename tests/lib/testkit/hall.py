@@ -67,6 +67,7 @@ enabled = {handshake}
 settle_s = 0.05
 min_window_s = {window}
 max_scatter_um = 5.0
+max_slope_um_s = 5.0
 [page]
 enabled = {page}
 port = {page_port}
