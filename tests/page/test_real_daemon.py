@@ -84,4 +84,4 @@ def test_a_killed_daemon_comes_back_to_the_page(tmp_path: Path, real: Watched) -
             served = time.monotonic()
             seconds_until(lambda: not offline.is_visible(), page)
             assert time.monotonic() - served < 3.0
-            expect(page.locator("#lead")).to_contain_text("start")
+            expect(page.locator("#lead")).to_contain_text("Set up diagonal ppp")
