@@ -224,9 +224,13 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         return tuple(name for name in SIGNAL_NAMES if name in self.expressions or (name in self.signals and name not in self.inputs))
 
     def parsed(self, source: str = "survey") -> Mapping[str, Expression]:
-        """Return the expressions, parsed. Raises UsageError that points at the character where one cannot go on."""
-        kinds: dict[str, Kind] = {name: "bit" if spec.type == "bit" else "word" for name, spec in self.inputs.items()}
-        return {name: parse_expression(text, kinds, f"{source}: plc.expressions.{name}") for name, text in self.expressions.items()}
+        """Return the expressions, parsed. Raises as `expression`."""
+        return {name: self.expression(name, source) for name in self.expressions}
+
+    def expression(self, name: str, source: str) -> Expression:
+        """Return the expression of a signal. Raises UsageError that points at the character where it cannot go on."""
+        kinds: dict[str, Kind] = {each: "bit" if spec.type == "bit" else "word" for each, spec in self.inputs.items()}
+        return parse_expression(self.expressions[name], kinds, f"{source}: plc.expressions.{name}")
 
     def place(self, name: str) -> str:
         """Return where a signal comes from, as a person writes it: ``holding 2 bit 0``, or its expression."""

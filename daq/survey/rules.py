@@ -3,7 +3,6 @@
 import re
 from collections.abc import Collection, Iterator
 
-from stepdiag.daq.formats.expressions import Kind, parse_expression
 from stepdiag.daq.formats.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
 from stepdiag.daq.survey.models import Plc, Survey
@@ -138,9 +137,8 @@ def _expressions(plc: Plc, source: str) -> Iterator[UsageError]:
             yield unknown_key(source, field, name, [*SWITCHED, *COUNTED])
         if name in plc.own_signals:
             yield refuse(source, field, f"either an expression or [plc.signals.{name}]", "both")
-        kinds: dict[str, Kind] = {each: "bit" if spec.type == "bit" else "word" for each, spec in plc.inputs.items()}
         try:
-            found = parse_expression(text, kinds, f"{source}: {field}")
+            found = plc.expression(name, source)
         except UsageError as error:
             yield error
             continue
