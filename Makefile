@@ -11,7 +11,7 @@ BUILD := --quiet --wheel --build-constraint tools/build.txt --require-hashes
 RELEASE ?= release
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test explore soak bench honesty format rooms release clean
+.PHONY: help demo test matrix explore soak bench honesty format rooms release clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -22,6 +22,9 @@ demo: $(VENV)/.ready ## the whole job on a virtual machine, into demo/
 
 test: $(TEST_VENV)/.ready .setup/debian .setup/node ## style, types, layers and every test against the installed wheel
 	tools/test $(TEST_VENV)
+
+matrix: $(TEST_VENV)/.ready ## the unit tests on Python 3.11, 3.12 and 3.13
+	tools/matrix dist
 
 # the property tests with examples that nobody has seen, ten times the changed files of somebody else, and every file door of the command
 # line with files that are right but for one field
