@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from stepdiag.exporters.beckhoff.control import Beckhoff
-from stepdiag.exporters.fagor.control import Fagor
+from stepdiag.exporters.fagor.control import FAGOR
 from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.files.settings import nearest
 from stepdiag.exporters.heidenhain.control import Heidenhain
@@ -15,7 +15,16 @@ from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.solver.errors import UsageError
 
-_ALL: tuple[Controller, ...] = (Siemens(), Fanuc(), Heidenhain(), LinuxCnc(), Beckhoff(), Mitsubishi(), Fagor(), Neutral())
+_ALL: tuple[Controller, ...] = (
+    Siemens(),
+    Fanuc(),
+    Heidenhain(),
+    LinuxCnc(),
+    Beckhoff(),
+    Mitsubishi(),
+    FAGOR,
+    Neutral(),
+)
 
 CONTROLLERS: Mapping[str, Controller] = MappingProxyType({controller.name: controller for controller in _ALL})
 

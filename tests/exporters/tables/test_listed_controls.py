@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from stepdiag.exporters.fagor.control import Fagor
+from stepdiag.exporters.fagor.control import FAGOR
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.mitsubishi.control import Mitsubishi
 from stepdiag.exporters.tables.curves import curves_of
@@ -104,21 +104,21 @@ class TestMitsubishi:
 class TestFagor:
     def test_rows(self):
         """8055i p. 328: position, amount of error in +, amount in -; zeros in - mean that + counts for both."""
-        _, files = listed(Fagor(), profile("fagor"), {"EXX": EXAMPLE})
+        _, files = listed(FAGOR, profile("fagor"), {"EXX": EXAMPLE})
         assert files[0].data.decode().split("\r\n")[:4] == [
             "AXIS AX1",
             "POSITION;ERROR +;ERROR -",
             "-200.0000;0.0040;0.0000",
             "-100.0000;0.0010;0.0000",
         ]
-        (table,) = Fagor().parse(files, profile("fagor"))
+        (table,) = FAGOR.parse(files, profile("fagor"))
         assert table.direction == 0
 
     def test_both_directions(self):
         """The reversal of 6 um stands between the columns."""
         which = profile("fagor", direction="both")
-        _, files = listed(Fagor(), which, {"EXX": EXAMPLE}, reversal={"EXX": [-6.0] * 5})
-        forward, reverse = Fagor().parse(files, which)
+        _, files = listed(FAGOR, which, {"EXX": EXAMPLE}, reversal={"EXX": [-6.0] * 5})
+        forward, reverse = FAGOR.parse(files, which)
         np.testing.assert_allclose(reverse.value_um - forward.value_um, 6.0, atol=1e-9)
 
     def test_a_reverse_column_of_zeros_cannot_be_told_from_none(self):
@@ -126,12 +126,12 @@ class TestFagor:
         which = profile("fagor", direction="both")
         values, reversal = {"EXX": [5.0, 4.0, 0.0, 2.0, 1.0]}, {"EXX": [10.0, 8.0, 0.0, 4.0, 2.0]}
         with pytest.raises(SafetyError) as refused:
-            listed(Fagor(), which, values, reversal=reversal)
+            listed(FAGOR, which, values, reversal=reversal)
         assert refused.value.code == "reverse-column-zero"
 
     def test_straightness_is_said_to_stay(self):
         """No cross table is described: only positioning errors are listed."""
-        plan, files = listed(Fagor(), profile("fagor"), {"EYX": [0.0, 3.0, 6.0, 3.0, 0.0]}, ("EXX", "EYX"))
+        plan, files = listed(FAGOR, profile("fagor"), {"EYX": [0.0, 3.0, 6.0, 3.0, 0.0]}, ("EXX", "EYX"))
         assert [file.name for file in files] == ["fagor_AX1.csv"]
         assert "stays in the machine: EYX 6.0 um" in next(f.text for f in plan.findings if f.code == "straightness-not-written")
 
@@ -147,6 +147,6 @@ class TestFagor:
     def test_a_damaged_list_is_named(self, change, message):
         """By file and line."""
         which = profile("fagor")
-        _, files = listed(Fagor(), which, {"EXX": EXAMPLE})
+        _, files = listed(FAGOR, which, {"EXX": EXAMPLE})
         with pytest.raises(DataError, match=message):
-            Fagor().parse([ControlFile(name=files[0].name, data=files[0].data.replace(*change))], which)
+            FAGOR.parse([ControlFile(name=files[0].name, data=files[0].data.replace(*change))], which)

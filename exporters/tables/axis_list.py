@@ -1,0 +1,148 @@
+"""A control whose tables are keyed in by hand: one list an axis with the error in + and in - direction, declared rather than programmed.
+
+What differs between such controls is a name, a heading, a law and sizes (`AxisList`). No cross table: straightness stays in the machine.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+
+import msgspec
+import numpy as np
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
+from stepdiag.exporters.files.numbers import fixed
+from stepdiag.exporters.tables.averaging import straightness_remark
+from stepdiag.exporters.tables.controller import Limits, Plan
+from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.own_files import own_and_zeros
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import absolute_tables
+from stepdiag.exporters.tables.tables import Law, Table
+from stepdiag.solver.errors import DataError, SafetyError
+from stepdiag.solver.findings import Finding
+
+
+class NoOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
+    """A section with nothing to ask beyond the axes."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AxisList:
+    """Such a control as `exporters.tables.controller.Controller`.
+
+    ``heading``: the three columns as the control names them, with semicolons between; ``decimals``: of a position and an error in mm;
+    ``points`` and ``value_um``: the most that a table holds; ``steps``: what the person does who keys the lists in; ``remarks``: what
+    every export says of this control, such as what was derived and not read.
+    """
+
+    name: str
+    title: str
+    kind: str
+    heading: str
+    law: Law
+    decimals: int
+    points: int
+    value_um: float
+    steps: tuple[str, ...]
+    remarks: tuple[Finding, ...] = ()
+    options: type[msgspec.Struct] = NoOptions
+
+    @property
+    def kinds(self) -> tuple[str, ...]:
+        """Return the one kind of table."""
+        return (self.kind,)
+
+    @property
+    def options_template(self) -> str:
+        """Return the section with its header alone."""
+        return f"[{self.name}]\n"
+
+    @property
+    def quantum_um(self) -> float:
+        """Return the last decimal of an error, in um."""
+        return float(10.0 ** (3 - self.decimals))
+
+    def quick_options(self) -> NoOptions:
+        """Return the options of a quick look: there are none."""
+        return NoOptions()
+
+    def limits(self, table: Table, profile: Profile) -> Limits:  # noqa: ARG002 - part of the protocol
+        """Return the size of the table and of a value."""
+        return Limits(points=self.points, value_um=self.value_um)
+
+    def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
+        """Return the tables of the positioning errors."""
+        tables: list[Table] = []
+        for curve in curves:
+            if curve.name in POSITIONING:
+                place: dict[str, int | str] = {"axis": profile.axis(curve.input_axis).name}
+                tables += absolute_tables(curve, profile, kind=self.kind, law=self.law, quantum_um=self.quantum_um, place=place)
+        return Plan(tables=tuple(tables), findings=(*straightness_remark(curves, "this list"), *self.remarks))
+
+    def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
+        """Return one list for each axis. Raises ``SafetyError`` (code ``reverse-column-zero``) where zeros would be read as no column."""
+        by_axis = {letter: [table for table in tables if table.input_axis == letter] for letter in profile.axes}
+        return tuple(self._list(of_axis, notes) for of_axis in by_axis.values() if of_axis)
+
+    def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables of such lists."""
+        return tuple(table for file in files for table in self._read(file, profile))
+
+    def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
+        """Return the machine's own lists, and a list of zeros for every axis that has none."""
+        return own_and_zeros(self, tables, profile, lambda table: table.input_axis)
+
+    def recognises(self, file: ControlFile) -> bool:
+        """Return whether the file is such a list, by its heading."""
+        return self.heading.encode("ascii") in file.data
+
+    def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
+        """Return the column of the table as it is keyed in."""
+        way = {0: "both directions", 1: "+ direction", -1: "- direction"}[table.direction]
+        points = zip(table.position_mm, table.value_um, strict=True)
+        rows = (f"{fixed(at, self.decimals):>12} {fixed(value / 1000, self.decimals):>12}" for at, value in points)
+        return (f"position mm   error mm, {way}", *rows)
+
+    def instructions(self, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
+        """Return the steps for the service engineer."""
+        return self.steps
+
+    def _list(self, tables: Sequence[Table], notes: Sequence[str]) -> ControlFile:
+        axis = tables[0].place["axis"]
+        file = f"{self.name}_{axis}.csv"
+        forward = next(table for table in tables if table.direction >= 0)
+        reverse = next((table.value_um for table in tables if table.direction < 0), np.zeros(forward.value_um.shape))
+        if len(tables) > 1 and forward.value_um.any() and not reverse.any():
+            raise SafetyError(
+                file, code="reverse-column-zero", expected="an error in the - direction that is not 0 throughout",
+                found="zeros, which the control reads as: use the + column", remedy='export this axis with machine.direction = "mean"',
+            )  # fmt: skip
+        rows = zip(forward.position_mm, forward.value_um / 1000, reverse / 1000, strict=True)
+        written = (";".join(fixed(number, self.decimals) for number in row) for row in rows)
+        lines = [*(f"; {note}" for note in notes), f"AXIS {axis}", self.heading, *written]
+        return ControlFile(name=file, data=ascii_lines(lines, "\r\n"))
+
+    def _read(self, file: ControlFile, profile: Profile) -> Iterator[Table]:
+        lines = [(where, line) for where, line in read_lines(file) if line and not line.startswith(";")]
+        if len(lines) < 4 or not lines[0][1].startswith("AXIS ") or lines[1][1] != self.heading or not file.data.endswith(b"\n"):
+            raise DataError(file.name, expected=f"AXIS, {self.heading!r}, two or more rows and a line end", found=f"{len(lines)} lines")
+        letter = profile.letter_of(lines[0][1].removeprefix("AXIS "), lines[0][0])
+        rows = [[finite(cell, where) for cell in line.split(";")] for where, line in lines[2:]]
+        if any(len(row) != 3 for row in rows) or any(later[0] <= row[0] for row, later in pairwise(rows)):
+            raise DataError(file.name, expected="rows of three numbers with rising positions", found="others")
+        position, forward, reverse = np.array(rows).T
+        for direction, error in ((1, forward), (-1, reverse)) if reverse.any() else ((0, forward),):
+            yield Table(
+                kind=self.kind,
+                input_axis=letter,
+                output_axis=letter,
+                position_mm=position,
+                value_um=error * 1000.0,
+                quantum_um=self.quantum_um,
+                law=self.law,
+                reference_mm=profile.axis(letter).reference_mm,
+                direction=direction,
+                place={"axis": profile.axis(letter).name},
+            )
