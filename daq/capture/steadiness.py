@@ -21,6 +21,8 @@ RESTLESS_UM = 0.02
 """An instrument that resolves this sees air and floor move: in a machine hall it never sends one value for half a window."""
 FROZEN_SHARE = 0.5
 FROZEN_SAMPLES = 10
+LEAVING_SHARE = 0.1
+"""A PLC says up to one of its scans too long that the machine stands: so large a share of a window's end may show it leave."""
 
 
 def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_um: float) -> list[tuple[str, str]]:
@@ -34,9 +36,18 @@ def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_
         return [("laser-frozen", f"the laser sent one value {same} times of {count}: it is frozen")]
     if step_um := step_in_um(position_mm):
         return [("window-step", f"a step of {step_um:+.1f} um inside the dwell: a slip of the count, a jerk of the machine, or the mirror")]
-    if window.rejected > WRONG_LINES + WRONG_SHARE * count:
-        return [("window-step", f"{window.rejected} of {count} samples lie far from the others: more than noise explains")]
+    wrong = window.rejected - _leaving(position_mm)
+    if wrong > WRONG_LINES + WRONG_SHARE * count:
+        return [("window-step", f"{wrong} of {count} samples lie far from the others: more than noise explains")]
     return []
+
+
+def _leaving(position_mm: NDArray[np.float64]) -> int:
+    """Return how many samples at the end of a window go further and further away: the machine drives on, it does not jump."""
+    away = np.abs(position_mm - np.median(position_mm))
+    staying = np.flatnonzero(np.diff(away) <= 0.0)
+    leaving = len(away) - 2 - int(staying[-1]) if len(staying) else 0
+    return leaving if leaving <= LEAVING_SHARE * len(away) else 0
 
 
 def step_in_um(position_mm: NDArray[np.float64]) -> float:

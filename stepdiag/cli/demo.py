@@ -7,6 +7,7 @@ import typer
 
 if TYPE_CHECKING:
     from stepdiag.demo.demo import Demonstrated
+    from stepdiag.demo.keys import Keyboard
 
 
 def register(app: typer.Typer) -> None:
@@ -17,12 +18,17 @@ def register(app: typer.Typer) -> None:
 def demo(
     out: Annotated[Path, typer.Option(help="An empty or new folder for everything the demo writes.")] = Path("demo"),
     seed: Annotated[int, typer.Option(help="Another machine for every number.")] = 1,
+    live: Annotated[bool, typer.Option("--live", help="Slow enough to watch on the page; keys cause faults.")] = False,
+    browser: Annotated[bool, typer.Option(help="With --live: open the page.")] = True,
     as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
 ) -> None:
     """Do the whole job on a virtual machine.
 
     Record, solve, export, load back, verify, over a real Modbus connection and a real serial line.
     """
+    if live:
+        _live(out, seed, browser=browser)
+        return
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -37,6 +43,49 @@ def demo(
         _print_json(found)
     else:
         _print_table(found)
+
+
+def _live(out: Path, seed: int, *, browser: bool) -> None:
+    from stepdiag.demo.keys import keyboard
+    from stepdiag.demo.live import live as watch
+
+    with keyboard() as keys:
+        watch(out, seed, _Watching(keys, browser=browser))
+
+
+class _Watching:
+    """Who watches the live demo, at a terminal: lines out, keys in."""
+
+    def __init__(self, keys: "Keyboard", *, browser: bool) -> None:
+        self._keys = keys
+        self._browser = browser
+
+    def opened(self, address: str, token: str) -> None:
+        """Say where the page is and what the keys do, and open it."""
+        from stepdiag.demo.live import KEYS
+
+        typer.echo(f"The page: {address}\nIts buttons and files ask for the token: {token}\n")
+        typer.echo("  Enter  start the program that is waited for (it starts by itself after a while)")
+        for key, each in KEYS.items():
+            typer.echo(f"  {key}      {each.does}")
+        typer.echo("  q      end\n")
+        if self._browser:
+            import webbrowser
+
+            webbrowser.open(address)
+
+    def told(self, line: str) -> None:
+        """Print what happens."""
+        from stepdiag.terminal.printable import printable
+
+        typer.echo(printable(line))
+
+    def pressed(self) -> str:
+        """Return the key that was pressed; the end of the input ends the demo."""
+        from stepdiag.demo.live import END
+
+        key = self._keys.pressed()
+        return END if self._keys.ended else key
 
 
 def _print_table(found: "Demonstrated") -> None:

@@ -1,9 +1,7 @@
 """The whole job on a virtual machine: recorded, solved, exported, loaded back, and verified on lines that nobody measured."""
 
-import sys
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -11,9 +9,11 @@ import msgspec
 import numpy as np
 
 from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench, write_profiles, write_survey
-from stepdiag.demo.processes import Talker, talking
+from stepdiag.demo.operator import Operator, daemon, words
+from stepdiag.demo.operator import bench as running
+from stepdiag.demo.processes import Talker
 from stepdiag.demo.reach import exported
-from stepdiag.solver.errors import DataError, DeviceError, UsageError
+from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import without_rigid_motion
 from stepdiag.virtual.bench.building import build_machine
@@ -22,11 +22,6 @@ from stepdiag.virtual.control.compensation import Control
 
 GRID = 9
 LINE_POINTS = 21
-READY_S = 20.0
-SILENCE_S = 60.0
-"""The longest the demo waits for the next word of a process."""
-HAND_S = 1.0
-"""A person starts the program when everything is seen to run, not within the daemon's first milliseconds."""
 
 Progress = Callable[[str, int, int], None]
 """Takes what is going on, how many stops are in, and how many there will be."""
@@ -65,23 +60,28 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
 
     Raises UsageError for a folder that is not empty, DeviceError or DataError where a process fails.
     """
-    folder.mkdir(parents=True, exist_ok=True)
-    if any(folder.iterdir()):
-        raise UsageError(str(folder), expected="an empty folder", found="one with files in it", remedy="name another one with --out")
+    empty_folder(folder)
     began = time.monotonic()
     bench = write_bench(folder, seed)
     write_angles(folder, bench, seed)
     write_profiles(folder)
-    with _bench(bench, folder) as hall:
+    with running(bench, folder) as hall:
         survey = write_survey(folder, hall.ready["plc_port"], hall.ready["laser_link"])
-        with _daemon(survey) as daemon:
-            round_folder = _survey(hall, daemon, progress)
+        with daemon(survey) as recording:
+            round_folder = _survey(hall, survey, recording, progress)
     seconds = time.monotonic() - began
     progress("verifying on lines that were not measured", 1, 1)
     before = verify(bench, None, ())
     after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
     reach = {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", round_folder / "result.json")}
     return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, seconds=seconds)
+
+
+def empty_folder(folder: Path) -> None:
+    """Make a folder. Raises UsageError where there is one with files in it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    if any(folder.iterdir()):
+        raise UsageError(str(folder), expected="an empty folder", found="one with files in it", remedy="name another one with --out")
 
 
 def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figures:
@@ -125,58 +125,18 @@ def _files(round_folder: Path, control: str) -> list[Path]:
     return [folder / name for name in listed if "_RESTORE" not in name and not name.endswith((".txt", ".MPF"))]
 
 
-@contextmanager
-def _bench(config: Path, folder: Path) -> Iterator[Talker]:
-    command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(config), "--directory", str(folder / "devices"))
-    with talking(command, errors=False) as hall:
-        hall.ready = hall.next(READY_S, "virtual machine")
-        yield hall
-
-
-@contextmanager
-def _daemon(survey: Path) -> Iterator[Talker]:
-    with talking((sys.executable, "-m", "stepdiag", "run", str(survey)), errors=True) as daemon:
-        connected: set[str] = set()
-        while not {"laser", "machine"} <= connected:
-            said = daemon.next(READY_S, "stepdiag run")
-            if said.get("event") == "link-connected":
-                connected.add(said["link"])
-            elif said.get("event") == "text":
-                raise DeviceError("stepdiag run", expected="a daemon that records", found=said["text"])
-        time.sleep(HAND_S)
-        yield daemon
-
-
-def _survey(hall: Talker, daemon: Talker, progress: Progress) -> Path:
-    """Start setup after setup until the survey is complete; return the folder of its logs."""
+def _survey(hall: Talker, survey: Path, recording: Talker, progress: Progress) -> Path:
+    """Have the survey driven until it is complete; return the folder of its logs."""
     total = sum((3 * INCREMENTS + 1 if len(setup) == 3 else INCREMENTS + 1) for setup in SETUPS) * PASSES
-    stops, words = 0, _words(hall, daemon)
-    while True:
-        said = next(words)
+    seen: set[tuple[str, str, str]] = set()
+    for said in words(Operator(hall, survey), recording):
         if said["event"] == "stop":
-            stops += 1
-            progress(f"{said['setup']} {'out' if said['outward'] else 'back'}", stops, total)
-        elif said["event"] == "survey-open":
+            seen.add((said["setup"], said["outward"], said["stop"]))
+            progress(f"{said['setup']} {'out' if said['outward'] else 'back'}", len(seen), total)
+        elif said["event"] == "survey-open" and "exit_code" in said:
             raise DataError(said["folder"], expected="a survey that can be solved", found=said["reason"])
         elif said["event"] == "survey-complete":
             return Path(said["folder"])
-        elif said["event"] == "pass-ended" and stops >= total:
-            progress("solving", stops, total)
-
-
-def _words(hall: Talker, daemon: Talker) -> Iterator[dict[str, str]]:
-    """Yield what the daemon says, and start the next setup whenever the machine waits. Raises DeviceError where the daemon falls silent."""
-    setups, waits_for, heard = 0, "nothing", time.monotonic()
-    while True:
-        while (event := hall.poll()) is not None:
-            if event["event"] == "waiting" and setups < len(SETUPS):
-                setups += 1
-                hall.say("start")
-        if (said := daemon.poll()) is not None:
-            heard = time.monotonic()
-            waits_for = said["what"] if said["event"] == "waiting" else waits_for
-            yield said
-        elif time.monotonic() - heard > SILENCE_S:
-            raise DeviceError("stepdiag run", expected="a complete survey", found=f"a minute of silence; it waits for: {waits_for}")
-        else:
-            time.sleep(0.02)
+        elif said["event"] == "pass-ended" and len(seen) >= total:
+            progress("solving", len(seen), total)
+    raise AssertionError("the daemon's words have no end")

@@ -1,5 +1,6 @@
 """The files the demo starts from: the virtual machine, the survey, and the profiles of two controls."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -30,7 +31,7 @@ setups = [{setups}]
 passes = {passes}
 feed_mm_min = 24000.0
 acceleration_mm_s2 = 4000.0
-dwell_s = 2.3
+dwell_s = {dwell}
 overrun_mm = 2.0
 start = "command"
 pause_s = 1.0
@@ -67,7 +68,7 @@ increments = {n}
 setups = [{setups}]
 return_pass = true
 feed_mm_min = 24000.0
-dwell_s = 0.4
+dwell_s = {dwell}
 overrun_mm = 2.0
 
 [machine]
@@ -88,11 +89,11 @@ port = {port}
 poll_hz = 100.0
 
 [stop]
-settle_s = 0.03
-min_window_s = 0.08
+settle_s = {settle}
+min_window_s = {window}
 
 [page]
-enabled = false
+{page}
 
 [[export]]
 controller = "siemens"
@@ -154,14 +155,35 @@ _STRAIGHTNESS = sorted([*range(5711, 5714), *range(5721, 5724), *_FOURS])
 """The parameters of straightness compensation, for the virtual control only."""
 
 
-def write_bench(folder: Path, seed: int) -> Path:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pace:
+    """How fast the virtual machine lives, and what the survey asks of a stop: ``machine_s`` in one second, the rest wall seconds."""
+
+    machine_s: float = 10.0
+    dwell_s: float = 0.26
+    settle_s: float = 0.03
+    min_window_s: float = 0.08
+
+
+FAST = Pace()
+WATCHED = Pace(machine_s=2.0, dwell_s=1.2, settle_s=0.15, min_window_s=0.4)
+"""A stop every second and a half: a person can follow it."""
+
+
+def write_bench(folder: Path, seed: int, pace: Pace = FAST) -> Path:
     """Write the virtual machine's file and return its path."""
-    return _write(folder / "machine.toml", _BENCH.format(seed=seed, n=INCREMENTS, setups=_quoted(), passes=PASSES, scale=10.0, mirror=0.2))
+    dwell = pace.dwell_s * pace.machine_s
+    bench = _BENCH.format(seed=seed, n=INCREMENTS, setups=_quoted(), passes=PASSES, scale=pace.machine_s, dwell=dwell, mirror=0.2)
+    return _write(folder / "machine.toml", bench)
 
 
-def write_survey(folder: Path, plc_port: str, laser_link: str) -> Path:
-    """Write the survey file for devices at these addresses and return its path."""
-    return _write(folder / "survey.toml", _SURVEY.format(n=INCREMENTS, setups=_quoted(), laser=laser_link, port=plc_port))
+def write_survey(folder: Path, plc_port: str, laser_link: str, *, pace: Pace = FAST, page: str = "enabled = false") -> Path:
+    """Write the survey file for devices at these addresses and return its path; ``page`` is what stands in its section."""
+    survey = _SURVEY.format(
+        n=INCREMENTS, setups=_quoted(), laser=laser_link, port=plc_port, page=page,
+        dwell=pace.dwell_s, settle=pace.settle_s, window=pace.min_window_s,
+    )  # fmt: skip
+    return _write(folder / "survey.toml", survey)
 
 
 def write_angles(folder: Path, bench: Path, seed: int) -> None:

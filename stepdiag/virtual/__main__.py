@@ -1,8 +1,8 @@
 """``python -m stepdiag.virtual --config FILE.toml [--directory DIR]``: the bench as a process of its own.
 
 It prints one JSON line when it is ready, with the addresses of its devices, and one for every event of the program. Commands come
-line by line on standard input: ``start`` begins the next setup, ``fault {...}`` injects a fault given as JSON,
-``quit`` ends it; SIGTERM and SIGINT end it too.
+line by line on standard input: ``start`` begins the next setup, ``start npp`` drives one of the program again, ``fault {...}`` injects
+a fault given as JSON, ``quit`` ends it; SIGTERM and SIGINT end it too.
 """
 
 import argparse
@@ -54,15 +54,21 @@ def _listen(bench: VirtualBench, done: threading.Event) -> None:
         command, _, rest = line.strip().partition(" ")
         if command == "quit":
             done.set()
-        elif command == "start":
-            bench.start_setup()
-        elif command == "fault":
-            try:
-                bench.inject(msgspec.json.decode(rest, type=Fault))
-            except msgspec.DecodeError as error:
-                _print({"event": "refused", "text": str(error)})
         elif command:
-            _print({"event": "refused", "text": f"expected start, fault or quit, found {command!r}"})
+            try:
+                _obey(bench, command, rest)
+            except ValueError as error:  # what cannot be read as a fault is one too
+                _print({"event": "refused", "text": str(error)})
+
+
+def _obey(bench: VirtualBench, command: str, rest: str) -> None:
+    match command:
+        case "start":
+            bench.start_setup(rest)
+        case "fault":
+            bench.inject(msgspec.json.decode(rest, type=Fault))
+        case _:
+            raise ValueError(f"expected start, fault or quit, found {command!r}")
 
 
 def _print(event: Mapping[str, str | int]) -> None:

@@ -19,6 +19,7 @@ from stepdiag.virtual.bench.building import (
 )
 from stepdiag.virtual.bench.config import BenchConfig
 from stepdiag.virtual.drive.player import Player, Segment
+from stepdiag.virtual.drive.program import again as one_more
 from stepdiag.virtual.drive.program import steps
 from stepdiag.virtual.instruments.readout import HeadView, Readout
 from stepdiag.virtual.instruments.talker import HEAD_CABLE, LASER_CABLE, Talker
@@ -50,8 +51,9 @@ class VirtualBench:
         self._clock = Clock(config.time_scale)
         self._faults = FaultBoard(config.fault)
         self._drive = build_drive(config)
+        self._plan = build_plan(config)
         self._player = Player(
-            steps(build_plan(config), self._faults),
+            steps(self._plan, self._faults),
             self._drive,
             handshake=config.program.handshake,
             seed=config.seed,
@@ -86,9 +88,14 @@ class VirtualBench:
     def __exit__(self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None) -> None:
         self.close()
 
-    def start_setup(self) -> None:
-        """Begin the next setup, as the operator does at the control."""
-        self._player.start(self._clock.machine_s())
+    def start_setup(self, again: str = "") -> None:
+        """Begin the next setup, or drive a named one again before it, as the operator does at the control.
+
+        Raises ValueError for a setup that is not in the program.
+        """
+        if again and again not in self._plan.setups:
+            raise ValueError(f"expected a setup of {', '.join(self._plan.setups)}, found {again!r}")
+        self._player.start(self._clock.machine_s(), one_more(self._plan, again, self._faults) if again else ())
 
     def inject(self, fault: Fault) -> None:
         """Let a fault strike ``delay_s`` from now, or wait for its place."""

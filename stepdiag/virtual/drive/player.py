@@ -6,8 +6,9 @@ Time is machine time in seconds from the start of the bench. The player only mov
 import math
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -144,9 +145,11 @@ class Player:
         with self._lock:
             self._captured = (stop_count, at_s)
 
-    def start(self, at_s: float) -> None:
-        """Begin the next setup that waits for a start; a start before the machine waits is not remembered."""
+    def start(self, at_s: float, first: Iterable[Step] = ()) -> None:
+        """Begin the next setup that waits for a start, after the steps ``first``; a start before the machine waits is not remembered."""
         with self._lock:
+            if self._segments[-1].step.kind == "pause" and self._segments[-1].end_s == math.inf:
+                self._program = chain(first, self._program)
             self._started_s = at_s
 
     def span(self, first_s: float, last_s: float) -> list[Segment]:

@@ -58,6 +58,12 @@ def steps(plan: Plan, faults: FaultBoard) -> Iterator[Step]:
         yield from _setup_steps(plan, setup, faults)
 
 
+def again(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
+    """Yield the steps of one setup driven once more, and the wait after it."""
+    yield from _setup_steps(plan, setup, faults)
+    yield Step(kind="pause", duration_s=math.inf if plan.pause_s is None else plan.pause_s, beam=False)
+
+
 def _setup_steps(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
     wrong = faults.take("axis-order", setup, 1, 0)
     order = wrong.text if wrong else plan.axis_order

@@ -62,3 +62,15 @@ def test_equal_samples_are_as_sure_as_the_instruments_resolution():
     """0.1 um / sqrt(12), the standard uncertainty of a rectangular distribution (GUM 4.3.7)."""
     still = summarise(np.arange(40) / 40, np.full(40, 12.5), 0.1)
     assert still.u_um == pytest.approx(0.0289, abs=1e-4)
+
+
+def test_a_machine_that_leaves_in_the_last_scan_of_its_plc_is_no_doubt():
+    """The PLC says up to a scan too long that the machine stands: seven samples of 190 that go further and further away."""
+    quiet = np.random.default_rng(3).normal(0, 0.3, 190)
+    leaves, jumps, gone = quiet.copy(), quiet.copy(), quiet.copy()
+    leaves[-7:] += [78.1, 326.5, 744.1, 1332.0, 2088.5, 3015.3, 4113.0]
+    jumps[-7:] += 78.0
+    gone[-40:] += 50.0 * np.arange(1, 41)
+    assert doubts(leaves) == []
+    assert doubts(jumps) == ["window-step"], "it jumps and stays: a slip of the count"
+    assert doubts(gone) == ["window-step"], "a fifth of the window is no scan of a PLC"

@@ -7,7 +7,7 @@ import pytest
 
 from stepdiag.virtual.base.faults import Fault, FaultBoard
 from stepdiag.virtual.drive.player import Drive, Player
-from stepdiag.virtual.drive.program import Plan, steps
+from stepdiag.virtual.drive.program import Plan, again, steps
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Conditions, aligned_setup, simulate_pass
 from stepdiag.virtual.instruments.readout import Readout
@@ -151,3 +151,23 @@ def test_an_aborted_program_stands_with_an_alarm_and_sees_its_beam():
     board = FaultBoard((Fault(kind="program-aborted", setup="npp", pass_number=1, stop=3, duration_s=4.0),))
     (alarm,) = [step for step in steps(PLAN, board) if step.alarm]
     assert (alarm.setup, alarm.duration_s, alarm.beam) == ("npp", 4.0, True)
+
+
+def test_a_setup_is_driven_again_where_the_program_waits():
+    """Named at a start it comes before the next one, after the last one too; while something is driven it is not remembered."""
+    plan = Plan(box=BOX, setups=("npp", "linear-x"), passes=1, pause_s=None)
+    seen = []
+    player = Player(steps(plan, FaultBoard()), Drive(), on_enter=lambda one: seen.append(one.step.setup or "waits"))
+
+    def started(at_s, *more):
+        player.advance(at_s)
+        player.start(at_s, *more)
+        player.advance(at_s + 3.0)
+        player.start(at_s + 3.0, again(plan, "linear-x", FaultBoard()))
+        player.advance(at_s + 900.0)
+
+    for index, more in enumerate(([], [again(plan, "npp", FaultBoard())], [], [again(plan, "npp", FaultBoard())])):
+        started(1.0 + 1000.0 * index, *more)
+    driven = [setup for before, setup in zip(["", *seen], seen, strict=False) if setup not in (before, "waits")]
+    assert driven == ["npp", "npp", "linear-x", "npp"]
+    assert player.finished.is_set()

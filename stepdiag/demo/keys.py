@@ -1,0 +1,42 @@
+"""The keyboard, one key at a time and without waiting; where standard input is no terminal, what comes through it."""
+
+import os
+import select
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+
+@dataclass(slots=True)
+class Keyboard:
+    """``ended`` is set when nothing more can come."""
+
+    number: int
+    ended: bool = False
+
+    def pressed(self) -> str:
+        """Return the key that was pressed since the last call, empty where none was."""
+        if self.ended or not select.select([self.number], [], [], 0.0)[0]:
+            return ""
+        read = os.read(self.number, 1)
+        self.ended = not read
+        return read.decode("latin-1")
+
+
+@contextmanager
+def keyboard() -> Iterator[Keyboard]:
+    """Read single keys while the block runs; the terminal is as it was afterwards."""
+    number = sys.stdin.fileno()
+    if not os.isatty(number):
+        yield Keyboard(number)
+        return
+    import termios
+    import tty
+
+    before = termios.tcgetattr(number)
+    try:
+        tty.setcbreak(number)
+        yield Keyboard(number)
+    finally:
+        termios.tcsetattr(number, termios.TCSADRAIN, before)

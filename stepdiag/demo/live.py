@@ -1,0 +1,143 @@
+"""``stepdiag demo --live``: the page over a virtual survey slow enough to be watched, with faults that a key causes."""
+
+import json
+import os
+import secrets
+import socket
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+from stepdiag.demo.demo import empty_folder
+from stepdiag.demo.files import WATCHED, Pace, write_angles, write_bench, write_profiles, write_survey
+from stepdiag.demo.operator import LOOK_S, Operator, bench, daemon, words
+from stepdiag.demo.processes import Talker
+
+LOOK_AT_PAGE_S = 8.0
+"""How long the operator waits before each setup: the page says meanwhile what is to be set up."""
+TOKEN_FILE = "page.token"  # noqa: S105  # its name
+USUAL_PORT = 8420
+GO, END = "\n", "q"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Key:
+    """What a key does: words for a person, and the fault of the virtual machine (`stepdiag.virtual`). ``placed``: at the next stop."""
+
+    does: str
+    kind: str
+    duration_s: float = 1.0
+    value: float = 0.0
+    text: str = ""
+    placed: bool = False
+
+    def order(self, setup: str) -> str:
+        """Return the fault as the virtual machine takes it."""
+        place = {"setup": setup} if self.placed else {}
+        return "fault " + json.dumps({"kind": self.kind, "duration_s": self.duration_s, "value": self.value, "text": self.text} | place)
+
+
+KEYS = {
+    "b": Key(does="hold a hand into the beam for a second", kind="beam-lost"),
+    "k": Key(does="knock against the mirror: 60 um", kind="laser-jump", value=60.0),
+    "u": Key(does="pull the laser's cable for five seconds", kind="laser-unplug", duration_s=5.0),
+    "p": Key(does="take the PLC off the network for eight seconds", kind="plc-silent", duration_s=8.0),
+    "a": Key(
+        does="let the air sensor say 85 C for half a minute", kind="plc-sensor", text="air_temperature_c", value=85.0, duration_s=30.0
+    ),
+    "s": Key(does="leave out a stop, as a wrong program would", kind="stop-skipped", placed=True),
+    "r": Key(does="stop the program and go back five stops", kind="program-aborted", value=5.0, duration_s=6.0, placed=True),
+}
+
+
+class Person(Protocol):
+    """Who watches the demo."""
+
+    def opened(self, address: str, token: str) -> None:
+        """Hear where the page is, and the token for its buttons."""
+
+    def told(self, line: str) -> None:
+        """Hear what happens."""
+
+    def pressed(self) -> str:
+        """Return the key that was pressed since the last call, empty where none was; `END` ends the demo."""
+
+
+def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
+    """Run the survey under a person's eyes until they end it; everything it wrote stays in ``folder``.
+
+    Raises UsageError for a folder that is not empty, DeviceError or DataError where a process fails.
+    """
+    empty_folder(folder)
+    config = write_bench(folder, seed, pace)
+    write_angles(folder, config, seed)
+    write_profiles(folder)
+    token = secrets.token_hex(8)
+    os.close(os.open(folder / TOKEN_FILE, os.O_CREAT | os.O_EXCL, 0o600))  # nobody else reads it, from the first moment on
+    (folder / TOKEN_FILE).write_text(token, encoding="ascii")
+    with bench(config, folder) as hall:
+        page = f'port = {_free_port()}\ntoken_file = "{TOKEN_FILE}"'
+        survey = write_survey(folder, hall.ready["plc_port"], hall.ready["laser_link"], pace=pace, page=page)
+        with daemon(survey) as recording:
+            person.opened(recording.ready["address"], token)
+            if _watched(hall, recording, Operator(hall, survey, wait_s=LOOK_AT_PAGE_S), person):
+                while person.pressed() != END:
+                    time.sleep(LOOK_S)
+
+
+def _free_port() -> int:
+    """Return the page's usual port, or a free one where it is taken."""
+    for port in (USUAL_PORT, 0):
+        with socket.socket() as probe:
+            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+            try:
+                probe.bind(("127.0.0.1", port))
+            except OSError:
+                continue
+            return int(probe.getsockname()[1])
+    raise AssertionError("port 0 takes any that is free")
+
+
+def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person) -> bool:
+    """Let the survey run and obey the keys; return whether it is complete (else the person has ended it)."""
+    ended = False
+
+    def go_on() -> bool:
+        nonlocal ended
+        key = person.pressed().lower()
+        ended = key == END
+        if key == GO:
+            operator.hurry()
+        elif key in KEYS:
+            _cause(KEYS[key], hall, operator.setup, person.told)
+        return not ended
+
+    for said in words(operator, recording, go_on=go_on, silence_s=float("inf")):
+        if line := _line(said):
+            person.told(line)
+        if said["event"] == "survey-complete":
+            return True
+    return False
+
+
+def _cause(key: Key, hall: Talker, setup: str, tell: Callable[[str], None]) -> None:
+    if key.placed and not setup:
+        tell(f"{key.does}: only while the machine drives")
+        return
+    hall.say(key.order(setup))
+    tell(key.does)
+
+
+def _line(said: dict[str, str]) -> str:
+    """Return what the terminal shows of the daemon's words; the page shows the rest."""
+    match said["event"]:
+        case "waiting":
+            return f"waits: {said['what']}"
+        case "survey-open":
+            return f"open: {said['reason']}"
+        case "survey-complete":
+            return f"complete: {said['folder']}/report.html"
+        case _:
+            return ""

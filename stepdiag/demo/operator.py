@@ -1,0 +1,132 @@
+"""Virtual machine and daemon as processes, and the person at the control: starts setup after setup, drives again what is asked for."""
+
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from stepdiag.daemon.survey_state import standing_of
+from stepdiag.demo.files import SETUPS
+from stepdiag.demo.processes import Talker, talking
+from stepdiag.solver.errors import DataError, DeviceError
+
+READY_S = 60.0
+SILENCE_S = 120.0
+"""The longest that is waited for the next word of the daemon."""
+HAND_S = 1.0
+"""A person starts the program when everything is seen to run, not within the daemon's first milliseconds."""
+SETTLED_S = 2.0
+"""When the machine has ended its program, a daemon silent for so long has said what is still missing."""
+MOST_AGAIN = 6
+LOOK_S = 0.02
+
+
+class Operator:
+    """The person at the control. ``setup`` is what is driven now, empty while the machine waits."""
+
+    def __init__(self, hall: Talker, survey: Path, *, wait_s: float = 0.0) -> None:
+        """``wait_s`` is how long the operator looks at the page before each start."""
+        self._hall = hall
+        self._survey = survey
+        self._wait_s = wait_s
+        self._begun = 0
+        self._again = 0
+        self._idle_since = 0.0
+        self._asked = False
+        self.setup = ""
+
+    @property
+    def idle(self) -> bool:
+        """Tell whether the machine waits for a start."""
+        return self._idle_since > 0.0
+
+    def look(self) -> None:
+        """Take note of what the machine says."""
+        while (event := self._hall.poll()) is not None:
+            self.setup = event["setup"]
+            self._idle_since = 0.0 if self.setup else time.monotonic()
+
+    def hurry(self) -> None:
+        """Start what comes next without waiting any longer."""
+        self._idle_since = self._idle_since and time.monotonic() - self._wait_s
+
+    def heard(self) -> None:
+        """The daemon has spoken: what is missing is to be asked for anew."""
+        self._asked = False
+
+    def start(self, silent_s: float) -> None:
+        """Start the next setup where the machine waits; after the last one what the survey still lacks, once the daemon is ``silent_s``.
+
+        Raises DataError where it lacks something after having been driven again several times.
+        """
+        if not self.idle or time.monotonic() - self._idle_since < self._wait_s:
+            return
+        if self._begun < len(SETUPS):
+            self._begun += 1
+            self._say("start")
+        elif silent_s > SETTLED_S and not self._asked:
+            self._asked = True
+            standing = standing_of(self._survey)
+            if standing.next_setup:
+                self._drive_again(standing.next_setup, "; ".join(doubt.text for doubt in standing.doubts))
+
+    def _drive_again(self, setup: str, why: str) -> None:
+        self._again += 1
+        if self._again > MOST_AGAIN:
+            raise DataError(str(self._survey), expected="a survey that can be solved", found=why or f"{setup} is not complete")
+        self._say(f"start {setup}")
+
+    def _say(self, order: str) -> None:
+        self._idle_since = 0.0
+        self._hall.say(order)
+
+
+@contextmanager
+def bench(config: Path, folder: Path) -> Iterator[Talker]:
+    """Run the virtual machine while the block runs."""
+    command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(config), "--directory", str(folder / "devices"))
+    with talking(command, errors=False) as hall:
+        hall.ready = hall.next(READY_S, "virtual machine")
+        yield hall
+
+
+@contextmanager
+def daemon(survey: Path) -> Iterator[Talker]:
+    """Run the daemon while the block runs, which begins when it hears laser and machine; ``ready`` holds the page's address."""
+    with talking((sys.executable, "-m", "stepdiag", "run", str(survey)), errors=True) as recording:
+        connected: set[str] = set()
+        while not {"laser", "machine"} <= connected:
+            said = recording.next(READY_S, "stepdiag run")
+            if said.get("event") == "link-connected":
+                connected.add(said["link"])
+            elif said.get("event") == "page":
+                recording.ready = said
+            elif said.get("event") == "text":
+                raise DeviceError("stepdiag run", expected="a daemon that records", found=said["text"])
+        time.sleep(HAND_S)
+        yield recording
+
+
+def words(
+    operator: Operator, recording: Talker, *, go_on: Callable[[], bool] = lambda: True, silence_s: float = SILENCE_S
+) -> Iterator[dict[str, str]]:
+    """Yield what the daemon says while the operator works, as long as ``go_on`` says so.
+
+    Raises DeviceError where the daemon says nothing for ``silence_s``.
+    """
+    waits_for, heard = "nothing", time.monotonic()
+    while go_on():
+        operator.look()
+        operator.start(time.monotonic() - heard)
+        if (said := recording.poll()) is not None:
+            heard = time.monotonic()
+            operator.heard()
+            waits_for = said["what"] if said["event"] == "waiting" else waits_for
+            yield said
+        elif time.monotonic() - heard > silence_s:
+            raise DeviceError(
+                "stepdiag run", expected="a complete survey", found=f"silence for {silence_s:.0f} s; it waits for: {waits_for}"
+            )
+        else:
+            time.sleep(LOOK_S)
