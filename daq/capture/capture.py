@@ -80,9 +80,10 @@ class Capture:
     def standing(self) -> Signals | None:
         """Return the signals of the stop that the machine stands at where that is taken already: it is not for the log that follows."""
         dwell = self.tracker.open
-        if dwell is None or not (dwell.from_ns == self._taken_from_ns or self.tracker.flickered()):
+        if dwell is None:
             return None
-        return dwell.signals
+        taken = dwell.from_ns == self._taken_from_ns or self._pending.goes_on(dwell, self._mover(dwell.signals))
+        return dwell.signals if taken else None
 
     def feed(self, event: Event) -> list[Outcome]:
         """Take one event; return the stops, findings and the end of the pass that it brought about, in order."""
@@ -204,7 +205,7 @@ class Capture:
         taken = certain_window(placing, unbroken, rules)
         if taken is not None and (not taken.doubtful or certain_s > PATIENCE * rules.min_window_s):
             self._taken_from_ns = dwell.from_ns
-            self._pending.drop()
+            self._pending.taken_early(known)
             self._take_dwell(known, outcomes)
 
     def _at_expected(self, signals: Signals) -> bool:

@@ -120,13 +120,6 @@ class DwellTracker:
         if self.open is not None:
             self.open = replace(self.open, to_ns=max(self.open.from_ns, min(self.open.to_ns, since_ns)))
 
-    def flickered(self) -> bool:
-        """Tell whether the open dwell is the one before it once more: the stop signal fell and rose, the machine did not move."""
-        if self.open is None or self._last is None or not same_stop(self._last.signals, self.open.signals):
-            return False
-        told = self.open.signals.stop_count is not None or self.open.signals.commanded_mm is not None
-        return told or self.open.from_ns - self._last.to_ns < FLICKER_NS
-
     def _observe(self, signals: Signals) -> Observation:
         if not signals.stopped:
             return "moving"

@@ -39,6 +39,7 @@ class Standstills:
 
     def __init__(self) -> None:
         self._waiting: list[_Waiting] = []
+        self._taken: _Waiting | None = None
 
     def __bool__(self) -> bool:
         return bool(self._waiting)
@@ -71,15 +72,27 @@ class Standstills:
 
     def take(self) -> Dwell:
         """Return the first standstill, which waits no longer."""
-        return self._waiting.pop(0).dwell
+        self._taken = self._waiting.pop(0)
+        return self._taken.dwell
+
+    def goes_on(self, going_on: Dwell, placing: Placing | None) -> bool:
+        """Tell whether a dwell is the standstill that was taken last once more: the stop signal fell and rose, the machine did not move.
+
+        Where no samples tell, counter and position do.
+        """
+        if self._taken is None:
+            return False
+        one = _one(self._taken, going_on, placing) if placing is not None else None
+        told = going_on.signals.stop_count is not None or going_on.signals.commanded_mm is not None
+        return one if one is not None else told and same_stop(self._taken.dwell.signals, going_on.signals)
 
     def are(self, going_on: Dwell, placing: Placing | None) -> bool:
         """Tell whether all that wait are earlier parts of the dwell that goes on."""
         return all(bool(_one(each, going_on, placing)) for each in self._waiting)
 
-    def drop(self) -> None:
-        """Forget all that wait: they are shorter parts of a standstill that was taken."""
-        self._waiting = []
+    def taken_early(self, dwell: Dwell) -> None:
+        """Take note that a standstill was taken while it lasts; all that wait are shorter parts of it."""
+        self._waiting, self._taken = [], _Waiting(dwell, dwell.to_ns)
 
 
 def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None:

@@ -7,7 +7,7 @@ child (`daq.service.child_jobs`) runs solver and exporters on the finished logs,
 import asyncio
 import signal
 import time
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -245,7 +245,8 @@ class Daemon:
         elif not session.recording and session.book.whole():
             still = session.book.doubts()
             places, reason = [doubt.place for doubt in still], "; ".join(doubt.text for doubt in still)
-            _log.warning("survey-open", folder=str(session.folder), doubted=places, reason=reason)
+            said = {"folder": str(session.folder), "doubted": places, "reason": reason}
+            self._write_live(lambda: _log.warning("survey-open", **said))
 
     def _complete(self) -> None:
         """Hand the finished survey to a child process and be ready for the next one."""
@@ -300,17 +301,24 @@ class Daemon:
     async def _publish(self) -> None:
         while True:
             await asyncio.sleep(PUBLISH_S)
-            self._write_live()
+            if time.monotonic() - self._live_s >= LIVE_S and (self._writing is None or self._writing.done()):
+                self._write_live()
             self._working.survey_links.collect()
             self._tell(self.status_source.waits_for())
             self._look_at_verdicts()
             await self.status_source.publish()
 
-    def _write_live(self) -> None:
-        """Write what is heard and waited for beside the lock, every second, in a thread that only writes."""
-        if time.monotonic() - self._live_s >= LIVE_S and (self._writing is None or self._writing.done()):
-            self._live_s = time.monotonic()
-            self._writing = asyncio.create_task(asyncio.to_thread(write_live, self._folder, self.status_source.live()), name="live")
+    def _write_live(self, then: Callable[[], object] | None = None) -> None:
+        """Write what is heard and waited for beside the lock, in a thread that only writes; what is said ``then`` is true there as well."""
+        self._live_s = time.monotonic()
+        self._writing = asyncio.create_task(self._written_live(self._writing, then), name="live")
+
+    async def _written_live(self, before: asyncio.Task[None] | None, then: Callable[[], object] | None) -> None:
+        if before is not None:
+            await before
+        await asyncio.to_thread(write_live, self._folder, self.status_source.live())
+        if then is not None:
+            then()
 
     def _tell(self, waits_for: str) -> None:
         """Say what the daemon waits for: to systemd always, into the log where nothing is being recorded."""

@@ -34,7 +34,6 @@ def test_a_hand_written_program_is_measured_where_it_drives(tmp_path):
     assert "+33.3 um" in findings_of(said, "position-differs")[0]
 
 
-@pytest.mark.xfail(reason="without positions and counter the start of ppn is taken for a stop measured twice", strict=False)
 @on_a_steady_computer
 def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
     """In the journal, in the result and in the report."""

@@ -15,6 +15,7 @@ from stepdiag.solver.findings import Finding
 from testkit.timeline import STOPPED_ONLY, Timeline, diagonal, survey_text
 
 COUNTED = STOPPED_ONLY + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
+SETUP_TOLD = STOPPED_ONLY + "[plc.signals.setup]\naddress = 3\n"
 SIGNALS = pytest.mark.parametrize("signals", [STOPPED_ONLY, COUNTED], ids=["stopped", "stopped, setup, stop_count"])
 SIZES = pytest.mark.parametrize("size", [(300.0, 200.0, 100.0), (200.0, 200.0, 200.0)], ids=["box", "cube"])
 
@@ -29,7 +30,7 @@ def drive(stops, *, signals, size=(300.0, 200.0, 100.0), back=False, **more):
         book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
         codes += [each.code for each in (*outcomes, *book.news()) if isinstance(each, Finding)]
         if any(isinstance(each, Ended) for each in outcomes):
-            capture = Capture(survey, book.start(skip_open_dwell=capture.tracker.open is not None, breaks=capture.left_over()))
+            capture = Capture(survey, book.start(skip_open_dwell=capture.standing is not None, breaks=capture.left_over()))
     return book, codes
 
 
@@ -88,6 +89,19 @@ def test_a_return_pass_left_in_the_middle_and_the_whole_program_again(signals):
         for stop, offset in each.chosen().values():
             place = stop.stop if stop.outward else 9 - stop.stop
             assert abs(stop.reading_mm + offset - out[place].reading) < 0.01 + abs(offset)
+
+
+@pytest.mark.parametrize("signals", [STOPPED_ONLY, SETUP_TOLD], ids=["stopped", "stopped, setup"])
+def test_a_quick_turn_is_another_standstill(signals):
+    """Over the end and back in a third of a second: the return pass begins with what it reads there, 4 um of backlash away."""
+    out, back = diagonal("ppp"), [replace(stop, reading=stop.reading - 0.004) for stop in diagonal("ppp", back=True)]
+    beyond = replace(out[-1], reading=out[-1].reading + 2.0, seconds=0.03, shown=False, counts=0)
+    book, codes = drive([*out, beyond, *back], signals=signals, back=True, move_s=0.1)
+    first, second = book.passes
+    assert_as_driven(first, out)
+    assert_as_driven(second, back)
+    assert second.chosen()[0][0].reading_mm - first.chosen()[9][0].reading_mm == pytest.approx(-0.004, abs=6e-4)
+    assert not set(codes) & {"stop-again", "between-stops", "reading-differs"}
 
 
 @SIGNALS
