@@ -21,18 +21,8 @@ from stepdiag.daq.survey.rules import rtu_poll_s
 from stepdiag.daq.survey.template import template
 from stepdiag.exporters.files.settings import convert
 from stepdiag.solver.errors import UsageError
+from testkit.survey_files import SMALLEST
 
-SMALLEST = """
-[survey]
-name = "s"
-machine = "m"
-[volume]
-size_mm = [500, 400, 300]
-increments = 10
-[laser]
-format = "umd"
-port = "/dev/ttyUSB0"
-"""
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\n'
 SWITCHED_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE)
 

@@ -285,29 +285,19 @@ class TestActiveTables:
     def active(self, state: str) -> Profile:
         return replace(machine(measured_with=state), existing=(ControlFile(name="AX_EEC.INI", data=OLD_TABLE),))
 
+    def merged(self, out):
+        profile = self.active("on")
+        return export(measured_with(RESULT, profile.existing), "siemens", profile, out_dir=out, accept=["change-large"], today=TODAY)
+
     def test_merging_adds_the_residual_to_an_as_error_table(self, tmp_path):
         """controllers.md 9: T_new = T_old + r, on the new grid, zero at the reference."""
-        report = export(
-            measured_with(RESULT, self.active("on").existing),
-            "siemens",
-            self.active("on"),
-            out_dir=tmp_path,
-            accept=["change-large"],
-            today=TODAY,
-        )
+        report = self.merged(tmp_path)
         table = next(table for table in report.tables if table.name == "EXX")
         np.testing.assert_allclose(table.value_um, [0, 3 + 5, 8 + 10, 12 + 15, 20 + 20], atol=0.05)
 
     def test_prediction_counts_the_change_only(self, tmp_path):
         """The residual was measured with the old table on: replacing it by old + residual leaves nothing."""
-        report = export(
-            measured_with(RESULT, self.active("on").existing),
-            "siemens",
-            self.active("on"),
-            out_dir=tmp_path,
-            accept=["change-large"],
-            today=TODAY,
-        )
+        report = self.merged(tmp_path)
         assert report.prediction is not None
         assert report.prediction.figures(rigid_motion=True)[1].largest_um < 0.2
 

@@ -17,40 +17,9 @@ from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.geometry.volume import Volume
 from testkit.machines import profile_of
 from testkit.results import VOLUME, made_result
+from testkit.siemens_files import CEC_GOLDEN, EEC_GOLDEN
 
 SIEMENS = Siemens()
-EEC_GOLDEN = """\
-%_N_AX_EEC_INI
-CHANDATA(1)
-$AA_ENC_COMP[0,0,AX1]=0.0040
-$AA_ENC_COMP[0,1,AX1]=0.0010
-$AA_ENC_COMP[0,2,AX1]=0.0000
-$AA_ENC_COMP[0,3,AX1]=-0.0020
-$AA_ENC_COMP[0,4,AX1]=-0.0050
-$AA_ENC_COMP_STEP[0,AX1]=100.0
-$AA_ENC_COMP_MIN[0,AX1]=-200.0
-$AA_ENC_COMP_MAX[0,AX1]=200.0
-$AA_ENC_COMP_IS_MODULO[0,AX1]=0
-M17
-"""
-CEC_GOLDEN = """\
-%_N_NC_CEC_INI
-CHANDATA(1)
-$AN_CEC[0,0]=0.0000
-$AN_CEC[0,1]=0.0025
-$AN_CEC[0,2]=0.0040
-$AN_CEC[0,3]=0.0040
-$AN_CEC[0,4]=0.0040
-$AN_CEC_INPUT_AXIS[0]=(AX1)
-$AN_CEC_OUTPUT_AXIS[0]=(AX2)
-$AN_CEC_STEP[0]=100.0
-$AN_CEC_MIN[0]=0.0
-$AN_CEC_MAX[0]=400.0
-$AN_CEC_DIRECTION[0]=0
-$AN_CEC_MULT_BY_TABLE[0]=0
-$AN_CEC_IS_MODULO[0]=0
-M17
-"""
 ARCHIVE_EEC = """\
 METRIC
 

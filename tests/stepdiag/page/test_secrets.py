@@ -10,18 +10,8 @@ from stepdiag.daq.survey.file import load_survey, parse_survey
 from stepdiag.page.settings import in_the_clear, page_settings
 from stepdiag.solver.errors import UsageError
 from testkit.recording import HEADER, write_log
+from testkit.survey_files import SMALLEST
 
-SMALLEST = """
-[survey]
-name = "s"
-machine = "m"
-[volume]
-size_mm = [500, 400, 300]
-increments = 10
-[laser]
-format = "umd"
-port = "/dev/ttyUSB0"
-"""
 TOKEN = "sixteen letters!"
 
 

@@ -9,41 +9,12 @@ from stepdiag.virtual.control.linuxcnc import load_matrix, load_screw_file
 from stepdiag.virtual.control.siemens import load_siemens
 from stepdiag.virtual.physics.error_functions import ErrorSet, Table, random_errors
 from stepdiag.virtual.physics.machine import Machine
+from testkit.siemens_files import CEC_GOLDEN, EEC_GOLDEN
 
 NODES = (-200.0, -100.0, 0.0, 100.0, 200.0)
 SCREW = ErrorSet(low_mm=(-200.0, 0.0, 0.0), size_mm=(400.0, 400.0, 300.0), functions={"EXX": Table(NODES, (4.0, 1.0, 0.0, -2.0, -5.0))})
 """The screw of the worked examples: too short everywhere."""
 
-EEC = """%_N_AX_EEC_INI
-CHANDATA(1)
-$AA_ENC_COMP[0,0,AX1]=0.0040
-$AA_ENC_COMP[0,1,AX1]=0.0010
-$AA_ENC_COMP[0,2,AX1]=0.0000
-$AA_ENC_COMP[0,3,AX1]=-0.0020
-$AA_ENC_COMP[0,4,AX1]=-0.0050
-$AA_ENC_COMP[0,5,AX1]=0
-$AA_ENC_COMP_STEP[0,AX1]=100.0
-$AA_ENC_COMP_MIN[0,AX1]=-200.0
-$AA_ENC_COMP_MAX[0,AX1]=200.0
-$AA_ENC_COMP_IS_MODULO[0,AX1]=0
-M17
-"""
-CEC = """CHANDATA(1)
-$AN_CEC[0,0]=0.0000
-$AN_CEC[0,1]=0.0025
-$AN_CEC[0,2]=0.0040
-$AN_CEC[0,3]=0.0040
-$AN_CEC[0,4]=0.0040
-$AN_CEC_INPUT_AXIS[0]=(AX1)
-$AN_CEC_OUTPUT_AXIS[0]=(AX2)
-$AN_CEC_STEP[0]=100.0
-$AN_CEC_MIN[0]=0.0
-$AN_CEC_MAX[0]=400.0
-$AN_CEC_DIRECTION[0]=0
-$AN_CEC_MULT_BY_TABLE[0]=0
-$AN_CEC_IS_MODULO[0]=0
-M17
-"""
 FANUC_NEW = (
     "%\r\n(CNCID=VIRTUAL)\r\nN03605Q1A1P00000000A2P00000000\nN03620Q1A1P40\r\nN03621Q1A1P39\nN03622Q1A1P42\n"
     "N03623Q1A1P1\nN03624Q1A1P100.0\nN10001Q1A1P77\nN10039Q0P3\n\r\rN10040Q0P1\nN10041Q0P2\nN10042Q0P3\n%\n"
@@ -64,7 +35,7 @@ def error_x(tables, position, direction=0.0):
 
 @pytest.mark.parametrize(
     "tables",
-    [load_siemens(EEC), load_fanuc([FANUC_NEW]), load_fanuc([FANUC_OLD]), load_screw_file(COMP, 0)],
+    [load_siemens(EEC_GOLDEN), load_fanuc([FANUC_NEW]), load_fanuc([FANUC_OLD]), load_screw_file(COMP, 0)],
     ids=["siemens", "fanuc-new", "fanuc-old", "linuxcnc"],
 )
 def test_the_worked_screw_is_straight_at_every_node(tables):
@@ -96,31 +67,31 @@ def test_a_stray_percent_ends_the_reading():
 
 def test_siemens_cross_table_moves_the_other_axis_against_the_table_and_holds_its_ends():
     """Controllers 12.3: the table is the error (T = e)."""
-    (table,) = load_siemens(CEC)
+    (table,) = load_siemens(CEC_GOLDEN)
     points = np.array([[0.0, 5.0, 0.0], [150.0, 5.0, 0.0], [900.0, 5.0, 0.0]])
     assert table.correction_mm(points, np.ones((3, 3))) == pytest.approx(np.array([[0, 0, 0], [0, -0.00325, 0], [0, -0.004, 0]]), abs=1e-12)
 
 
 def test_siemens_directional_tables_add_up_to_their_mean():
-    forward = load_siemens(CEC.replace("DIRECTION[0]=0", "DIRECTION[0]=1"))[0]
+    forward = load_siemens(CEC_GOLDEN.replace("DIRECTION[0]=0", "DIRECTION[0]=1"))[0]
     point = np.array([[200.0, 0.0, 0.0]])
     by_direction = [forward.correction_mm(point, np.full((1, 3), sign))[0, 1] for sign in (1.0, 0.0, -1.0)]
     assert by_direction == pytest.approx([-0.004, -0.002, 0.0])
 
 
 def test_siemens_multiplies_by_the_table_with_the_next_number():
-    second = CEC.replace("[0,", "[1,").replace("[0]", "[1]").replace("MULT_BY_TABLE[1]=0", "MULT_BY_TABLE[1]=1")
-    (product,) = load_siemens(CEC + second)  # linked tables give their product alone (K3 p. 252)
+    second = CEC_GOLDEN.replace("[0,", "[1,").replace("[0]", "[1]").replace("MULT_BY_TABLE[1]=0", "MULT_BY_TABLE[1]=1")
+    (product,) = load_siemens(CEC_GOLDEN + second)  # linked tables give their product alone (K3 p. 252)
     point = np.array([[200.0, 0.0, 0.0]])
     assert product.correction_mm(point, np.zeros((1, 3)))[0, 1] == pytest.approx(-0.004 * 0.004)
 
 
 def test_siemens_program_switches_off_and_on_again():
-    program = "$MA_ENC_COMP_ENABLE[0,AX1]=0\nNEWCONF\n" + EEC + "$MA_ENC_COMP_ENABLE[0,AX1]=1\nNEWCONF\n"
+    program = "$MA_ENC_COMP_ENABLE[0,AX1]=0\nNEWCONF\n" + EEC_GOLDEN + "$MA_ENC_COMP_ENABLE[0,AX1]=1\nNEWCONF\n"
     assert len(load_siemens(program)) == 1
-    assert load_siemens(EEC + "$MA_ENC_COMP_ENABLE[0,AX1]=0\n") == []
-    assert load_siemens(CEC + "$MA_CEC_ENABLE[AX2]=FALSE\n") == []
-    assert load_siemens(EEC, measuring_system=1) == []
+    assert load_siemens(EEC_GOLDEN + "$MA_ENC_COMP_ENABLE[0,AX1]=0\n") == []
+    assert load_siemens(CEC_GOLDEN + "$MA_CEC_ENABLE[AX2]=FALSE\n") == []
+    assert load_siemens(EEC_GOLDEN, measuring_system=1) == []
 
 
 @pytest.mark.parametrize(
@@ -133,7 +104,7 @@ def test_siemens_program_switches_off_and_on_again():
 )
 def test_siemens_refuses_what_would_go_wrong_silently(old, new, message):
     with pytest.raises(ValueError, match=message):
-        load_siemens(EEC.replace(old, new))
+        load_siemens(EEC_GOLDEN.replace(old, new))
 
 
 def test_linuxcnc_ends_at_the_first_foreign_line_and_takes_trims_as_they_are():
@@ -199,7 +170,7 @@ def test_the_truth_loaded_by_the_law_leaves_only_what_lies_between_the_nodes():
 
 def test_files_are_loaded_by_the_law_of_their_control(tmp_path):
     for name, text in (
-        ("AX_EEC.INI", EEC),
+        ("AX_EEC.INI", EEC_GOLDEN),
         ("screwcompX.dat", COMP),
         ("y_axis.comp", COMP),
         ("squareness.hal", "setp matrixkins.C_xz 1e-5"),
