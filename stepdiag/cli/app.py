@@ -11,7 +11,6 @@ from stepdiag.terminal.exits import failed_writing_said, refusals_said
 app = typer.Typer(
     name="stepdiag",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )

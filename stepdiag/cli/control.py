@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.cli.completion import TABLES, exported, tables
 from stepdiag.solver.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -20,7 +21,6 @@ if TYPE_CHECKING:
 
 JUDGED_WRONG = 5
 """Exit code of ``verify`` for a file that must not be loaded (contract 5)."""
-ControlName = Annotated[str, typer.Option(help="The control: siemens, fanuc, heidenhain, linuxcnc, beckhoff, mitsubishi, fagor, neutral.")]
 ProfileFile = Annotated[Path | None, typer.Option(help="The machine's profile (TOML); `stepdiag profile C` writes one to fill in.")]
 OutFolder = Annotated[Path, typer.Option(help="The folder to write into; what is there is never overwritten with other bytes.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
@@ -35,7 +35,7 @@ def register(app: typer.Typer) -> None:
 
 
 def profile(
-    controller: Annotated[str, typer.Argument(help="The control the profile is for.")],
+    controller: Annotated[str, typer.Argument(help=f"The control the profile is for: {', '.join(TABLES)}.", autocompletion=tables)],
     out: Annotated[Path | None, typer.Option(help="The file to write; without it the profile is printed.")] = None,
 ) -> None:
     """Write a commented profile of a machine to fill in.
@@ -56,7 +56,13 @@ def profile(
 
 def export(
     result: Annotated[Path, typer.Argument(help="result.json")],
-    controller: Annotated[str, typer.Option(help="The control, lattice for correction vectors of the whole volume, or etalon.")],
+    controller: Annotated[
+        str,
+        typer.Option(
+            help=f"{', '.join(TABLES)}; lattice (correction vectors of the whole volume) or etalon (Etalon Exchange).",
+            autocompletion=exported,
+        ),
+    ],
     out: OutFolder,
     profile: ProfileFile = None,
     step_mm: Annotated[

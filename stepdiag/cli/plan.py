@@ -9,6 +9,7 @@ import typer
 from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
+    from stepdiag.daq.survey.models import Plan as PlanSection
     from stepdiag.daq.survey.models import Survey
     from stepdiag.solver.planning.planner import Addition, Advice, Circumstances, Forecast
     from stepdiag.solver.planning.runs import Plan
@@ -23,6 +24,9 @@ def plan(
     file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
     minutes: Annotated[float | None, typer.Option(help="The time there is: the best survey within it.")] = None,
     target_um: Annotated[float | None, typer.Option(help="The volumetric uncertainty (k = 1) wanted: the best survey down to it.")] = None,
+    apply: Annotated[
+        bool, typer.Option("--apply", help="Write the best survey into the file; without --minutes or --target-um the first addition.")
+    ] = False,
     as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
 ) -> None:
     """Predict what a survey will tell, and in what time.
@@ -36,10 +40,46 @@ def plan(
             raise UsageError(name, expected="a number above 0", found=f"{value:g}")
     survey = load_survey(file)
     advice = _advise(planned(survey), circumstances(survey), minutes, target_um)
+    asked = minutes is not None or target_um is not None
     if as_json:
         typer.echo(json.dumps(_advice_json(advice), indent=2, ensure_ascii=False))
     else:
-        _print(advice, asked=minutes is not None or target_um is not None)
+        _print(advice, asked=asked)
+    if apply:
+        _apply(file, survey, advice, asked=asked)
+
+
+def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> None:
+    """Write the advised survey into its file. Raises UsageError where nothing is advised, or the survey cannot hold it."""
+    from stepdiag.daq.survey.amended import with_plan
+    from stepdiag.exporters.files.files import read_text, write_atomically
+
+    first = advice.additions[0].forecast if advice.additions and advice.additions[0].gain_um > 0.0 else None
+    chosen = advice.best if asked else first
+    if chosen is None:
+        raise UsageError(
+            "--apply", expected="a survey that is better than this one", found="none", remedy="ask with other --minutes or --target-um"
+        )
+    changed = with_plan(read_text(file), _section(survey, chosen.plan), file.name)
+    write_atomically(file, changed.encode("utf-8"))
+    typer.echo(f"{file}: [plan] now drives {', '.join(run.setup for run in chosen.plan.runs)}", err=True)
+
+
+def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
+    """Return a plan as a survey file holds it: repeats and return passes are one setting for all of its runs."""
+    import msgspec
+
+    from stepdiag.daq.survey.models import BeamOffset
+
+    shifted = [run for run in plan.runs if any(run.beam_offset_mm)]
+    offsets = tuple(msgspec.convert({"setup": run.setup.partition("+")[0], "offset_mm": run.beam_offset_mm}, BeamOffset) for run in shifted)
+    return msgspec.structs.replace(
+        survey.plan,
+        setups=tuple(run.setup for run in plan.runs if run not in shifted),
+        repeats=max(run.repeats for run in plan.runs),
+        return_pass=any(run.return_pass for run in plan.runs),
+        beam_offset=offsets,
+    )
 
 
 def planned(survey: "Survey") -> "Plan":

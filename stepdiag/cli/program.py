@@ -5,6 +5,8 @@ from typing import Annotated
 
 import typer
 
+from stepdiag.cli.completion import PROGRAMS, programs
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
@@ -13,7 +15,7 @@ def register(app: typer.Typer) -> None:
 
 def program(
     file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
-    controller: Annotated[str, typer.Option(help="The control: siemens, fanuc, heidenhain or linuxcnc.")],
+    controller: Annotated[str, typer.Option(help=f"The control: {', '.join(PROGRAMS)}.", autocompletion=programs)],
     out: Annotated[Path, typer.Option(help="The folder to write into; what is there is never overwritten with other bytes.")],
     profile: Annotated[Path | None, typer.Option(help="The machine's profile, for its section [program].")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,

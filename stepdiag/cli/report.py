@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from stepdiag.cli.completion import languages
 from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ def report(
     ] = None,
     letterhead: Annotated[Path | None, typer.Option(help="Settings (TOML) with company, address and logo.")] = None,
     pdf: Annotated[bool, typer.Option("--pdf", help="Also print a PDF (needs chromium).")] = False,
-    language: Annotated[str, typer.Option(help="en or de")] = "en",
+    language: Annotated[str, typer.Option(help="en or de", autocompletion=languages)] = "en",
     as_json: Annotated[bool, typer.Option("--json", help="Say what was written as JSON.")] = False,
 ) -> None:
     """Write the readable report of a result.

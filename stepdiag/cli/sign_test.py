@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.cli.completion import TABLES, tables
 from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
@@ -24,7 +25,7 @@ def register(app: typer.Typer) -> None:
 
 
 def signtest(
-    controller: Annotated[str, typer.Option(help="The control, as for export.")],
+    controller: Annotated[str, typer.Option(help=f"The control: {', '.join(TABLES)}.", autocompletion=tables)],
     profile: Annotated[Path, typer.Option(help="The machine's profile (TOML).")],
     function: Annotated[str, typer.Option(help="The function that gets the bump: EXX, EYY, EZZ, or a cross table such as EYX.")] = "EXX",
     result: Annotated[Path | None, typer.Option(help="result.json, where the profile gives no start_mm and end_mm.")] = None,

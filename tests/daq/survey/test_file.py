@@ -45,10 +45,12 @@ def field_paths(model: type[msgspec.Struct]) -> set[str]:
 
 
 def test_template_validates_and_is_the_defaults() -> None:
-    """What the template switches on is what holds where a file says nothing."""
+    """What the template switches on is what holds where a file says nothing; but for the linear runs, which give the scales: logs carry
+    files of before them, and these go on to mean what they meant."""
     survey = parse_survey(template(), "template")
     smallest = parse_survey(SMALLEST, "s")
-    assert survey.plan == smallest.plan
+    assert survey.plan.setups == (*smallest.plan.setups, "linear-x", "linear-y", "linear-z")
+    assert msgspec.structs.replace(survey.plan, setups=smallest.plan.setups) == smallest.plan
     assert survey.plc == smallest.plc
     assert survey.stop == smallest.stop
     assert (survey.page, survey.metrics, survey.environment, survey.solver) == (
@@ -63,7 +65,7 @@ def test_template_validates_with_everything_switched_on() -> None:
     survey = parse_survey(SWITCHED_ON, "template")
     assert survey.laser.line is not None
     assert survey.head is not None
-    assert survey.plan.all_setups == ("ppp", "npp", "pnp", "ppn", "ppp+1")
+    assert survey.plan.all_setups == ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z", "ppp+1")
     assert set(survey.plc.own_signals) == {"stopped", "x_mm"}
     assert survey.plc.said == ("stopped", "running", "stop_count", "x_mm")
 

@@ -125,3 +125,15 @@ class TestPlan:
     @pytest.mark.parametrize("option", ["--minutes", "--target-um"])
     def test_a_wish_below_zero_is_refused(self, survey, option):
         assert (stepdiag("plan", survey, option, -1).code) == 2
+
+    def test_writes_its_advice_into_the_survey(self, survey):
+        """The first addition, without a wish; what is driven then is what the file says."""
+        advised = json.loads(stepdiag("plan", survey, "--json", "--apply").out)["additions"][0]["text"]
+        assert advised == "a linear run along Z"
+        runs = json.loads(stepdiag("plan", survey, "--json").out)["forecast"]["runs"]
+        assert [run["setup"] for run in runs] == ["ppp", "npp", "pnp", "ppn", "linear-z", "npp+1"]
+
+    def test_writes_nothing_where_nothing_fits(self, survey):
+        before = survey.read_bytes()
+        assert stepdiag("plan", survey, "--minutes", 10, "--apply").code == 2
+        assert survey.read_bytes() == before

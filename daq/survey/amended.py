@@ -1,0 +1,80 @@
+"""A survey file with another plan in it: what a person wrote around it stays as it is."""
+
+import re
+from collections.abc import Sequence
+
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.daq.survey.models import Plan
+from stepdiag.solver.errors import UsageError
+
+HEADER = re.compile(r"\s*\[")
+OFFSETS = "[[plan.beam_offset]]"
+PLAN = "[plan]"
+
+
+def with_plan(text: str, plan: Plan, source: str) -> str:
+    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes and shifted beams; all else is untouched.
+
+    Raises UsageError where the survey does not hold such a plan (a run of a head that it has not), or writes its plan in another form.
+    """
+    lines = text.splitlines(keepends=True)
+    if lines and not lines[-1].endswith("\n"):
+        lines[-1] += "\n"
+    blocks = list[list[str]]()
+    for block in _blocks(lines):
+        if block[0].strip() == OFFSETS and blocks:
+            blocks[-1] += _after_settings(block)
+        else:
+            blocks.append(block)
+    if not any(block[0].strip() == PLAN for block in blocks):
+        blocks.append([f"{PLAN}\n"])
+    amended = "".join("".join(_amended(block, plan) if block[0].strip() == PLAN else block) for block in blocks)
+    found = parse_survey(amended, source).plan
+    if found != plan:
+        raise UsageError(f"{source}: plan", expected="a section [plan] with one setting a line", found="another form of it",
+                         remedy=" ".join(line.strip() for line in _settings(plan).values()))  # fmt: skip
+    return amended
+
+
+def _blocks(lines: Sequence[str]) -> list[list[str]]:
+    """Cut a file before every header of a section."""
+    blocks: list[list[str]] = [[]]
+    for line in lines:
+        if HEADER.match(line) and blocks[-1]:
+            blocks.append([])
+        blocks[-1].append(line)
+    return blocks
+
+
+def _amended(block: Sequence[str], plan: Plan) -> list[str]:
+    """Return the section with each setting in the place of the old one, new ones right below the header, shifted beams at its end."""
+    settings, made, inside = _settings(plan), list[str](), False
+    for line in block:
+        key = line.partition("=")[0].strip()
+        if inside:
+            inside = "]" not in line
+        elif key in settings and "=" in line:
+            made.append(settings.pop(key))
+            inside = "[" in line and "]" not in line
+        else:
+            made.append(line)
+    below = next(index for index, line in enumerate(made) if line.strip() == PLAN) + 1
+    missing = [line for key, line in settings.items() if getattr(plan, key) != getattr(Plan(), key)]
+    offsets = [f'{OFFSETS}\nsetup = "{one.setup}"\noffset_mm = {[float(each) for each in one.offset_mm]}\n' for one in plan.beam_offset]
+    end = len(made) - next((index for index, line in enumerate(reversed(made)) if line.strip()), 0)
+    return [*made[:below], *missing, *made[below:end], *offsets, *made[end:]]
+
+
+def _after_settings(block: Sequence[str]) -> list[str]:
+    """Return what stands behind the last setting of a section: remarks and empty lines."""
+    settings = [index for index, line in enumerate(block) if line.strip() and not line.lstrip().startswith("#")]
+    return list(block[settings[-1] + 1 :])
+
+
+def _settings(plan: Plan) -> dict[str, str]:
+    named = ", ".join(f'"{name}"' for name in plan.setups)
+    return {
+        "setups": f"setups = [{named}]\n",
+        "return_pass": f"return_pass = {str(plan.return_pass).lower()}\n",
+        "repeats": f"repeats = {plan.repeats}\n",
+    }

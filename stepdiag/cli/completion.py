@@ -1,0 +1,33 @@
+"""What the shell offers when Tab is pressed, and the names in the help: words that must cost no import."""
+
+TABLES = ("siemens", "fanuc", "heidenhain", "linuxcnc", "beckhoff", "mitsubishi", "fagor", "neutral")
+"""The controls that tables are written for: the names of `stepdiag.exporters.profiles.registry.CONTROLLERS`."""
+FIELDS = ("lattice", "etalon")
+"""What else ``export`` writes: correction vectors of the whole volume, and the Etalon Exchange format."""
+PROGRAMS = ("siemens", "fanuc", "heidenhain", "linuxcnc")
+"""The controls that programs are written for."""
+LANGUAGES = ("en", "de")
+
+
+def tables(begun: str) -> list[str]:
+    """Return the controls whose name begins so."""
+    return _beginning(TABLES, begun)
+
+
+def exported(begun: str) -> list[str]:
+    """Return what ``export`` can write whose name begins so."""
+    return _beginning((*TABLES, *FIELDS), begun)
+
+
+def programs(begun: str) -> list[str]:
+    """Return the controls with programs whose name begins so."""
+    return _beginning(PROGRAMS, begun)
+
+
+def languages(begun: str) -> list[str]:
+    """Return the languages whose name begins so."""
+    return _beginning(LANGUAGES, begun)
+
+
+def _beginning(names: tuple[str, ...], begun: str) -> list[str]:
+    return [name for name in names if name.startswith(begun)]
