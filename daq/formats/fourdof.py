@@ -98,7 +98,7 @@ class FourdofDecoder:
     def _feed_binary(self, chunk: bytes, batch: Batch) -> None:
         for part in self._frames.feed(chunk):
             if isinstance(part, Junk):
-                batch.notices.append(Notice(code="garbage", index=batch.count, text=f"{part.count} bytes that are no frame"))
+                batch.notices.append(Notice(code="garbage", index=batch.count, text=part.text))
             else:
                 self._add(_binary_rows(part), batch)
 

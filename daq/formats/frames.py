@@ -9,15 +9,23 @@ from numpy.typing import NDArray
 Frames = NDArray[np.uint8]
 """Whole frames, shape (frames, size)."""
 
+SHOWN = 16
+"""Bytes of what is no frame that are quoted."""
 JUNK_CAP = 4096
 """Bytes without a frame after which a remark is made even if no frame ever comes."""
 
 
 @dataclass(frozen=True, slots=True)
 class Junk:
-    """``count`` bytes that belong to no frame."""
+    """``count`` bytes that belong to no frame, and how they begin; that is told once until the next frame."""
 
     count: int
+    begins: bytes = b""
+
+    @property
+    def text(self) -> str:
+        """Return this in words."""
+        return f"{self.count} bytes that are no frame" + (f", beginning with {self.begins.hex(' ')}" if self.begins else "")
 
 
 class FrameBuffer:
@@ -33,6 +41,8 @@ class FrameBuffer:
         self._valid = valid
         self._held = b""
         self._junk = 0
+        self._begins = b""
+        self._quoted = False
 
     def clear(self) -> None:
         """Forget the half frame."""
@@ -48,11 +58,14 @@ class FrameBuffer:
                 at += self._size
             if at > start:
                 yield from self._report(0)
+                self._begins, self._quoted = b"", False
                 yield np.frombuffer(data, dtype=np.uint8, count=at - start, offset=start).reshape(-1, self._size)
             if self._may_begin(data[at:]):
                 break
             after = self._next_sync(data, at + 1)
             self._junk += after - at
+            if not self._quoted:
+                self._begins += data[at : min(after, at + SHOWN - len(self._begins))]
             yield from self._report(JUNK_CAP)
             at = after
         self._held = data[at:]
@@ -77,4 +90,5 @@ class FrameBuffer:
         while self._junk and self._junk >= cap:
             portion = cap or self._junk
             self._junk -= portion
-            yield Junk(portion)
+            yield Junk(portion, self._begins)
+            self._begins, self._quoted = b"", True

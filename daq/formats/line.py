@@ -17,10 +17,9 @@ from stepdiag.daq.formats.batch import NOTHING, Batch, judge_beam
 from stepdiag.daq.formats.checks import require, require_interferometer, require_sign
 from stepdiag.daq.formats.counter import CounterTrack, Wrap
 from stepdiag.daq.formats.lines import LineBuffer, quote
+from stepdiag.daq.formats.units import Unit, mm_per_unit
 from stepdiag.daq.timing.samples import Flag, Notice, Samples
 from stepdiag.solver.errors import UsageError
-
-Unit = Literal["mm", "um", "nm", "inch", "counts"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -77,7 +76,6 @@ _LONGEST_WRAP_GAP = 1000
 """Samples believed to be missing across the end of the counter; more is taken for an instrument that was reset."""
 _NUMBER = re.compile(r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*")
 _COUNT = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
-_MM_PER_UNIT = {"mm": 1.0, "um": 1e-3, "nm": 1e-6, "inch": 25.4}
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,7 +98,7 @@ class LineDecoder:
         self._pattern = line_pattern(settings.pattern, "survey: laser.line.pattern")
         place = self._pattern.groupindex
         self._places = [place["position"], place.get("counter"), place.get("beam")]
-        self._mm = settings.sign * settings.scale * _mm_per_unit(settings)
+        self._mm = settings.sign * settings.scale * mm_per_unit(settings.unit, settings.wavelength_nm, settings.optics)
         self._terminator = settings.terminator.encode()
         self._lines = LineBuffer(LINE_CAP, self._terminator)
         modulus = settings.counter_modulus
@@ -200,9 +198,3 @@ def _number(text: str | None) -> float:
     """Return the number, which may stand apart from its sign; NaN where there is none."""
     found = _NUMBER.fullmatch(text) if text is not None else None
     return float(found["sign"] + found["digits"]) if found else float("nan")
-
-
-def _mm_per_unit(settings: LineSettings) -> float:
-    if settings.unit == "counts":
-        return settings.wavelength_nm * 1e-6 / 2 / settings.optics
-    return _MM_PER_UNIT[settings.unit]

@@ -1,6 +1,7 @@
 """Wire formats by name."""
 
 from stepdiag.daq.formats.fourdof import FourdofDecoder, FourdofSettings
+from stepdiag.daq.formats.framed import FramesDecoder, FramesSettings
 from stepdiag.daq.formats.line import LineDecoder, LineSettings
 from stepdiag.daq.formats.nd import NdDecoder, NdSettings
 from stepdiag.daq.formats.tqd import TqdDecoder, TqdSettings
@@ -8,9 +9,9 @@ from stepdiag.daq.formats.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.samples import Decoder
 from stepdiag.solver.errors import UsageError
 
-FormatSettings = UmdSettings | LineSettings | NdSettings | FourdofSettings | TqdSettings
+FormatSettings = UmdSettings | LineSettings | FramesSettings | NdSettings | FourdofSettings | TqdSettings
 
-LASER_FORMATS = ("umd", "nd", "line")
+LASER_FORMATS = ("umd", "nd", "line", "frames")
 HEAD_FORMATS = ("fourdof", "tqd")
 
 
@@ -24,6 +25,8 @@ def make_decoder(name: str, settings: FormatSettings) -> Decoder:
             return UmdDecoder(settings)
         case "line", LineSettings():
             return LineDecoder(settings)
+        case "frames", FramesSettings():
+            return FramesDecoder(settings)
         case "nd", NdSettings():
             return NdDecoder(settings)
         case "fourdof", FourdofSettings():

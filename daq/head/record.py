@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.daq.head.runs import CHANNELS, QD_ONLY
-from stepdiag.daq.links.port import SerialSettings
-from stepdiag.daq.links.serial import PolledSerial, SerialStream
+from stepdiag.daq.links.device import SerialSettings
+from stepdiag.daq.links.serial import instrument_line
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.survey.file import head_decoder, parse_survey
@@ -143,11 +143,7 @@ async def _listen(survey: Survey, gathering: _Gathering, seconds: float, on_batc
     settings = SerialSettings(
         port=section.port, baud=section.baud, bytesize=section.bytesize, parity=section.parity, stopbits=section.stopbits
     )
-    decoder = head_decoder(survey)
-    request = getattr(decoder, "request", None)
-    stream: SerialStream | PolledSerial = SerialStream(settings, arrived)
-    if request is not None:
-        stream = PolledSerial(settings, arrived, request=request, interval_s=decoder.poll_interval_s)  # type: ignore[attr-defined]
+    stream = instrument_line(settings, head_decoder(survey), arrived)
     try:
         await asyncio.wait_for(stream.session(lambda *_: None), None if math.isinf(seconds) else seconds)
     except TimeoutError:

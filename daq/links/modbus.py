@@ -12,10 +12,12 @@ from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from pymodbus import FramerType
 from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from stepdiag.daq.links.address import network_line
 from stepdiag.daq.links.modbus_errors import RefusedRequestError, lost, refusal, silence, stale, unreachable, unusable
 from stepdiag.daq.records.events import ModbusBlock, ReadRange, Table
 from stepdiag.daq.timing.host_clock import stamp_ns
@@ -52,7 +54,7 @@ class TcpSettings:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RtuSettings:
-    """A Modbus slave on a serial line."""
+    """A Modbus slave on a serial line; ``port`` may be ``socket://host:port``, a terminal server's."""
 
     port: str
     baud: int = 19200
@@ -187,6 +189,11 @@ def _client(settings: ModbusSettings) -> Client:
     """Return a client that neither retries nor reconnects by itself: the reconnector does."""
     if isinstance(settings, TcpSettings):
         return AsyncModbusTcpClient(settings.host, port=settings.port, timeout=settings.timeout_s, retries=0, reconnect_delay=0)
+    line = network_line(settings.port)
+    if line is not None:
+        return AsyncModbusTcpClient(
+            line.host, port=line.port, framer=FramerType.RTU, timeout=settings.timeout_s, retries=0, reconnect_delay=0
+        )
     return AsyncModbusSerialClient(
         settings.port,
         baudrate=settings.baud,

@@ -1,44 +1,18 @@
-"""A serial port: its settings, opening it, and what to do when that fails.
+"""An open port, whatever it is made of: waiting for bytes, being woken, and what to say when it is lost.
 
-pyserial sets the line up; waiting and reading are one poll(2) and one read(2) here, and on a busy line the read(2) alone. Its own
-``read`` makes four calls of them, each of which lets go of the interpreter and may wait for it, and costs twice the time.
+Waiting is one poll(2), and on a busy line there is none: the read itself waits there.
 """
 
-import errno
 import os
 import select
-import termios
 import threading
 import time
-from dataclasses import dataclass
-from typing import Literal
 
-import serial
-
+from stepdiag.daq.links.address import network_line
+from stepdiag.daq.links.device import Device, SerialSettings
+from stepdiag.daq.links.network import open_network
+from stepdiag.daq.links.tty import Tty
 from stepdiag.solver.errors import DeviceError
-
-LARGEST_READ = 65536
-_BUSY_WAIT_DS = 1
-"""How long (in tenths of a second, termios(3)) a read waits on a line that is expected to bring something at any moment."""
-_REMEDIES = {
-    errno.ENOENT: "check that the device is plugged in and that the survey names its port (a stable name is under /dev/serial/by-id)",
-    errno.EACCES: "give the user the right to the port (group dialout, or the udev rule that comes with the program)",
-    errno.EBUSY: "another program has the port open: end it",
-    errno.EAGAIN: "another program has the port open: end it",
-}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class SerialSettings:
-    """A port and how its line is driven. uMD boards need DTR and RTS asserted."""
-
-    port: str
-    baud: int = 115200
-    bytesize: Literal[7, 8] = 8
-    parity: Literal["N", "E", "O"] = "N"
-    stopbits: Literal[1, 2] = 1
-    dtr: bool = True
-    rts: bool = True
 
 
 class OpenPort:
@@ -48,19 +22,10 @@ class OpenPort:
         self.name = settings.port
         self.last_byte_s = time.monotonic()
         self._closing = threading.Lock()
-        try:
-            self._serial = serial.Serial(
-                baudrate=settings.baud, bytesize=settings.bytesize, parity=settings.parity, stopbits=settings.stopbits, exclusive=True
-            )
-            self._serial.dtr, self._serial.rts = settings.dtr, settings.rts
-            self._serial.port = settings.port
-            self._serial.open()
-            self._serial.timeout = 0.0  # sets the line up once more: only then a port says that it does not take these settings
-            self._line = self._serial.fileno()
-            _let_reads_wait(self._line)
-        except (OSError, ValueError, termios.error) as error:
-            raise _refusal(settings.port, error) from error
-        self.low_latency = _set_low_latency(self._serial)
+        self._closed = False
+        self._device = _open(settings)
+        self._line = self._device.fileno()
+        self.low_latency, self.detail = self._device.low_latency, self._device.detail
         self._released = threading.Event()
         self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
         self._rang = False
@@ -77,10 +42,11 @@ class OpenPort:
     def read(self, timeout_s: float) -> bytes:
         """Return what is there, waiting for the first byte at most ``timeout_s``; nothing where none came or somebody rang."""
         ready = self._either.poll(timeout_s * 1e3)
-        data = self._take() if any(descriptor == self._line for descriptor, _ in ready) else b""
-        if ready and not data:
-            self._hear(ready)
-        return data
+        if any(descriptor == self._line for descriptor, _ in ready):
+            return self._take(ready=True)
+        if ready:
+            self._quiet()
+        return b""
 
     def read_on(self) -> bytes:
         """Return what comes next on a line that always brings something; nothing after a tenth of a second of silence, or where somebody
@@ -89,25 +55,24 @@ class OpenPort:
         if self._rang:
             self._quiet()
             return b""
-        return self._take()
+        return self._take(ready=False)
 
     def write(self, data: bytes) -> None:
         """Send ``data`` and wait until it has left."""
         try:
-            self._serial.write(data)
-            self._serial.flush()
-        except (OSError, termios.error) as error:
+            self._device.write(data)
+        except OSError as error:
             raise _loss(self.name, str(error)) from error
 
     def pause(self, seconds: float) -> None:
         """Wait, but not beyond the release of the port, nor where somebody is in a hurry."""
-        if ready := self._rung.poll(max(seconds, 0.0) * 1e3):
-            self._hear(ready)
+        if self._rung.poll(max(seconds, 0.0) * 1e3):
+            self._quiet()
 
     def hurry(self) -> None:
         """Say that what is there is wanted now: ends a pause and a read."""
         with self._closing:
-            if self._serial.is_open:
+            if not self._closed:
                 os.eventfd_write(self._bell, 1)
                 self._rang = True
 
@@ -119,24 +84,19 @@ class OpenPort:
     def close(self) -> None:
         """Close the port."""
         with self._closing:
-            if self._serial.is_open:
-                self._serial.close()
+            if not self._closed:
+                self._closed = True
+                self._device.close()
                 os.close(self._bell)
 
-    def _take(self) -> bytes:
+    def _take(self, *, ready: bool) -> bytes:
         try:
-            data = os.read(self._line, LARGEST_READ)
+            data = self._device.read(ready=ready)
         except OSError as error:
             raise _loss(self.name, str(error)) from error
         if data:
             self.last_byte_s = time.monotonic()
         return data
-
-    def _hear(self, ready: list[tuple[int, int]]) -> None:
-        """Quiet the bell; a line that was ready and gave nothing is none any more."""
-        if any(descriptor == self._line for descriptor, _ in ready):
-            raise _loss(self.name, "it hung up")
-        self._quiet()
 
     def _quiet(self) -> None:
         """Quiet the bell, unless it rang for good."""
@@ -146,33 +106,11 @@ class OpenPort:
                 os.eventfd_read(self._bell)
 
 
-def _let_reads_wait(line: int) -> None:
-    """Have a read of an empty line wait, instead of failing at once as pyserial leaves it."""
-    attributes = termios.tcgetattr(line)
-    attributes[6][termios.VMIN], attributes[6][termios.VTIME] = 0, _BUSY_WAIT_DS
-    termios.tcsetattr(line, termios.TCSANOW, attributes)
-    os.set_blocking(line, True)
-
-
-def _set_low_latency(port: serial.Serial) -> bool:
-    """Ask the adapter not to sit on bytes (FTDI: 1 ms instead of 16); return whether it agreed. Many ports have no such mode."""
-    try:
-        port.set_low_latency_mode(True)
-    except (ValueError, OSError, NotImplementedError):
-        return False
-    return True
-
-
-def _refusal(name: str, error: Exception) -> DeviceError:
-    if isinstance(error, termios.error):
-        remedy = "check baud, bytesize, parity and stopbits in the survey against what the port can do"
-        return DeviceError(f"serial port {name}", expected="a port that takes these settings", found=str(error.args[-1]), remedy=remedy)
-    code = error.errno if isinstance(error, OSError) else None
-    found = os.strerror(code) if code else str(error)
-    remedy = _REMEDIES.get(code or 0, "check the port and its settings in the survey")
-    return DeviceError(f"serial port {name}", expected="a port that opens", found=found, remedy=remedy)
+def _open(settings: SerialSettings) -> Device:
+    line = network_line(settings.port)
+    return Tty(settings) if line is None else open_network(settings, line)
 
 
 def _loss(name: str, why: str) -> DeviceError:
     remedy = "check the cable; the program reconnects by itself"
-    return DeviceError(f"serial port {name}", expected="a port that stays", found=f"it is gone ({why})", remedy=remedy)
+    return DeviceError(f"port {name}", expected="a port that stays", found=f"it is gone ({why})", remedy=remedy)

@@ -7,7 +7,8 @@ import time
 from collections.abc import Callable
 from typing import Any, TypeVar
 
-from stepdiag.daq.links.port import OpenPort, SerialSettings
+from stepdiag.daq.links.device import SerialSettings
+from stepdiag.daq.links.port import OpenPort
 from stepdiag.daq.links.reconnect import Report
 
 SILENT_AFTER_S = 2.0
@@ -50,16 +51,14 @@ class PortThread:
             raise failure
 
     async def _watch(self, port: OpenPort, report: Report) -> None:
-        latency = "low latency" if port.low_latency else "no low-latency mode"
-        detail = f"{port.name}, {self._settings.baud} baud, {latency}"
-        report("connected", detail)
+        report("connected", port.detail)
         while not self._ended.done():
             await asyncio.wait({self._ended}, timeout=_WATCH_S)
             silent_s = time.monotonic() - port.last_byte_s
             if silent_s > SILENT_AFTER_S:
                 report("silent", f"{port.name}: no byte for {SILENT_AFTER_S:g} s; check that the instrument is on and its baud rate")
             else:
-                report("connected", detail)
+                report("connected", port.detail)
 
     async def _end(self, thread: threading.Thread) -> None:
         self._unwanted.set()

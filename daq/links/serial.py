@@ -5,12 +5,14 @@ Python code is busy. A read takes all that is there in one call; reading lines w
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from stepdiag.daq.links.port import OpenPort, SerialSettings
+from stepdiag.daq.links.device import SerialSettings
+from stepdiag.daq.links.port import OpenPort
 from stepdiag.daq.links.port_thread import PortThread
 from stepdiag.daq.links.reconnect import Report
 from stepdiag.daq.timing.host_clock import stamp_ns
+from stepdiag.daq.timing.samples import AskingDecoder, Decoder, GreetingDecoder, PolledDecoder
 from stepdiag.solver.errors import DeviceError
 
 ANSWER_TIMEOUT_S = 0.5
@@ -36,9 +38,11 @@ class SerialStream:
     A chunk is what came within twenty milliseconds; its stamp is that of its last byte, which had just arrived.
     """
 
-    def __init__(self, settings: SerialSettings, on_chunk: OnChunk) -> None:
+    def __init__(self, settings: SerialSettings, on_chunk: OnChunk, *, greeting: bytes = b"") -> None:
+        """``greeting`` is sent whenever the line has been opened: what makes the instrument speak."""
         self._settings = settings
         self._on_chunk = on_chunk
+        self._greeting = greeting
         self._port: OpenPort | None = None
 
     async def session(self, report: Report) -> None:
@@ -52,6 +56,8 @@ class SerialStream:
 
     def _read(self, port: OpenPort) -> None:
         self._port = port
+        if self._greeting:
+            port.write(self._greeting)
         pace = _Pace()
         while port.wanted:
             if pace.sleeps:
@@ -69,11 +75,23 @@ class PolledSerial:
     long again before the next request, and what comes until then is thrown away.
     """
 
-    def __init__(self, settings: SerialSettings, on_chunk: OnChunk, *, request: bytes, interval_s: float) -> None:
+    def __init__(
+        self,
+        settings: SerialSettings,
+        on_chunk: OnChunk,
+        *,
+        request: bytes,
+        interval_s: float,
+        others: Sequence[tuple[bytes, float]] = (),
+        greeting: bytes = b"",
+    ) -> None:
+        """``others`` are asked for too, each (request, interval in s) when due; ``greeting`` is sent when the line has been opened."""
         self._settings = settings
         self._on_chunk = on_chunk
         self._request = request
         self._interval_s = interval_s
+        self._others = tuple(others)
+        self._greeting = greeting
 
     async def session(self, report: Report) -> None:
         """Ask and hand over answers until the line is lost. Raises DeviceError."""
@@ -81,16 +99,26 @@ class PolledSerial:
 
     def _poll(self, port: OpenPort) -> None:
         gap_s = LOW_LATENCY_GAP_S if port.low_latency else PLAIN_GAP_S
+        if self._greeting:
+            port.write(self._greeting)
+            _await_silence(port)
         due_s = time.monotonic()
+        others_due_s = [due_s] * len(self._others)
         while port.wanted:
-            if not self._ask(port, gap_s):
+            if not self._ask(port, gap_s, self._request):
                 _await_silence(port)
+            for number, (request, interval_s) in enumerate(self._others):
+                if time.monotonic() >= others_due_s[number]:
+                    others_due_s[number] = time.monotonic() + interval_s
+                    if not self._ask(port, gap_s, request):
+                        _await_silence(port)
+                    break  # one at a time: the reading is asked for in between
             due_s = max(due_s + self._interval_s, time.monotonic())
             port.pause(due_s - time.monotonic())
 
-    def _ask(self, port: OpenPort, gap_s: float) -> bool:
-        """Send the request and hand over the answer; return False where none came in time."""
-        port.write(self._request)
+    def _ask(self, port: OpenPort, gap_s: float, request: bytes) -> bool:
+        """Send a request and hand over the answer; return False where none came in time."""
+        port.write(request)
         sent_ns = stamp_ns()
         data = port.read(ANSWER_TIMEOUT_S)
         middle_ns = (sent_ns + stamp_ns()) // 2_000 * 1_000
@@ -99,6 +127,15 @@ class PolledSerial:
             self._on_chunk(data, middle_ns)
             data = port.read(gap_s)
         return answered
+
+
+def instrument_line(settings: SerialSettings, decoder: Decoder, on_chunk: OnChunk) -> SerialStream | PolledSerial:
+    """Return the line of an instrument that is read by ``decoder``: whether it is asked, and what it is told first."""
+    greeting = decoder.greeting if isinstance(decoder, GreetingDecoder) else b""
+    if not isinstance(decoder, PolledDecoder):
+        return SerialStream(settings, on_chunk, greeting=greeting)
+    others = decoder.others if isinstance(decoder, AskingDecoder) else ()
+    return PolledSerial(settings, on_chunk, request=decoder.request, interval_s=decoder.poll_interval_s, others=others, greeting=greeting)
 
 
 class _Pace:

@@ -9,11 +9,12 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 from stepdiag.daq.formats.signals import plan_reads
+from stepdiag.daq.links.address import network_line
+from stepdiag.daq.links.device import SerialSettings
 from stepdiag.daq.links.modbus import ModbusSettings, RtuSettings, TcpSettings
 from stepdiag.daq.links.poller import ModbusPoller
-from stepdiag.daq.links.port import SerialSettings
 from stepdiag.daq.links.reconnect import Reconnector, Report
-from stepdiag.daq.links.serial import OnChunk, PolledSerial, SerialStream
+from stepdiag.daq.links.serial import OnChunk, SerialStream, instrument_line
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.records.status import LinkState, LinkStatus
 from stepdiag.daq.survey.file import head_decoder, laser_decoder
@@ -120,13 +121,10 @@ class SurveyLinks:
         settings = SerialSettings(
             port=section.port, baud=section.baud, bytesize=section.bytesize, parity=section.parity, stopbits=section.stopbits
         )
-        request = getattr(decoder, "request", None)
-        hand_over = self._receiver(stream)
-        if request is None:
-            self._streams.append(SerialStream(settings, hand_over))
-            return Reconnector(stream, self._streams[-1].session, self._reporter(stream))
-        polled = PolledSerial(settings, hand_over, request=request, interval_s=decoder.poll_interval_s)  # type: ignore[attr-defined]
-        return Reconnector(stream, polled.session, self._reporter(stream))
+        line = instrument_line(settings, decoder, self._receiver(stream))
+        if isinstance(line, SerialStream):
+            self._streams.append(line)
+        return Reconnector(stream, line.session, self._reporter(stream))
 
     def _receiver(self, stream: Stream) -> OnChunk:
         """Return what the reading thread calls: the chunk, stamped there, waits until the loop collects it."""
@@ -176,4 +174,6 @@ def _address(survey: Survey, name: str) -> str:
     if name == "machine":
         return modbus_settings(survey.plc).address
     section: SerialSection | None = survey.laser if name == "laser" else survey.head
-    return "" if section is None else f"{section.port}, {section.baud} baud"
+    if section is None:
+        return ""
+    return section.port if network_line(section.port) is not None else f"{section.port}, {section.baud} baud"

@@ -1,12 +1,15 @@
 """From the survey file to the decoders of its streams."""
 
+import msgspec
+
 from stepdiag.daq.formats.fourdof import FourdofSettings
+from stepdiag.daq.formats.framed import FramesSettings
 from stepdiag.daq.formats.line import LineSettings
 from stepdiag.daq.formats.nd import NdSettings
 from stepdiag.daq.formats.registry import FormatSettings, make_decoder
 from stepdiag.daq.formats.tqd import TqdSettings
 from stepdiag.daq.formats.umd.decoder import UmdSettings
-from stepdiag.daq.survey.models import Head, Laser, LineSection, Survey
+from stepdiag.daq.survey.models import FramesSection, Head, Laser, LineSection, Survey
 from stepdiag.daq.timing.samples import Decoder
 
 
@@ -35,6 +38,8 @@ def laser_settings(laser: Laser) -> FormatSettings:
         )
     if laser.line is not None and laser.format == "line":
         return _line(laser, laser.line)
+    if laser.frames is not None and laser.format == "frames":
+        return _frames(laser, laser.frames)
     return NdSettings(
         value=laser.nd.value,
         axis=laser.nd.axis,
@@ -57,6 +62,16 @@ def _line(laser: Laser, line: LineSection) -> LineSettings:
         rate_hz=line.rate_hz,
         encoding=line.encoding,
         terminator=line.terminator,
+        wavelength_nm=laser.wavelength_nm,
+        optics=laser.optics,
+        sign=laser.sign,
+        latency_s=laser.latency_s,
+    )
+
+
+def _frames(laser: Laser, frames: FramesSection) -> FramesSettings:
+    return FramesSettings(
+        **msgspec.structs.asdict(frames),
         wavelength_nm=laser.wavelength_nm,
         optics=laser.optics,
         sign=laser.sign,

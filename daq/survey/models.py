@@ -117,7 +117,7 @@ class UmdSection(msgspec.Struct, frozen=True, kw_only=True):
 
 class LineSection(msgspec.Struct, frozen=True, kw_only=True):
     pattern: Text
-    unit: Literal["mm", "um", "nm", "inch", "counts"] = "mm"
+    unit: Literal["mm", "um", "nm", "pm", "inch", "counts"] = "mm"
     scale: float = 1.0
     counter_modulus: Annotated[int, Meta(ge=0)] = 65536
     beam_threshold: Fraction = 0.2
@@ -125,6 +125,23 @@ class LineSection(msgspec.Struct, frozen=True, kw_only=True):
     rate_hz: Positive | None = None
     encoding: Literal["ascii", "latin-1"] = "ascii"
     terminator: Literal["\n", "\r"] = "\n"
+
+
+class FramesSection(msgspec.Struct, frozen=True, kw_only=True):
+    sync: Text
+    layout: tuple[Text, ...]
+    byte_order: Literal["little", "big"] = "little"
+    checksum: Text = "none"
+    checksum_from: Annotated[int, Meta(ge=0)] = 0
+    checksum_order: Literal["little", "big"] | None = None
+    unit: Literal["mm", "um", "nm", "pm", "inch", "counts"] = "mm"
+    scale: float = 1.0
+    beam_threshold: Fraction = 0.2
+    beam_full: Positive = 1.0
+    lost_bits: Annotated[int, Meta(ge=0)] = 0
+    error_bits: Annotated[int, Meta(ge=0)] = 0
+    good_bits: Annotated[int, Meta(ge=0)] = 0
+    rate_hz: Positive | None = None
 
 
 class NdSection(msgspec.Struct, frozen=True, kw_only=True):
@@ -136,7 +153,7 @@ class NdSection(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Laser(SerialSection, frozen=True, kw_only=True):
-    format: Literal["umd", "nd", "line"]
+    format: Literal["umd", "nd", "line", "frames"]
     sign: Literal[1, -1] = 1
     latency_s: NotNegative = 0.0
     wavelength_nm: Annotated[float, Meta(gt=300, lt=2000)] = 632.991
@@ -145,6 +162,7 @@ class Laser(SerialSection, frozen=True, kw_only=True):
     dead_path_mm: NotNegative = 0.0
     umd: UmdSection = UmdSection()
     line: LineSection | None = None
+    frames: FramesSection | None = None
     nd: NdSection = NdSection()
 
 

@@ -5,7 +5,9 @@ from collections.abc import Collection, Iterator
 
 from stepdiag.daq.formats.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
-from stepdiag.daq.survey.models import Plc, Survey
+from stepdiag.daq.links.address import network_line
+from stepdiag.daq.survey.formats import laser_settings
+from stepdiag.daq.survey.models import LineSection, Plc, Survey
 from stepdiag.exporters.files.settings import refuse, unknown_key
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
@@ -65,25 +67,40 @@ def _machine(survey: Survey, source: str) -> Iterator[UsageError]:
 
 def _laser(survey: Survey, source: str) -> Iterator[UsageError]:
     laser = survey.laser
-    if laser.format != "line":
-        return
-    if laser.line is None:
+    if laser.format == "frames" and laser.frames is None:
+        yield refuse(source, "laser.frames", 'a table for format = "frames"', None, "add [laser.frames] with the layout of a frame")
+    elif laser.format == "line" and laser.line is None:
         yield refuse(source, "laser.line", 'a table for format = "line"', None, "add [laser.line] with the pattern of a line")
-        return
+    elif laser.format == "line" and laser.line is not None:
+        yield from _line(laser.line, source)
+    else:
+        yield from _settings(survey, source)
+
+
+def _settings(survey: Survey, source: str) -> Iterator[UsageError]:
+    """Yield what the settings of the format itself refuse, in the name of the file."""
     try:
-        groups = line_pattern(laser.line.pattern, f"{source}: laser.line.pattern").groupindex
+        laser_settings(survey.laser)
+    except UsageError as refusal:
+        where = refusal.where.replace("survey:", f"{source}:", 1)
+        yield UsageError(where, expected=refusal.expected, found=refusal.found, remedy=refusal.remedy)
+
+
+def _line(line: LineSection, source: str) -> Iterator[UsageError]:
+    try:
+        groups = line_pattern(line.pattern, f"{source}: laser.line.pattern").groupindex
     except UsageError as refusal:
         yield refusal
         return
     if "position" not in groups:
-        yield refuse(source, "laser.line.pattern", "a named group (?P<position>...)", laser.line.pattern)
+        yield refuse(source, "laser.line.pattern", "a named group (?P<position>...)", line.pattern)
     for group in groups:
         if group not in _LINE_GROUPS:
             yield unknown_key(source, "laser.line.pattern", group, list(_LINE_GROUPS))
-    if laser.line.counter_modulus == 1:
+    if line.counter_modulus == 1:
         yield refuse(source, "laser.line.counter_modulus", "0 (it never repeats) or 2 and more", 1)
-    if laser.line.scale == 0:
-        yield refuse(source, "laser.line.scale", "a number other than 0", laser.line.scale)
+    if line.scale == 0:
+        yield refuse(source, "laser.line.scale", "a number other than 0", line.scale)
 
 
 def _head(survey: Survey, source: str) -> Iterator[UsageError]:
@@ -92,6 +109,8 @@ def _head(survey: Survey, source: str) -> Iterator[UsageError]:
         ports["head.port"] = survey.head.port
     if survey.plc.transport == "rtu":
         ports["plc.serial_port"] = survey.plc.serial_port
+    for field, port in ports.items():
+        yield from _port(field, port, source)
     for field, port in list(ports.items())[1:]:
         other = next(name for name, value in ports.items() if value == port)
         if other != field:
@@ -102,6 +121,17 @@ def _head(survey: Survey, source: str) -> Iterator[UsageError]:
         if {run.beam[1], run.detector_x[1], run.detector_y[1]} != set(AXES):
             found = [run.beam, run.detector_x, run.detector_y]
             yield refuse(source, f"head.{axis}", "beam, detector_x and detector_y along three different axes", found)
+
+
+def _port(field: str, port: str, source: str) -> Iterator[UsageError]:
+    try:
+        line = network_line(port, f"{source}: {field}")
+    except UsageError as refusal:
+        yield refusal
+        return
+    if line is not None and line.scheme == "rfc2217" and field == "plc.serial_port":
+        remedy = "set the line up at the terminal server and name it socket://"
+        yield refuse(source, field, "a serial port or socket://host:port", port, remedy)
 
 
 def _plc(survey: Survey, source: str) -> Iterator[UsageError]:

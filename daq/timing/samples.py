@@ -104,8 +104,24 @@ class SteadyDecoder(Decoder, Protocol):
         ...
 
 
+@runtime_checkable
 class PolledDecoder(Decoder, Protocol):
     """A decoder for an instrument that answers requests; the link sends ``request`` and feeds the answer."""
 
     request: bytes
     poll_interval_s: float
+
+
+@runtime_checkable
+class AskingDecoder(PolledDecoder, Protocol):
+    """One that asks for other things too, each at its own pace: air, strength of the signal."""
+
+    others: Sequence[tuple[bytes, float]]
+    """Further requests and how many seconds lie between two of the same; answered like ``request``."""
+
+
+@runtime_checkable
+class GreetingDecoder(Decoder, Protocol):
+    """A decoder for an instrument that has to be told to speak: the link sends ``greeting`` whenever it has opened the line."""
+
+    greeting: bytes

@@ -19,6 +19,8 @@ from stepdiag.solver.errors import DataError
 LOOK_S = 0.25
 """How often the watch looks at the links and shows them."""
 NS = 1e-9
+QUOTED = 24
+"""How much of the beginning of a stream is kept, to be shown where it makes no sense."""
 
 
 @dataclass(slots=True)
@@ -41,7 +43,9 @@ class LinkSeen:
 
 @dataclass(slots=True)
 class StreamSeen:
-    """What an instrument on a serial line sent. ``remarks`` is the last text of each notice code, ``counts`` how often it came."""
+    """What an instrument on a serial line sent. ``remarks`` is the last text of each notice code, ``counts`` how often it came,
+    ``begins`` the first bytes.
+    """
 
     link: LinkSeen
     decoder: Decoder
@@ -53,12 +57,14 @@ class StreamSeen:
     last_flags: Flag = field(default_factory=lambda: Flag(0))
     remarks: dict[str, str] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
+    begins: bytes = b""
     _first_ns: int = 0
     _last_ns: int = 0
     _before_first: int = 0
 
     def take(self, chunk: Chunk) -> None:
         """Take bytes."""
+        self.begins += chunk.data[: QUOTED - len(self.begins)]
         self.byte_count += len(chunk.data)
         batch = self.decoder.feed(chunk.data, chunk.arrival_ns)
         for notice in batch.notices:

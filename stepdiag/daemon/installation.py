@@ -13,6 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
+from stepdiag.daq.links.address import network_line
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.files.files import write_atomically
@@ -127,15 +128,22 @@ def _shared(source: str) -> str:
 
 
 def _network(survey: Survey) -> Iterator[str]:
-    """Allow the PLC alone, or private networks where it has a name instead of an address; and who looks at the page."""
-    plc, page = survey.plc, survey.page
-    allowed = []
-    if plc.transport == "tcp" and not is_loopback(plc.host):
-        allowed = _address(plc.host) or list(PRIVATE_NETWORKS)
+    """Allow the devices alone, or private networks where one has a name instead of an address; and who looks at the page."""
+    page = survey.page
+    allowed = [each for host in _devices(survey) if not is_loopback(host) for each in _address(host) or PRIVATE_NETWORKS]
     if (page.enabled and not is_loopback(page.host)) or (survey.metrics.enabled and not is_loopback(survey.metrics.host)):
         allowed += PRIVATE_NETWORKS
     yield "IPAddressAllow="
     yield from (f"IPAddressAllow={each}" for each in ("localhost", *dict.fromkeys(allowed)))
+
+
+def _devices(survey: Survey) -> Iterator[str]:
+    """Yield the hosts of the machine and of every instrument whose line is on the network."""
+    plc = survey.plc
+    if plc.transport == "tcp":
+        yield plc.host
+    ports = [survey.laser.port, survey.head.port if survey.head is not None else "", plc.serial_port * (plc.transport == "rtu")]
+    yield from (line.host for line in map(network_line, ports) if line is not None)
 
 
 def _ports(survey: Survey) -> Iterator[str]:

@@ -9,9 +9,9 @@ import pytest
 from pymodbus.client import AsyncModbusSerialClient
 from pymodbus.exceptions import ModbusIOException
 
+from stepdiag.daq.links.device import SerialSettings
 from stepdiag.daq.links.modbus import RtuSettings, open_link
 from stepdiag.daq.links.modbus_errors import SilentDeviceError
-from stepdiag.daq.links.port import SerialSettings
 from stepdiag.daq.links.reconnect import Reconnector
 from stepdiag.daq.links.serial import SerialStream
 from stepdiag.daq.records.events import ReadRange

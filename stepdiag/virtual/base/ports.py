@@ -1,18 +1,42 @@
-"""A serial line made of a real pseudo-terminal, reached under a stable name as an udev link is."""
+"""Lines that instruments speak on: a real pseudo-terminal, reached under a stable name as an udev link is, or a real TCP port."""
 
 import errno
 import fcntl
 import os
 import select
+import socket
 import struct
 import termios
 import threading
 import time
 import tty
 from pathlib import Path
+from typing import Protocol
 
 _KERNEL_BUFFER = 4095
 _UNREAD_S = 0.25
+
+
+class Line(Protocol):
+    """What an instrument speaks on. ``name`` is how it is reached; ``fresh`` tells, once, that somebody has just come."""
+
+    @property
+    def name(self) -> str: ...
+
+    @property
+    def plugged(self) -> bool: ...
+
+    def plug(self) -> None: ...
+
+    def unplug(self) -> None: ...
+
+    def end(self) -> None: ...
+
+    def write(self, data: bytes) -> None: ...
+
+    def read(self, timeout_s: float) -> bytes: ...
+
+    def fresh(self) -> bool: ...
 
 
 class SerialLine:
@@ -32,9 +56,18 @@ class SerialLine:
         self.plug()
 
     @property
+    def name(self) -> str:
+        """Return the path of its link."""
+        return str(self.link)
+
+    @property
     def plugged(self) -> bool:
         """Return whether the line exists at the moment."""
         return self._master >= 0
+
+    def fresh(self) -> bool:
+        """Return that nobody comes: a serial line does not tell."""
+        return False
 
     def plug(self) -> None:
         """Create the line and point the link to it."""
@@ -103,3 +136,91 @@ class SerialLine:
     def _unread(self) -> int:
         waiting: int = struct.unpack("i", fcntl.ioctl(self._slave, termios.FIONREAD, b"\0\0\0\0"))[0]
         return waiting
+
+
+class TcpLine:
+    """An instrument's TCP port on loopback: one guest at a time, the same port after it was unplugged. Without a guest bytes are lost."""
+
+    def __init__(self) -> None:
+        self._port = 0
+        self._listener: socket.socket | None = None
+        self._guest: socket.socket | None = None
+        self._came = False
+        self.plug()
+
+    @property
+    def name(self) -> str:
+        """Return where it listens, as a survey file names it."""
+        return f"socket://127.0.0.1:{self._port}"
+
+    @property
+    def plugged(self) -> bool:
+        """Return whether the port exists at the moment."""
+        return self._listener is not None
+
+    def fresh(self) -> bool:
+        """Return whether a guest has come since this was asked for the last time."""
+        came, self._came = self._came, False
+        return came
+
+    def plug(self) -> None:
+        """Listen."""
+        self._listener = socket.create_server(("127.0.0.1", self._port))
+        self._listener.setblocking(False)
+        self._port = self._listener.getsockname()[1]
+
+    def unplug(self) -> None:
+        """Send the guest away and listen no more."""
+        self._leave()
+        if self._listener is not None:
+            self._listener.close()
+            self._listener = None
+
+    def end(self) -> None:
+        """Nobody waits here."""
+
+    def write(self, data: bytes) -> None:
+        """Send bytes to the guest; what a guest that does not read has no room for is lost, and so is the guest."""
+        self._admit()
+        rest = memoryview(data)
+        while rest and self._guest is not None:
+            try:
+                rest = rest[self._guest.send(rest) :]
+            except OSError:
+                self._leave()
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what came within ``timeout_s``, maybe nothing."""
+        self._admit()
+        waiting = [each for each in (self._guest, self._listener) if each is not None]
+        if not waiting:
+            time.sleep(timeout_s)
+            return b""
+        ready, _, _ = select.select(waiting, [], [], timeout_s)
+        if self._guest is None or self._guest not in ready:
+            return b""
+        try:
+            data = self._guest.recv(4096)
+        except OSError:
+            data = b""
+        if not data:
+            self._leave()
+        return data
+
+    def _admit(self) -> None:
+        """Let a new guest in; whoever was there before goes."""
+        if self._listener is None:
+            return
+        try:
+            guest, _ = self._listener.accept()
+        except BlockingIOError:
+            return
+        self._leave()
+        guest.setblocking(False)
+        guest.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        self._guest, self._came = guest, True
+
+    def _leave(self) -> None:
+        if self._guest is not None:
+            self._guest.close()
+            self._guest = None

@@ -7,7 +7,7 @@ from typing import Protocol, Self
 
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import Fault, FaultBoard
-from stepdiag.virtual.base.ports import SerialLine
+from stepdiag.virtual.base.ports import SerialLine, TcpLine
 from stepdiag.virtual.bench.building import (
     build_drive,
     build_head_device,
@@ -141,8 +141,8 @@ class VirtualBench:
             setup_builder(self.config, self.machine),
             refresh_s=self.config.time_scale,
         )
-        line = SerialLine(directory / part.link, lossless=part.lossless)
-        self._addresses["laser_link"] = str(line.link)
+        line = TcpLine() if part.wire == "tcp" else SerialLine(directory / part.link, lossless=part.lossless)
+        self._addresses["laser_link"] = line.name
         device = build_laser(part, readout.read, self.config.seed, clock=self._clock, faults=self._faults)
         self._workers.append(
             Talker(

@@ -15,6 +15,7 @@ from stepdiag.virtual.drive.player import Drive
 from stepdiag.virtual.drive.program import Plan
 from stepdiag.virtual.drive.sequence import Box, base_name, outward_direction, outward_stops_mm, register_of
 from stepdiag.virtual.drive.setups import Alignment, aligned_setup
+from stepdiag.virtual.instruments.binary import BinaryFrames
 from stepdiag.virtual.instruments.head import Disturbance, HeadStand, VirtualHead, Wander
 from stepdiag.virtual.instruments.head_wire import FourdofHead, Look, QuadrantDetector
 from stepdiag.virtual.instruments.laser_source import AskedLaser, Counter, Read, TalkingLaser
@@ -194,6 +195,8 @@ def build_laser(laser: LaserPart, read: Read, seed: int, *, clock: Clock, faults
 
 
 def _encoder(laser: LaserPart) -> Encoder:
+    if laser.format == "frames":
+        return BinaryFrames(rate_hz=laser.rate_hz or _LINE_RATE_HZ, order=laser.byte_order)
     if laser.format == "line":
         return AsciiLine(rate_hz=laser.rate_hz or _LINE_RATE_HZ, text=laser.line_text, counter_modulus=laser.counter_modulus)
     return UmdBoard(

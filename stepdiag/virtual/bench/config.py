@@ -107,9 +107,11 @@ class AlignmentPart(_Part, frozen=True):
 
 
 class LaserPart(_Part, frozen=True):
-    """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is where the port appears."""
+    """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is where the port appears, for ``wire = "serial"``."""
 
-    format: Literal["umd", "nd", "line"] = "umd"
+    format: Literal["umd", "nd", "line", "frames"] = "umd"
+    wire: Literal["serial", "tcp"] = "serial"
+    byte_order: Literal["little", "big"] = "little"
     board: Literal["umd0", "umd1", "umd2"] = "umd2"
     axes: Literal[1, 3] = 1
     rate_hz: float = 0.0

@@ -9,7 +9,7 @@ import numpy as np
 
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import FaultBoard, FaultKind
-from stepdiag.virtual.base.ports import SerialLine
+from stepdiag.virtual.base.ports import Line
 from stepdiag.virtual.physics.error_functions import Array
 
 _MAXIMUM_BACKLOG_S = 0.5
@@ -69,7 +69,7 @@ class Talker:
 
     def __init__(
         self,
-        line: SerialLine,
+        line: Line,
         device: Talking | Answering,
         cable: CableFaults,
         *,
@@ -87,7 +87,7 @@ class Talker:
         self._chunk_s = chunk_s
         self._rng = np.random.default_rng(1)
         self._stop = threading.Event()
-        self._thread = threading.Thread(target=self._run, name=line.link.name)
+        self._thread = threading.Thread(target=self._run, name=line.name)
 
     def start(self) -> None:
         """Begin to talk."""

@@ -8,7 +8,8 @@ from dataclasses import replace
 import pytest
 
 from stepdiag.daq.links import port_thread, serial
-from stepdiag.daq.links.port import OpenPort, SerialSettings
+from stepdiag.daq.links.device import SerialSettings
+from stepdiag.daq.links.port import OpenPort
 from stepdiag.daq.links.port_thread import PortThread
 from stepdiag.daq.links.serial import PolledSerial, SerialStream
 from stepdiag.daq.timing.host_clock import now_ns

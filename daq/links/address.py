@@ -1,0 +1,42 @@
+"""Ports by name: a serial port of this computer, or a line that another computer or a terminal server holds out on the network.
+
+/dev/serial/by-id/...       a port of this computer
+socket://host:port          the bytes of the line over TCP, as they are; its baud rate is set at the terminal server
+rfc2217://host:port         the same, with baud rate, parity and handshake lines set from here (RFC 2217)
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+from stepdiag.solver.errors import UsageError
+
+_SCHEME = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://(?P<rest>.*)\Z", re.DOTALL)
+_PLACE = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%a-z]+)\]|(?P<host>[A-Za-z0-9][A-Za-z0-9._-]{0,252})):(?P<port>[0-9]{1,5})/?\Z")
+
+
+@dataclass(frozen=True, slots=True)
+class NetworkLine:
+    """A line on the network."""
+
+    scheme: Literal["socket", "rfc2217"]
+    host: str
+    port: int
+
+
+def network_line(name: str, field: str = "port") -> NetworkLine | None:
+    """Return the line on the network that a port names, None for a port of this computer.
+
+    Raises UsageError that names ``field`` for another scheme, or a host or a port that is none.
+    """
+    found = _SCHEME.match(name)
+    if found is None:
+        return None
+    scheme, place = found["scheme"].lower(), _PLACE.match(found["rest"])
+    port = int(place["port"]) if place is not None else 0
+    if scheme not in ("socket", "rfc2217") or place is None or not 0 < port < 65536:
+        raise UsageError(
+            field, expected="a serial port, socket://host:port or rfc2217://host:port", found=repr(name),
+            remedy="the host as a name or an address ([::1] in brackets), then the TCP port of the terminal server's line",
+        )  # fmt: skip
+    return NetworkLine("socket" if scheme == "socket" else "rfc2217", place["six"] or place["host"], port)
