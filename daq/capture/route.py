@@ -46,6 +46,10 @@ class Route:
         """Return the nominal change of the reading between two stops."""
         return float(self.nominal_mm[to_stop] - self.nominal_mm[from_stop])
 
+    def backward_mm(self, from_stop: int, to_stop: int) -> float:
+        """Return the nominal change of the reading where the pass is driven from its other end."""
+        return self.step_mm(len(self) - 1 - from_stop, len(self) - 1 - to_stop)
+
     def find(self, position_mm: tuple[float, float, float], expected: int, tolerance_mm: float = 0.1) -> int | None:
         """Return the stop at a commanded position, the one nearest to the expected stop; None where no stop is there."""
         off = np.max(np.abs(self.stops_mm - np.asarray(position_mm)), axis=1)
@@ -93,8 +97,9 @@ def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, a
     if agrees(measured_mm, nominal):
         return "", ""
     found = f"the laser moved by {measured_mm:.3f} mm, the geometry wants {nominal:.3f} mm"
-    if agrees(measured_mm, -nominal):
-        return "wrong-laser-sign", f"{found}: the sign of the laser is the wrong way round"
+    if backwards := _backwards(route, from_stop, to_stop, measured_mm):
+        code, words = backwards
+        return code, f"{found}: {words}"
     if agrees(measured_mm, 0.0):
         return "no-move", f"{found}: the machine did not move, or the stop was counted twice"
     if to_stop + 1 < len(route) and agrees(measured_mm, route.step_mm(from_stop, to_stop + 1)):
@@ -104,6 +109,24 @@ def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, a
     if abs(absolute_mm) <= STEP_TOLERANCE_MM:
         return "laser-reset", f"{found}: the laser was set to zero"
     return "step-mismatch", found
+
+
+def _backwards(route: Route, from_stop: int, to_stop: int, measured_mm: float) -> tuple[str, str] | None:
+    """Return code and words for a step of the right size the wrong way; None where it is none."""
+    turned, from_the_end = (
+        agrees(measured_mm, -route.step_mm(from_stop, to_stop)),
+        agrees(measured_mm, route.backward_mm(from_stop, to_stop)),
+    )
+    if turned:
+        more = f", or the program drives from the other end, and not from ({_place(route)}) mm on" if from_the_end else ""
+        return "wrong-laser-sign", f"the sign of the laser is the wrong way round{more}"
+    if from_the_end:
+        return "wrong-direction", f"that is the way from the other end; drive from ({_place(route)}) mm on"
+    return None
+
+
+def _place(route: Route) -> str:
+    return ", ".join(f"{value:g}" for value in route.stops_mm[0])
 
 
 def _other_axis(route: Route, to_stop: int, measured_mm: float) -> str:

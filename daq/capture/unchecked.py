@@ -11,11 +11,20 @@ from stepdiag.solver.geometry.volume import BODY_DIAGONALS
 
 POSITIONS = ("x_mm", "y_mm", "z_mm")
 WITHOUT = {
-    "stop_count": "without stop_count a stop that was not seen on Modbus is known by the laser alone",
-    "running": "without running an aborted program is known by where the laser says the machine is",
-    "heartbeat": "without heartbeat a control that no longer renews its signals is not noticed",
-    "alarm": "without alarm an alarm in a pass is not noticed",
+    "stop_count": "a stop that was not seen on Modbus is known by the laser alone, and no handshake is possible",
+    "running": "an aborted program is known by where the laser says the machine is",
+    "heartbeat": "a control that no longer renews its signals is not noticed",
+    "alarm": "an alarm in a pass is not noticed",
+    "setup": "which setup runs is told by the plan alone",
+    "x_mm": "the commanded position is not checked against the survey",
+    "material_temperature_c": "the material temperature is taken from [environment]",
+    "air_temperature_c": "the air temperature is taken from [environment]",
+    "air_pressure_hpa": "the air pressure is taken from [environment]",
+    "relative_humidity_percent": "the humidity is taken from [environment]",
 }
+"""What can no longer be checked, or is taken from elsewhere, without a signal (contract 2)."""
+OF_THE_STOPS = ("stop_count", "running", "heartbeat", "alarm")
+"""Those that every survey is told of; position and setup have findings of their own, conditions stand in the result."""
 
 
 def places_known(survey: Survey) -> bool:
@@ -26,7 +35,7 @@ def places_known(survey: Survey) -> bool:
 def unchecked(survey: Survey) -> tuple[Finding, ...]:
     """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped."""
     texts = list(_without_position(survey)) if not places_known(survey) else []
-    missing = [words for name, words in WITHOUT.items() if name not in survey.plc.said]
+    missing = [f"without {name} {WITHOUT[name]}" for name in OF_THE_STOPS if name not in survey.plc.said]
     findings = [Finding(code="position-unchecked", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
     if "setup" not in survey.plc.said and len(_diagonals(survey)) > 1:
         text = "without setup the diagonal is believed to be the one asked for: for the laser all body diagonals are alike"

@@ -24,6 +24,11 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.setup}/{self.pass_number}" + ("" if self.stop is None else f"/{self.stop}")
 
 
+def says_what_to_do(text: str) -> bool:
+    """Tell whether words end with what is to be driven again: nobody needs to be told twice."""
+    return "again" in text.rpartition(": ")[2].replace(",", " ").split()
+
+
 class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
     """A person's word for a doubt: who, when (seconds since 1970) and why."""
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from stepdiag.daq.capture.route import Route
 from stepdiag.daq.capture.stop import CapturedStop
-from stepdiag.daq.passes.doubt import Acceptance, Doubt
+from stepdiag.daq.passes.doubt import Acceptance, Doubt, says_what_to_do
 from stepdiag.daq.passes.stretches import Measured, Slip, Stretches, Zero, Zeros
 
 Chosen = dict[int, tuple[CapturedStop, float]]
@@ -156,7 +156,8 @@ class Pass:
         if not still:
             return ""
         if still[0].code == "count-slip" or still[0] in self.suspected:
-            return f"{still[0].text}: drive the pass again, or accept it"
+            remedy = "" if says_what_to_do(still[0].text) else ": drive the pass again"
+            return f"{still[0].text}{remedy}, or accept it"
         named = {each.stop for each in still}
         doubted = [
             index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index][0].doubtful)

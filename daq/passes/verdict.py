@@ -8,8 +8,10 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
+from stepdiag.daq.capture.conditions import COURSES
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.passes.held import held_conditions
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.solver.findings import Finding
 
@@ -18,12 +20,15 @@ STATED = ("air-unknown", "sensor-jump")
 
 
 def suspected(book: PassBook, findings: Iterable[Finding]) -> list[Doubt]:
-    """Return the doubts that the solver's errors make of the readings they name: of a stop, a pass, or every pass of a setup."""
+    """Return the doubts that the solver's errors make of the readings they name: of a stop, a pass, or every pass of a setup.
+
+    An error that names no setup is about all of them.
+    """
     return [
         doubt
         for found in findings
-        if found.severity == "error" and found.setup
-        for each in book.of(found.setup)
+        if found.severity == "error"
+        for each in (book.of(found.setup) if found.setup else book.passes)
         if found.pass_number in (None, each.number) and (doubt := _suspect(each, found)) is not None
     ]
 
@@ -33,7 +38,7 @@ def _suspect(each: Pass, found: Finding) -> Doubt | None:
     if not taken_ns or (found.stop is not None and found.stop not in taken_ns):
         return None
     return Doubt(
-        setup=found.setup,
+        setup=each.route.setup,
         pass_number=each.number,
         stop=found.stop,
         code=found.code,
@@ -46,13 +51,19 @@ def _suspect(each: Pass, found: Finding) -> Doubt | None:
 def settled_findings(book: PassBook, solved: Iterable[Finding], *, stated: Mapping[str, float]) -> tuple[Finding, ...]:
     """Return what stands in the result: open doubts as errors, accepted ones as warnings with the word that covers them, each once.
 
-    ``stated`` are conditions that somebody gave afterwards: what was doubted of them is settled.
+    ``stated`` are conditions that somebody gave afterwards: what was doubted of them, and of them alone, is settled.
     """
-    doubts = [_as_finding(doubt) for doubt in book.doubts() if not (stated and doubt.code in STATED)]
     accepted = [_accepted(doubt, word) for doubt, word in book.accepted()]
-    named = {(each.code, each.setup) for each in (*doubts, *accepted)}
+    doubts = [_as_finding(doubt) for doubt in book.doubts() if not _settled_by(doubt, stated)]
+    named = {(each.code, setup) for each in (*doubts, *accepted) for setup in (each.setup, "")}
     others = [each for each in solved if not (each.severity == "error" and (each.code, each.setup) in named)]
-    return tuple(dict.fromkeys((*doubts, *accepted, *_held(book), *others)))
+    return tuple(dict.fromkeys((*doubts, *accepted, *_held(book, stated), *others)))
+
+
+def _settled_by(doubt: Doubt, stated: Mapping[str, float]) -> bool:
+    """Tell whether a doubt is of conditions, and all that it is about were stated."""
+    meant = {name for name in COURSES if f"{name} reads" in doubt.text}
+    return doubt.code in STATED and bool(meant) and meant <= set(stated)
 
 
 def _as_finding(doubt: Doubt) -> Finding:
@@ -67,12 +78,14 @@ def _accepted(doubt: Doubt, word: Acceptance) -> Finding:
     return replace(found, severity="warning", text=f"{found.text}; accepted by {word.name} at {moment}: {word.reason}")
 
 
-def _held(book: PassBook) -> Iterator[Finding]:
-    """Yield which conditions are not those of a sensor, and at how many stops."""
-    stops = [stop for each in book.passes for stop, _ in each.chosen().values()]
-    for name in dict.fromkeys(name for stop in stops for name in stop.held):
-        mine = [stop for stop in stops if name in stop.held]
-        text = f"{name}: at {len(mine)} of {len(stops)} stops the sensor is not believed, its last credible value or the survey file's is"
+def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
+    """Yield which conditions are not those of a sensor, at how many stops, and how sure is what counts in their place."""
+    stops = sum(len(each.chosen()) for each in book.passes)
+    for held in held_conditions(book, stated):
+        text = (
+            f"{held.name}: at {held.stops} of {stops} stops the sensor is not believed, its last credible value or the survey file's is, "
+            f"u = {held.u:.2g} {COURSES[held.name].unit}: it is in the uncertainty"
+        )
         yield Finding(code="conditions-held", severity="warning", text=text)
 
 

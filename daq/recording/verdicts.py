@@ -75,9 +75,11 @@ def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, tim
 def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
     """Return those of the open doubts that are at a place: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass with all its stops.
 
+    A finding's code, such as ``too-many-outliers``, means all doubts of that kind.
+
     Raises UsageError where there is none, naming those that are open.
     """
-    found = [doubt for doubt in still if place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}")]
+    found = [doubt for doubt in still if place in (doubt.place, f"{doubt.setup}/{doubt.pass_number}", doubt.code)]
     if not found:
         named = "; ".join(f"{doubt.place} ({doubt.code})" for doubt in still)
         raise UsageError(

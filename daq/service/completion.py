@@ -14,6 +14,8 @@ from typing import Any, Literal
 
 from stepdiag.daq.capture.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
+from stepdiag.daq.passes.doubt import says_what_to_do
+from stepdiag.daq.passes.held import held_conditions, with_held
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.passes.verdict import history, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
@@ -97,7 +99,7 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
         method=chosen,
         angles=angles or None,
         straightness=head.straightness,
-        assumed=assumptions_of(survey),
+        assumed=with_held(assumptions_of(survey), survey, held_conditions(replayed.book, environment or ())),
     )
     solved = (*head.findings, *twice, *result.findings)
     replayed.book.suspect(suspected(replayed.book, solved))
@@ -134,7 +136,8 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
         out,
         Judgement(time_s=time.time(), stops=replayed.book.stops, reason=named, doubts=tuple(each for each in still if each in suspects)),
     )
-    remedy = f"drive it again, or accept it: `stepdiag accept {_folder(replayed)} {still[0].place} --reason ...`"
+    again = "" if says_what_to_do(still[-1].text) else "drive it again, "
+    remedy = f"{again}or accept it: `stepdiag accept {_folder(replayed)} {still[0].place} --reason ...`"
     raise DataError(str(_folder(replayed)), expected="a survey in which nothing is doubted", found=named, remedy=remedy)
 
 

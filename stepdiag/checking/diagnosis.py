@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Literal
 
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
+from stepdiag.daq.capture.unchecked import WITHOUT
 from stepdiag.daq.formats.signals import describe
 from stepdiag.daq.survey.bundle import compensation_findings
 from stepdiag.daq.survey.models import Plc
@@ -29,19 +30,6 @@ PLAUSIBLE = {
     **HALL,
 }
 """What a machine in a hall can say; anything else was read from the wrong place or with the wrong type, byte order or scale."""
-WITHOUT = {
-    "heartbeat": "a control whose program hangs is not noticed",
-    "stop_count": "stops are counted by the laser alone, and no handshake is possible",
-    "running": "the end of the program is told by the stops alone",
-    "alarm": "an alarm of the machine is not shown",
-    "setup": "which setup runs is told by the plan alone",
-    "x_mm": "the commanded position is not checked against the survey",
-    "material_temperature_c": "the material temperature is taken from [environment]",
-    "air_temperature_c": "the air temperature is taken from [environment]",
-    "air_pressure_hpa": "the air pressure is taken from [environment]",
-    "relative_humidity_percent": "the humidity is taken from [environment]",
-}
-"""What can no longer be checked without a signal (contract 2)."""
 _FLAG_WORDS = {
     Flag.HEAD_ERROR: "its head reports an error: no light, or not warm yet",
     Flag.SLEW: "the target moves faster than it can count",

@@ -13,7 +13,10 @@ def register(app: typer.Typer) -> None:
 
 def accept(
     survey: Annotated[Path, typer.Argument(help="The survey file, or the folder of its logs.")],
-    stop: Annotated[str, typer.Argument(help="What is doubted: ppp/1/5 is stop 5 of pass 1 of ppp, ppp/1 the whole pass.")],
+    stop: Annotated[
+        str,
+        typer.Argument(help="What is doubted: ppp/1/5 is stop 5 of pass 1 of ppp, ppp/1 the whole pass, a finding's code all of its kind."),
+    ],
     reason: Annotated[str, typer.Option(help="Why it may be used; it stands in the report.")],
     name: Annotated[str, typer.Option(help="Who says so; default the user of this computer.")] = "",
 ) -> None:

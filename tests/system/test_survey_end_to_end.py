@@ -9,7 +9,7 @@ import time
 
 import pytest
 
-from testkit.hall import daemon, hall, until
+from testkit.hall import daemon, hall, until, until_complete
 from testkit.steady import on_a_steady_computer
 from testkit.verdict import nothing_silently_wrong
 
@@ -137,7 +137,10 @@ def test_setups_in_any_order(tmp_path):
 
 
 def test_a_killed_daemon_goes_on_where_it_was(tmp_path):
-    """kill -9 in the middle of a pass: the captured stops are kept, the pass goes on in a second log; what nobody watched is doubted."""
+    """kill -9 in the middle of a pass: the captured stops are kept, the pass goes on in a second log, what nobody watched is doubted.
+
+    A person accepts it: the result is made, and replays.
+    """
     with hall(tmp_path, handshake=True, n=3, dwell=0.5) as place:
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
@@ -150,7 +153,10 @@ def test_a_killed_daemon_goes_on_where_it_was(tmp_path):
             assert seen[-1]["stop"] in (4, 5, 6)
             place.setups = place.setups[1:]
             place.start_setups()
-            until(process, "pass-ended", reason="ppn out: stop 9 has gone by")
+            assert until_complete(process, place.survey)[-1]["exit_code"] == 0
+        code, out, refusal = stepdiag("replay", place.round, "--out", tmp_path / "again", "--json")
+        assert code == 0, refusal
+        assert json.loads(out)["different"] == []
         book = nothing_silently_wrong(place)
         assert all(each.whole for each in book.passes)
         assert {doubt.code for doubt in book.doubts()} <= {"laser-unwatched"}

@@ -1,6 +1,10 @@
 """The unit under a real systemd: the installed wheel, a survey, a killed, a hanging and a stopped daemon."""
 
+import json
+import subprocess
+import sys
 import time
+from pathlib import Path
 
 import pytest
 
@@ -10,6 +14,7 @@ from testkit.hall import hall
 pytestmark = pytest.mark.system
 
 UNIT = "stepdiag@hall.service"
+RECORDED = "/var/lib/stepdiag/hall"
 DIALOUT = 20
 """The group of serial lines on every Debian."""
 DROP_IN = "[Service]\nDeviceAllow=char-pts rw\nWatchdogSec=3\nRestartSec=1\n"
@@ -80,6 +85,13 @@ def test_a_survey_goes_on_after_a_kill_a_hang_and_a_stop(tmp_path):
             place.start_setups()
             # the stops about the kill wait for a person's word: nothing is exported by itself
             system.until(UNIT, lambda unit: "somebody who accepts it" in unit.get("StatusText", ""))
+            assert not [said for said in system.journal(UNIT) if said["event"] == "survey-complete"]
+            for doubted in [said["doubted"] for said in system.journal(UNIT) if said["event"] == "survey-open"][-1]:
+                accept = ("/opt/stepdiag/bin/stepdiag", "accept", RECORDED, doubted, "--reason", "the beam was free all the while")
+                system.run(*accept)
+            system.until(UNIT, lambda _: any(said["event"] == "survey-complete" for said in system.journal(UNIT)))
+            assert [said["exit_code"] for said in system.journal(UNIT) if said["event"] == "survey-complete"] == [0]
+            assert_replays(system, tmp_path)
 
 
 def assert_confined(pid, system):
@@ -87,3 +99,14 @@ def assert_confined(pid, system):
     status = dict(line.split(":\t", 1) for line in system.run("cat", f"/proc/{pid}/status").splitlines() if ":\t" in line)
     assert status["Uid"].split()[0] != "0"
     assert (status["NoNewPrivs"], status["Seccomp"], status["CapEff"]) == ("1", "2", "0" * 16)
+
+
+def assert_replays(system, folder):
+    """What the service left in its state folder gives the same bytes again, outside."""
+    recorded = folder / "recorded"
+    as_root("cp", "-r", "--no-preserve=ownership,mode", Path(system.root) / "var/lib/private/stepdiag/hall/0001", recorded)
+    as_root("chmod", "-R", "a+rX", recorded)
+    command = [sys.executable, "-m", "stepdiag", "replay", recorded, "--out", folder / "again", "--json"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=False)
+    assert done.returncode == 0, done.stderr
+    assert json.loads(done.stdout)["different"] == []

@@ -39,6 +39,7 @@ def test_linear_route_reads_along_its_axis():
         (35.355, 100.0, ""),
         (35.355 * 1.005, 100.0, ""),
         (-35.355, 100.0, "wrong-laser-sign"),
+        (-12.728, 100.0, "wrong-direction"),
         (0.001, 100.0, "no-move"),
         (22.627, 100.0, "wrong-axis-order"),
         (35.355 + 22.627, 100.0, "missing-stop"),
@@ -52,6 +53,13 @@ def test_a_step_is_judged_by_name(measured, absolute, code):
     found, words = judge_step(route, 0, 1, measured, absolute)
     assert found == code
     assert bool(words) == bool(code)
+
+
+def test_from_which_end_a_cube_is_driven_the_laser_alone_cannot_tell():
+    cube = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(200.0, 200.0, 200.0), increments=2)
+    code, words = judge_step(make_route(cube, "ppp", "xyz", outward=True), 0, 1, -57.735, 100.0)
+    assert code == "wrong-laser-sign"
+    assert "or the program drives from the other end" in words
 
 
 def poll(tracker, k, *, stopped, count=None):

@@ -1,5 +1,6 @@
 """A virtual machine and a daemon as processes of their own, on real sockets and ptys."""
 
+import json
 import os
 import sys
 import time
@@ -8,6 +9,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.demo.processes import Talker, talking
+from testkit.cli import stepdiag
 
 UNIT_NICE = -10
 """The unit's priority; the bench stands for hardware, which no busy computer holds up."""
@@ -183,6 +185,26 @@ def daemon(survey, *, wait_for=("laser", "machine"), stepdiag=STEPDIAG):
             if said["event"] == "link-connected":
                 connected.add(said["link"])
         yield process
+
+
+def accept_all(survey):
+    """Accept whatever is doubted of a survey (its file or folder) now."""
+    for place in dict.fromkeys(each["place"] for each in json.loads(stepdiag("status", survey, "--json").out)["doubts"]):
+        done = stepdiag("accept", survey, place, "--reason", "the test has looked at it")
+        assert done.code == 0, done.refusal
+
+
+def until_complete(process, survey, *, timeout_s=120.0):
+    """Accept whatever keeps a survey (its file or folder) open, also what comes; return what was said up to its completion."""
+    accept_all(survey)
+    seen, end = [], time.monotonic() + timeout_s
+    while time.monotonic() < end:
+        seen.append(process.next(max(0.1, end - time.monotonic()), "process"))
+        if seen[-1].get("event") == "survey-complete":
+            return seen
+        if seen[-1].get("event") == "survey-open":
+            accept_all(survey)
+    raise AssertionError(f"no survey-complete within {timeout_s} s; last: {seen[-3:]}")
 
 
 def until(talker, event, *, timeout_s=60.0, **fields):

@@ -141,7 +141,7 @@ class TestMachine:
         answer(seen, 1, b"\x01")
         notes = [each for each in diagnose(seen) if each.code == "signal-not-mapped"]
         assert len(notes) == 10
-        assert notes[0].text == "heartbeat is not mapped: a control whose program hangs is not noticed"
+        assert notes[2].text == "heartbeat is not mapped: a control that no longer renews its signals is not noticed"
 
     def test_the_indispensable_signal_refused_is_an_error_any_other_a_warning(self):
         extra = '[plc.signals.stopped]\naddress = 3\ntype = "bit"\n[plc.signals.alarm]\naddress = 90\ntype = "bit"\n'

@@ -1,0 +1,81 @@
+"""What it costs that a sensor was not believed: the uncertainty of the values that stood in for it, as the budget of a survey has it."""
+
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stepdiag.daq.capture.conditions import COURSES
+from stepdiag.daq.capture.machine_remarks import credible_of
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.survey.models import Survey
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.standards.air import HALL, Air, AirUncertainty, index_u
+
+NEVER_SEEN_S = 3600.0
+"""A value of the survey file that no sensor ever confirmed is as sure as one that was seen so long ago."""
+
+
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A condition that is not that of its sensor at some of the stops: how many, and the largest standard uncertainty of what counts."""
+
+    name: str
+    stops: int
+    u: float
+
+
+def held_conditions(book: PassBook, stated: Iterable[str] = ()) -> tuple[Held, ...]:
+    """Return what was held at the stops in use, but for conditions that somebody ``stated`` afterwards.
+
+    The uncertainty is that with which a value may have changed since it was last believed (`capture.conditions`), taken as the half width
+    of a rectangular distribution (GUM 4.3.7).
+    """
+    u = _u_by_name(sorted(_in_use(book), key=lambda stop: stop.time_s))
+    return tuple(Held(name, len(values), max(values)) for name, values in u.items() if values and name not in set(stated))
+
+
+def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Assumptions:
+    """Return the assumptions with what is not known of air and material added to what is usual, in quadrature.
+
+    Nobody knows how much of it all setups share: it counts in full for the survey, and in full from setup to setup.
+    """
+    u = {each.name: each.u for each in held}
+    index, material = _index_u(survey, u), u.get("material_temperature_c", 0.0)
+    return replace(
+        assumed,
+        index=float(np.hypot(assumed.index, index)),
+        index_setup=float(np.hypot(assumed.index_setup, index)),
+        u_material_c=float(np.hypot(assumed.u_material_c, material)),
+    )
+
+
+def _in_use(book: PassBook) -> Iterator[CapturedStop]:
+    for each in book.passes:
+        for stop, _ in each.chosen().values():
+            yield stop
+
+
+def _u_by_name(stops: Iterable[CapturedStop]) -> dict[str, list[float]]:
+    """Return the standard uncertainty of every held value by condition, for stops in order of time."""
+    found: dict[str, list[float]] = {name: [] for name in COURSES}
+    seen_s: dict[str, float] = {}
+    for stop in stops:
+        seen_s |= dict.fromkeys(credible_of(stop), stop.time_s)
+        for name in stop.held:
+            age_s = stop.time_s - seen_s[name] if name in seen_s else NEVER_SEEN_S
+            found[name].append((COURSES[name].at_once + COURSES[name].an_hour * age_s / 3600.0) / np.sqrt(3.0))
+    return found
+
+
+def _index_u(survey: Survey, u: Mapping[str, float]) -> float:
+    """Return how much less the index of the air is known, relative; 0 where the instrument puts its air right itself."""
+    names = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
+    if survey.laser.compensated or not any(name in u for name in names):
+        return 0.0
+    usual = [np.clip(getattr(survey.environment, name), *HALL[name]) for name in names]
+    air = Air(temperature_c=usual[0], pressure_hpa=usual[1], humidity_percent=usual[2])
+    temperature, pressure, humidity = (u.get(name, 0.0) for name in names)
+    unsure = AirUncertainty(temperature_c=temperature, pressure_hpa=pressure, humidity_percent=humidity)
+    return float(index_u(air, survey.laser.wavelength_nm, unsure))

@@ -1,0 +1,81 @@
+"""What is doubted in the end: by the solver, of the conditions; and what stands in for a sensor is in the budget."""
+
+import msgspec
+import pytest
+
+from stepdiag.daq.passes.doubt import acceptance_of, says_what_to_do
+from stepdiag.daq.passes.held import held_conditions, with_held
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.passes.verdict import settled_findings, suspected
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.model.assumptions import Assumptions
+from testkit.captured import stops_of
+from testkit.timeline import survey_text
+
+UNCOMPENSATED = survey_text().replace("compensated = true\n", "")
+
+
+def book_of(stops, text=UNCOMPENSATED):
+    passes = PassBook(parse_survey(text, "survey.toml"))
+    passes.add_all(stops)
+    return passes
+
+
+def error(**place):
+    return Finding(code="too-many-outliers", severity="error", text="the stops contradict each other", **place)
+
+
+def test_an_error_that_names_no_setup_keeps_every_pass_open():
+    passes = book_of(stops_of())
+    passes.suspect(suspected(passes, [error()]))
+    assert [(doubt.place, doubt.code) for doubt in passes.doubts()] == [("ppp/1", "too-many-outliers")]
+    assert not passes.complete()
+    assert [each.severity for each in settled_findings(passes, [error()], stated={})] == ["error"]
+    passes.accept(acceptance_of(passes.doubts()[0], reason="seen", name="me", time_s=0.0))
+    assert passes.complete()
+    assert [each.severity for each in settled_findings(passes, [error()], stated={})] == ["warning"]
+
+
+def doubted(stop, *names):
+    words = "; ".join(f"{name} reads 0, and something of [environment] counts in its place" for name in names)
+    return msgspec.structs.replace(stop, doubtful=words, doubt_codes=("air-unknown",))
+
+
+@pytest.mark.parametrize(
+    ("stated", "still"),
+    [
+        ({"air_temperature_c": 20.0}, True),
+        ({"relative_humidity_percent": 50.0}, True),
+        ({"air_temperature_c": 20.0, "air_pressure_hpa": 1013.0}, False),
+    ],
+)
+def test_what_was_stated_settles_the_doubts_of_it_alone(stated, still):
+    stops = stops_of()
+    stops[3] = doubted(stops[3], "air_temperature_c", "air_pressure_hpa")
+    assert bool([each for each in settled_findings(book_of(stops), [], stated=stated) if each.code == "air-unknown"]) is still
+
+
+def held_at(stop, name, value):
+    return msgspec.structs.replace(stop, held=(name,), **{name: value})
+
+
+def test_a_held_value_is_in_the_budget_with_its_age():
+    """Pressure held for an hour: (2 + 5) hPa / sqrt 3, 0.27 ppm a hPa (Edlen's equation, known to 0.01 ppm)."""
+    stops = [msgspec.structs.replace(stop, air_pressure_hpa=1013.0) for stop in stops_of()]
+    stops[9] = msgspec.structs.replace(held_at(stops[9], "air_pressure_hpa", 1013.0), time_s=stops[8].time_s + 3600.0)
+    passes = book_of(stops)
+    (held,) = held_conditions(passes)
+    assert (held.name, held.stops) == ("air_pressure_hpa", 1)
+    assert held.u == pytest.approx(7.0 / 3**0.5)
+    usual, survey = Assumptions(), parse_survey(UNCOMPENSATED, "s")
+    assert with_held(usual, survey, [held]).index_setup == pytest.approx(0.27e-6 * held.u, rel=0.02)
+    assert with_held(usual, parse_survey(survey_text(), "s"), [held]) == usual, "a laser that puts its air right itself"
+    assert held_conditions(passes, {"air_pressure_hpa": 1010.0}) == ()
+    (found,) = settled_findings(passes, [], stated={})
+    assert "u = 4 hPa: it is in the uncertainty" in found.text
+
+
+def test_nobody_is_told_twice_what_to_drive_again():
+    assert says_what_to_do("pass 1 of ppp is most probably at fault: drive it again")
+    assert not says_what_to_do("ppp out, stop 4 of 9: count slip of +20.0 um on the way to this stop (against ppp back)")
