@@ -79,7 +79,7 @@ def log_info(path: Path) -> LogInfo:
 def _carries_token(survey_text: str) -> bool:
     try:
         page = tomllib.loads(survey_text).get("page")
-    except (tomllib.TOMLDecodeError, RecursionError):
+    except (ValueError, RecursionError):  # ValueError also for whole numbers of thousands of digits
         return False
     return isinstance(page, dict) and bool(page.get("token"))
 

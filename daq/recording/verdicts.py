@@ -117,9 +117,12 @@ def _lines(path: Path, kind: type[Line]) -> list[Line]:
     if not path.is_file():
         return []
     found: list[Line] = []
+    torn: list[tuple[int, str]] = []
     for number, line in enumerate(read_bytes(path, largest=LARGEST_BYTES).splitlines(), start=1):
         try:
             found.append(msgspec.json.decode(line, type=kind))
         except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
-            _log.warning("verdict-not-read", file=str(path), line=number, reason=str(error))
+            torn.append((number, str(error)))
+    if torn:
+        _log.warning("verdict-not-read", file=str(path), lines=len(torn), line=torn[0][0], reason=torn[0][1])
     return found

@@ -1,7 +1,6 @@
 """The first page of the report: who, what, when, with what and by which convention, and the volume as found, predicted and as left."""
 
 import base64
-import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,6 +8,7 @@ from typing import Any
 
 from stepdiag.conclusion import Conclusion
 from stepdiag.exporters.files.files import read_bytes, read_text
+from stepdiag.exporters.files.settings import read_toml
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.report.sections import Table, shown
 from stepdiag.solver.errors import UsageError
@@ -35,10 +35,7 @@ class Letterhead:
 
 def read_letterhead(path: Path) -> Letterhead:
     """Return the letterhead in a settings file: ``company``, ``address``, ``logo`` (a picture beside it). Raises UsageError."""
-    try:
-        said = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as why:
-        raise UsageError(str(path), expected="a settings file (TOML)", found=str(why)) from why
+    said = read_toml(read_text(path), str(path))
     unknown = sorted(said.keys() - {"company", "address", "logo"})
     if unknown or not all(isinstance(said.get(name, ""), str) for name in ("company", "address", "logo")):
         raise UsageError(

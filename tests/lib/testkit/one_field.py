@@ -14,6 +14,7 @@ FORGED = '"a\\nb: forged"'
 JSON_VALUES = (*NUMBERS, "null", "true", '""', '"x"', '"\\u0000"', FORGED, "[]", "{}", "[[[[1]]]]", LONG, "NaN", "-Infinity")
 TOML_VALUES = (*NUMBERS, "nan", "-inf", "true", '""', '"x"', '"\\u0001"', FORGED, '"../../x"', "[]", "{}", "[[1], [2]]", LONG)
 CSV_VALUES = (*NUMBERS, "nan", "inf", "", "x", '"', "ppp+1", "linear-x", " ", "1,2", "ä" * 1000)
+WORDS = (*NUMBERS, "nan", "-inf", "", "x", "../../x", "1,5", "0x10", "1_0", "\u0661", "\0", "+-1", "9" * 5000)
 
 
 def wrong_json(text: str, dice: random.Random) -> str:
@@ -73,3 +74,20 @@ def wrong_csv(text: str, dice: random.Random) -> str:
         case _:
             rows[row][column] = dice.choice(CSV_VALUES)
     return "\n".join(",".join(each) for each in rows) + "\n"
+
+
+def wrong_words(text: str, dice: random.Random) -> str:
+    """Return a text of any form with one word or line wrong: another value, missing, doubled, or out of its place."""
+    lines = text.splitlines(keepends=True)
+    row = dice.randrange(len(lines))
+    match dice.choice(("word", "word", "word", "missing", "doubled", "moved")):
+        case "missing":
+            del lines[row]
+        case "doubled":
+            lines.insert(row, lines[row])
+        case "moved":
+            lines.insert(dice.randrange(len(lines)), lines.pop(row))
+        case _ if words := list(re.finditer(r"[^\s=,:;\[\]()]+", lines[row])):
+            word = dice.choice(words)
+            lines[row] = lines[row][: word.start()] + dice.choice(WORDS) + lines[row][word.end() :]
+    return "".join(lines)
