@@ -12,8 +12,8 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Table
 from stepdiag.solver.errors import DataError
 
-_COMPONENT = re.compile(r"^E[XYZ][XYZ]$")
-_ANGLE = re.compile(r"^E[ABC][XYZ]$")
+_COMPONENT = re.compile(r"^E[XYZ][XYZ]\Z")
+_ANGLE = re.compile(r"^E[ABC][XYZ]\Z")
 _WIDTH = 12
 
 

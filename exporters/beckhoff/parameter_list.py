@@ -14,7 +14,7 @@ from stepdiag.solver.geometry.volume import Vector
 
 _UNITS_PER_MM = 10000.0
 _UM = 0.1
-_LINE = re.compile(r"^(?P<key>[a-z_]+(?:\.[a-z_0-9]+)*(?:\.table\[(?P<index>\d+)\]\.(?P<column>[a-z]+))?)\s+(?P<value>\S+)$")
+_LINE = re.compile(r"^(?P<key>[a-z_]+(?:\.[a-z_0-9]+)*(?:\.table\[(?P<index>\d+)\]\.(?P<column>[a-z]+))?)\s+(?P<value>\S+)\Z")
 _REMARK = re.compile(r"/\*(?:[^*]|\*(?!/))*+\*/")
 _MASTER_WORDS = ("slave_ax_nr", "master_ax_nr")
 Values = Mapping[str, tuple[str, str]]

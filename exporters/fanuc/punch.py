@@ -18,8 +18,8 @@ FIRST_PITCH_LINE = 10000
 EOB = b"\n\r\r"
 _NUMBER = re.compile(rb"^N\s*(\d{1,9})(?!\d)")
 _PARAMETER_KIND = re.compile(rb"^N\s*\d+\s*Q\s*1(?!\d)")
-_BARE_VALUE = re.compile(rb"^(?P<head>N\s*\d+\s*(?:Q\s*\d+\s*)?P\s*)(?P<value>-?\d{1,9})(?P<tail>\s*)$")
-_PATH_VALUE = re.compile(rb"^(?P<head>N\s*\d+\s*(?:Q\s*\d+\s*)?(?:L\s*\d+\s*)?P\s*)(?P<value>-?[\d.]+)(?P<tail>\s*)$")
+_BARE_VALUE = re.compile(rb"^(?P<head>N\s*\d+\s*(?:Q\s*\d+\s*)?P\s*)(?P<value>-?\d{1,9})(?P<tail>\s*)\Z")
+_PATH_VALUE = re.compile(rb"^(?P<head>N\s*\d+\s*(?:Q\s*\d+\s*)?(?:L\s*\d+\s*)?P\s*)(?P<value>-?[\d.]+)(?P<tail>\s*)\Z")
 _FORBIDDEN = re.compile(rb"[a-z;?+]")
 
 
@@ -119,7 +119,7 @@ def _pitch_value(block: Block) -> re.Match[bytes] | None:
 def _parameter_value(text: bytes, axis: int | None) -> re.Match[bytes] | None:
     if axis is None:
         return _PATH_VALUE.match(text)
-    return re.match(rb"^(?P<head>.*?A\s*%d\s*P\s*)(?P<value>-?[\d.]+)(?P<tail>.*)$" % axis, text)
+    return re.match(rb"^(?P<head>.*?A\s*%d\s*P\s*)(?P<value>-?[\d.]+)(?P<tail>.*)\Z" % axis, text)
 
 
 def _rewritten(block: Block, pitch: Mapping[int, int], parameters: Mapping[tuple[int, int | None], str]) -> bytes:

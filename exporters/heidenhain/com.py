@@ -15,7 +15,7 @@ from stepdiag.solver.errors import DataError, SafetyError
 
 _NEWLINE = "\r\n"
 _END = "[END]"
-_BEGIN = re.compile(r"^BEGIN\s+(?P<name>\S+)(?:\s+DATUM:(?P<datum>\S+)\s+DISTANCE:(?P<distance>\S+))?(?:\s+(?P<unit>MM|INCH))?\s*$")
+_BEGIN = re.compile(r"^BEGIN\s+(?P<name>\S+)(?:\s+DATUM:(?P<datum>\S+)\s+DISTANCE:(?P<distance>\S+))?(?:\s+(?P<unit>MM|INCH))?\s*\Z")
 _WIDTHS = {"NR": 8, "ACTIVE": 8}
 _WIDTH = 16
 

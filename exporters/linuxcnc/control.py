@@ -42,8 +42,8 @@ _RESTORE_NOTE = (
     "# Back to where the control was. Lines with '-' go out of the INI file, lines with '+' into it, each in its section.",
     "# A joint without COMP_FILE uses its BACKLASH again, as before.",
 )
-_SCREW_NAME = re.compile(r"(?:^|[^a-z])(?P<axis>[xyz])(?:$|[^a-z])|(?P<last>[xyz])$")
-_SETP = re.compile(r"^setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P<value>\S+)$")
+_SCREW_NAME = re.compile(r"(?:^|[^a-z])(?P<axis>[xyz])(?:\Z|[^a-z])|(?P<last>[xyz])\Z")
+_SETP = re.compile(r"^setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P<value>\S+)\Z")
 
 
 class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):

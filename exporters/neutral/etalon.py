@@ -21,9 +21,9 @@ from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, 
 
 NAME = "etalon"
 FILE_NAME = "etalon_exchange.txt"
-_BLOCK = re.compile(r"^\[([A-Z0-9]{3})\]$")
-_VALUE = re.compile(r"^VALUE\s*=\s*(\S+)$")
-_BEGIN = re.compile(r"^Gridpoints\s*=\s*\{$")
+_BLOCK = re.compile(r"^\[([A-Z0-9]{3})\]\Z")
+_VALUE = re.compile(r"^VALUE\s*=\s*(\S+)\Z")
+_BEGIN = re.compile(r"^Gridpoints\s*=\s*\{\Z")
 _DECIMALS = 9
 """A nanoradian, a picometre: as many as a file for a control may have."""
 

@@ -13,9 +13,9 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite, read_lines
 from stepdiag.solver.errors import DataError
 
-_ASSIGNMENT = re.compile(r"^(?:N\d+\s*)?\$(?P<name>A[AN]_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*(?P<value>\S+)$")
-_FRAME = re.compile(r"^(%_N_\w+_INI|METRIC|CHANDATA\(\d+\))$")
-_END = re.compile(r"^(M17|M30|M02|M2)$")
+_ASSIGNMENT = re.compile(r"^(?:N\d+\s*)?\$(?P<name>A[AN]_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*(?P<value>\S+)\Z")
+_FRAME = re.compile(r"^(%_N_\w+_INI|METRIC|CHANDATA\(\d+\))\Z")
+_END = re.compile(r"^(M17|M30|M02|M2)\Z")
 _COMPENSATION = ("AA_ENC_COMP", "AN_CEC")
 
 

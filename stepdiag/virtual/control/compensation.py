@@ -40,7 +40,7 @@ def _linuxcnc(file: Path, text: str) -> Sequence[AxisTable | LatticeTable]:
         return [load_lattice(text)]
     if file.suffix not in _COMP_SUFFIXES:
         return load_matrix(text)
-    named = re.search(r"(?:^|[^a-z])([xyz])(?:$|[^a-z])|([xyz])$", file.stem.lower())
+    named = re.search(r"(?:^|[^a-z])([xyz])(?:\Z|[^a-z])|([xyz])\Z", file.stem.lower())
     if named is None:
         raise ValueError(f"{file.name}: expected an axis in the name of a screw file, such as screw_x.comp")
     return load_screw_file(text, "xyz".index(named[1] or named[2]))

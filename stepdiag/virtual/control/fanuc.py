@@ -10,9 +10,9 @@ from dataclasses import dataclass, field
 
 from stepdiag.virtual.control.axis_table import AxisTable
 
-_LINE = re.compile(r"^\s*N\s*(?P<number>\d+)\s*(?:Q\s*(?P<kind>\d+))?\s*(?P<words>.*?)\s*$")
+_LINE = re.compile(r"^\s*N\s*(?P<number>\d+)\s*(?:Q\s*(?P<kind>\d+))?\s*(?P<words>.*?)\s*\Z")
 _AXIS_WORD = re.compile(r"A\s*(\d+)\s*P\s*(-?[\d.]+)")
-_PLAIN_WORD = re.compile(r"^P\s*(-?\d+)\.?$")
+_PLAIN_WORD = re.compile(r"^P\s*(-?\d+)\.?\Z")
 _FIRST_PITCH_LINE = 10000
 _PARAMETER_KIND = "1"
 
