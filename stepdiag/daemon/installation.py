@@ -123,8 +123,15 @@ def _shared(source: str) -> str:
     """Return a file for systemd as it came with this program, the unit with the command of this installation."""
     for folder in (Path(sys.prefix) / "share/stepdiag/systemd", Path(str(files("stepdiag"))).parent / "systemd"):
         if (folder / source).is_file():
-            return (folder / source).read_text(encoding="utf-8").replace("/opt/stepdiag/bin/", f"{sys.prefix}/bin/")
+            text = (folder / source).read_text(encoding="utf-8")
+            return text.replace("BindReadOnlyPaths=/opt/stepdiag", f"BindReadOnlyPaths={_program()}").replace("/opt/stepdiag", sys.prefix)
     raise UsageError(source, expected="the files for systemd that come with the program", found="none", remedy="install the wheel again")
+
+
+def _program() -> str:
+    """Return where this installation stands: its own folder, and its Python's where that is not the system's."""
+    base = () if Path(sys.base_prefix) == Path("/usr") else (sys.base_prefix,)
+    return " ".join(dict.fromkeys((sys.prefix, *base)))
 
 
 def _network(survey: Survey) -> Iterator[str]:

@@ -6,6 +6,7 @@ The limits hold where a connection is accepted, before any of it costs memory or
 import asyncio
 import socket
 from collections import Counter
+from typing import Any
 
 import h11
 from uvicorn.protocols.http.h11_impl import H11Protocol
@@ -39,6 +40,16 @@ class CappedListener(socket.socket):
             raise ConnectionAbortedError("too many connections")
         self._open[guest] = host
         return guest, address
+
+
+class PunctualLoop(asyncio.SelectorEventLoop):
+    """An event loop whose guests must come to terms about encryption as soon as they must say what they want."""
+
+    async def create_server(self, *args: Any, **options: Any) -> asyncio.Server:
+        """Listen; where it is TLS, with the patience of `PunctualProtocol` instead of the library's minute."""
+        if options.get("ssl") is not None:
+            options |= {"ssl_handshake_timeout": HEAD_S, "ssl_shutdown_timeout": HEAD_S}
+        return await super().create_server(*args, **options)
 
 
 class PunctualProtocol(H11Protocol):

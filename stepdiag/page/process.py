@@ -22,7 +22,7 @@ from starlette.applications import Starlette
 from stepdiag.daq.service.priority import lower_priority
 from stepdiag.page.app import Page, create_app
 from stepdiag.page.confine import confine, die_with_parent
-from stepdiag.page.connections import LONGEST_HEAD, CappedListener, PunctualProtocol
+from stepdiag.page.connections import LONGEST_HEAD, CappedListener, PunctualLoop, PunctualProtocol
 from stepdiag.page.messages import LENGTH_BYTES, PageSettings, settings_decoder
 from stepdiag.page.metrics import create_metrics
 from stepdiag.page.remote import RemoteDaemon
@@ -61,7 +61,8 @@ def main(page: str, metrics: str) -> None:
         servers.append((_server(create_metrics(daemon.figures)), CappedListener(int(metrics))))
     mimetypes.init()  # reads /etc
     still_open = confine(_readable(settings))
-    asyncio.run(_serve(daemon, hears, servers, still_open))
+    with asyncio.Runner(loop_factory=PunctualLoop) as runner:
+        runner.run(_serve(daemon, hears, servers, still_open))
     os._exit(0)  # nothing is left to be written, and the daemon waits
 
 

@@ -46,7 +46,8 @@ class Guard:
     """Refuses who was sent here by another site, adds the policies to every answer, and lets go who does not fetch it.
 
     A site that has its name point to this computer (DNS rebinding) comes with its own name in ``Host``: that must be a loopback name, the
-    address that was called, or one of ``names``. A POST that names an ``Origin`` must come from the page itself.
+    address that was called, or one of ``names``. A POST must say by its ``Origin`` that it comes from the page itself: browsers do so by
+    themselves, and whoever has no browser writes the line.
     """
 
     def __init__(self, app: ASGIApp, names: Collection[str]) -> None:
@@ -78,8 +79,8 @@ class Guard:
         if not is_known_host(host, str(called[0]), self._names):
             return refused(421, "this page does not answer to that name; put it into page.names of the survey file")
         origin = headers.get("origin")
-        if scope["method"] not in ("GET", "HEAD") and origin is not None and origin not in (f"http://{host}", f"https://{host}"):
-            return refused(403, "orders are taken from the page itself only")
+        if scope["method"] not in ("GET", "HEAD") and origin not in (f"http://{host}", f"https://{host}"):
+            return refused(403, f"orders are taken from the page itself only: the header Origin must be that of the page, http://{host}")
         return None
 
 

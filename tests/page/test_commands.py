@@ -27,7 +27,8 @@ def daemon(tmp_path: Path) -> Iterator[Served]:
 def ask(daemon: Served, method: str, path: str, body: bytes = b"", token: str | None = None) -> tuple[int, dict[str, str], bytes]:
     """Return status, headers and body of one request."""
     connection = http.client.HTTPConnection(daemon.address.removeprefix("http://"), timeout=10)
-    connection.request(method, path, body, {"Authorization": f"Bearer {quote(token)}"} if token is not None else {})
+    headers = {"Origin": daemon.address} | ({"Authorization": f"Bearer {quote(token)}"} if token is not None else {})
+    connection.request(method, path, body, headers)
     answer = connection.getresponse()
     told = answer.status, {name.lower(): value for name, value in answer.getheaders()}, answer.read()
     connection.close()

@@ -25,8 +25,10 @@ def page(tmp_path_factory):
 
 
 def ask(page, path, *, method="GET", body=b"", **headers):
-    """Return status, headers and body."""
+    """Return status, headers and body; a POST names the page as its origin, as a browser on the page does, unless another is given."""
     connection = http.client.HTTPConnection(page.address.removeprefix("http://"), timeout=30)
+    if method == "POST":
+        headers = {"Origin": f"http://{headers.get('Host') or page.address.removeprefix('http://')}", **headers}
     connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
     answer = connection.getresponse()
     told = answer.status, dict(answer.getheaders()), answer.read()
@@ -75,6 +77,16 @@ def test_orders_from_another_site_are_refused(page, origin):
     assert page.do(lambda: list(page.survey.ordered)) == []
 
 
+def test_an_order_that_does_not_say_where_it_comes_from_is_refused(page):
+    """A form of another site, in a browser that leaves Origin out: even with the token."""
+    connection = http.client.HTTPConnection(page.address.removeprefix("http://"), timeout=30)
+    connection.request("POST", "/command", b'{"name":"start"}', {"Authorization": bearer(TOKEN), "Content-Type": "text/plain"})
+    answer = connection.getresponse()
+    assert (answer.status, "Origin" in answer.read().decode()) == (403, True)
+    connection.close()
+    assert page.do(lambda: list(page.survey.ordered)) == []
+
+
 def test_files_are_for_those_with_the_token(page):
     """A list, a result, a report and a log: 403 without; by header, or by the cookie that the token was exchanged for."""
     paths = ("/downloads.json", "/result.json", "/download/report.html", "/download/result.json")
@@ -113,13 +125,31 @@ def test_orders_are_logged_with_their_address(tmp_path, capsys):
         assert page.do(lambda: page.survey.addresses) == ["127.0.0.1"]
 
 
-def test_certificates_encrypt_the_page(tmp_path):
-    """With certificate and key nothing is answered in the clear."""
-    crt, key = tmp_path / "page.crt", tmp_path / "page.key"
+def certified(folder):
+    """Return a certificate for localhost and its key, as files."""
+    crt, key = folder / "page.crt", folder / "page.key"
     subprocess.run(
         ["openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-subj", "/CN=localhost",
          "-days", "2", "-addext", "subjectAltName=DNS:localhost", "-keyout", key, "-out", crt], check=True, capture_output=True,
     )  # fmt: skip
+    return crt, key
+
+
+def test_who_says_nothing_of_encryption_keeps_no_place(tmp_path):
+    """A connection that never begins its TLS handshake is closed like one that never says what it wants: long before a minute is over."""
+    crt, key = certified(tmp_path)
+    with served(tmp_path, certificate=str(crt), key=str(key)) as page:
+        port = int(page.address.rpartition(":")[2])
+        with socket.create_connection(("127.0.0.1", port), timeout=40) as silent, socket.create_connection(("127.0.0.1", port)) as half:
+            half.settimeout(40)
+            half.sendall(b"\x16\x03\x01\x02\x00\x01")
+            assert silent.recv(1) == b""
+            assert half.recv(1) == b""
+
+
+def test_certificates_encrypt_the_page(tmp_path):
+    """With certificate and key nothing is answered in the clear."""
+    crt, key = certified(tmp_path)
     with served(tmp_path, token=TOKEN, certificate=str(crt), key=str(key)) as page:
         port = int(page.address.rpartition(":")[2])
         connection = http.client.HTTPSConnection("localhost", port, timeout=20, context=ssl.create_default_context(cafile=str(crt)))

@@ -17,8 +17,8 @@ UNIT = "stepdiag@hall.service"
 RECORDED = "/var/lib/stepdiag/hall"
 DIALOUT = 20
 """The group of serial lines on every Debian."""
-DROP_IN = "[Service]\nDeviceAllow=char-pts rw\nWatchdogSec=3\nRestartSec=1\n"
-"""A pty stands for the serial line; the rest only makes the test shorter."""
+DROP_IN = "[Service]\nDeviceAllow=char-pts rw\nBindReadOnlyPaths=/opt/libraries\nWatchdogSec=3\nRestartSec=1\n"
+"""A pty stands for the serial line, a mount for installed libraries; the rest only makes the test shorter."""
 
 
 def stops(system):
@@ -95,10 +95,13 @@ def test_a_survey_goes_on_after_a_kill_a_hang_and_a_stop(tmp_path):
 
 
 def assert_confined(pid, system):
-    """The process is nobody's, may gain no rights, and its calls are filtered (proc(5))."""
+    """The process is nobody's, may gain no rights, its calls are filtered (proc(5)), and of the disk it sees what it needs."""
     status = dict(line.split(":\t", 1) for line in system.run("cat", f"/proc/{pid}/status").splitlines() if ":\t" in line)
     assert status["Uid"].split()[0] != "0"
     assert (status["NoNewPrivs"], status["Seccomp"], status["CapEff"]) == ("1", "2", "0" * 16)
+    seen = set(system.run("ls", f"/proc/{pid}/root").split())
+    assert {"usr", "etc", "opt", "var"} <= seen
+    assert not seen & {"home", "root", "srv", "mnt", "boot", "media"}
 
 
 def assert_replays(system, folder):

@@ -6,8 +6,24 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.daemon.installation import drop_in
+from stepdiag.daq.survey.file import parse_survey
+
 pytestmark = pytest.mark.system
 
+SURVEY = """
+[survey]
+name = "mill"
+machine = "M1"
+[volume]
+size_mm = [300.0, 200.0, 100.0]
+increments = 2
+[laser]
+format = "umd"
+port = "/dev/ttyUSB0"
+[plc]
+host = "192.168.5.2"
+"""
 UNIT = Path(__file__).parents[2] / "systemd" / "stepdiag@.service"
 
 
@@ -19,6 +35,17 @@ def analyze(*arguments):
 
 def test_the_exposure_is_at_most_one_point_two():
     code, said, _ = analyze("security", "--offline=true", "--threshold=12", UNIT)
+    assert code == 0, said.splitlines()[-1]
+
+
+@pytest.mark.parametrize("host", ["192.168.5.2", "plc.hall.example"])
+def test_so_it_is_with_a_plc_on_the_network(tmp_path, host):
+    """With what `service install` opens for it: an address, or private networks for a name. Lines that come later count like a drop-in."""
+    survey = parse_survey(SURVEY.replace("192.168.5.2", host), "mill.toml")
+    opened = drop_in(survey, Path("/etc/stepdiag")).partition("[Service]")[2]
+    unit = tmp_path / UNIT.name
+    unit.write_text(UNIT.read_text().replace("[Install]", f"[Service]{opened}[Install]"))
+    code, said, _ = analyze("security", "--offline=true", "--threshold=12", unit)
     assert code == 0, said.splitlines()[-1]
 
 
