@@ -58,7 +58,9 @@ def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     elif not stream.samples:
         quoted = stream.remarks.get("garbage") or stream.remarks.get("device") or f"{stream.byte_count} bytes, not one whole reading"
         begins = f"it begins with {stream.begins.hex(' ')}"
-        text = f"the {name} sends, but nothing it sends makes sense ({quoted}; {begins}): check its baud rate, format and port in the survey"
+        text = (
+            f"the {name} sends, but nothing it sends makes sense ({quoted}; {begins}): check its baud rate, format and port in the survey"
+        )
         yield _finding(f"{name}-garbage", "error", text)
     else:
         yield from _instrument(stream, seconds)
