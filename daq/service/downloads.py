@@ -9,7 +9,10 @@ from stepdiag.exporters.files.sets import whole
 
 
 def downloads_of(folder: Path) -> tuple[Download, ...]:
-    """Return result, report, readings, controller files and logs of a survey's folder; empty before there are any."""
+    """Return result, report, readings, controller files and logs of a survey's folder; empty before there are any.
+
+    A link that leads out of the folder is none of its files.
+    """
     if not folder.is_dir():
         return ()
     found = [(path, "result") for name in (RESULT, READINGS, CONCLUSION) if (path := folder / name).is_file()]
@@ -24,14 +27,20 @@ def downloads_of(folder: Path) -> tuple[Download, ...]:
             size_bytes=path.stat().st_size,
         )
         for path, kind in found
+        if _stands_in(folder, path)
     )
     return (*files, *_bundles(folder / EXPORTS))
+
+
+def _stands_in(folder: Path, path: Path) -> bool:
+    """Tell whether a file is one of the folder, not a link that leads out of it."""
+    return path.resolve().is_relative_to(folder.resolve())
 
 
 def _bundles(exports: Path) -> Iterator[Download]:
     """Yield two bundles a control that has files: what is loaded, and what brings it back."""
     for folder in sorted(exports.iterdir()) if exports.is_dir() else ():
-        if folder.is_dir() and not folder.name.startswith(".") and whole(folder):
+        if folder.is_dir() and not folder.name.startswith(".") and _stands_in(exports, folder) and whole(folder):
             size = sum(path.stat().st_size for path in folder.iterdir() if path.is_file())
             for kind, name in (("bundle", f"{folder.name}.zip"), ("restore", f"{folder.name}-restore.zip")):
                 yield Download(name=name, path=folder, kind=kind, size_bytes=size, group=folder.name)  # type: ignore[arg-type]
