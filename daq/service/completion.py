@@ -22,12 +22,13 @@ from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_
 from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
 from stepdiag.daq.survey.assumed import assumptions_of
-from stepdiag.daq.survey.bundle import compensation_findings, compensation_of, tables_for
+from stepdiag.daq.survey.bundle import active_in, compensation_findings, compensation_of, tables_for
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.files import as_text, holds, write_atomically, write_once
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.levers import left_out
 from stepdiag.solver.errors import DataError, SafetyError, StepdiagError, UsageError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import Angles, parse_angles
@@ -93,6 +94,9 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     level = _angles(replayed) or {}
     head = evaluate_head(survey, replayed.book.passes, replayed.files, level) if chosen == "estimate" else HeadMeasured(angles={})
     angles, twice = merge_angles(level, head.angles)
+    without = left_out(active_in(survey, replayed.files)) if angles else None
+    if without is not None:
+        angles, twice = {}, (without,)
     result = solve(
         readings,
         chain=survey.machine.chain,

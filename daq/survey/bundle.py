@@ -49,10 +49,15 @@ def compensation_of(survey: Survey, bundle: Mapping[str, bytes]) -> Statement:
     Raises DataError for a bundle without a file that the survey names.
     """
     machine = survey.machine
-    missing = [name for name in machine.active if name not in bundle]
+    return stated(machine.compensation, active_in(survey, bundle), machine.active_date, machine.active_source)
+
+
+def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
+    """Return the files that were active while measuring, by name. Raises DataError for a bundle without one that the survey names."""
+    missing = [name for name in survey.machine.active if name not in bundle]
     if missing:
         raise DataError(missing[0], expected="a file that the survey names, in the log", found="nothing")
-    return stated(machine.compensation, {name: bundle[name] for name in machine.active}, machine.active_date, machine.active_source)
+    return {name: bundle[name] for name in survey.machine.active}
 
 
 def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
@@ -61,7 +66,7 @@ def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
         return ()
     text = (
         "nobody has said whether a compensation is active in the control: answer machine.compensation in the survey file before the first "
-        'pass ("off", or "on" with the files that are active); while "?" stands there, no compensation file is made of what is measured'
+        'pass ("off", or "on" with the files that are active); until it is said, no compensation file is made of what is measured'
     )
     return (Finding(code="compensation-unanswered", severity="warning", text=text),)
 

@@ -1,9 +1,10 @@
 """Beckhoff TwinCAT CNC and the ISG kernel: volumetric error file (ISG_CSV), or axis lists with ``kw.ssfk`` and ``kw.crosscomp``.
 
 TF5200 axis compensation (leadscrew: pages 308687883, 308695435, 15327297547; cross: 308709003, P-COMP-00004 to 00007) and TF5280
-volumetric compensation (296429067, 296390283) of infosys.beckhoff.com. The leadscrew value is actual minus setpoint, by a worked example;
-the volumetric file holds the ISO 230-1 errors themselves, whose sense ``negate`` can turn; the sense of the cross value is stated
-nowhere and is asked.
+volumetric compensation (296429067, 296390283, 296423819, 296426379) of infosys.beckhoff.com. The leadscrew value is actual minus
+setpoint, by a worked example; the volumetric file holds the ISO 230-1 errors themselves, whose sense ``negate`` can turn; the sense of
+the cross value is stated nowhere and is asked. With ``chain`` the volumetric file holds everything: components, angles with the levers
+that the kernel's own model of the axes gives them, and the squarenesses.
 """
 
 from collections.abc import Iterator, Sequence
@@ -15,17 +16,20 @@ import msgspec
 from stepdiag.exporters.beckhoff import csv, parameter_list
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
+from stepdiag.exporters.tables.angular import angle_tables, columns_of, levers_of
 from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.own_files import own_and_zeros
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.kinematics import parse_chain
 
-VOLCOMP, SSFK, CROSS = "volcomp", "ssfk", "crosscomp"
+VOLCOMP, ANGLE, SSFK, CROSS = "volcomp", "volcomp-angle", "ssfk", "crosscomp"
 _SSFK_LAW = Law(sense="as-error")
 _LIST_QUANTUM_UM = 0.1
 _CSV_NAME = "volumetric_errors.csv"
@@ -36,6 +40,7 @@ class BeckhoffOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
 
     way: Literal["volumetric", "lists"]
     axis_numbers: dict[str, int]
+    chain: str | None = None
     negate: Annotated[str, msgspec.Meta(pattern=r"^[XYZ]{0,3}\Z", description='axes such as "XY"')] = ""
     cross_sense: Sense | None = None
     master_word: Literal["slave_ax_nr", "master_ax_nr"] = "slave_ax_nr"
@@ -49,6 +54,7 @@ _TEMPLATE = """\
 [beckhoff]
 way = "?"                     # "volumetric" (TF5280, ISG_CSV) or "lists" (kw.ssfk and kw.crosscomp in the axis lists)
 axis_numbers = "?"            # logical axis numbers, such as { X = 1, Y = 2, Z = 3 }
+# chain = "FXYZ"              # volumetric: write angles and squareness too; the chain of the axes, as the survey file says it
 # negate = ""                 # axes in P-VOLC-00009 of the volumetric configuration, such as "XY"
 # cross_sense = "as-error"    # lists: sense of kw.crosscomp; no page states it, the sign test does
 # master_word = "slave_ax_nr" # the name of P-COMP-00005 in this version (TwinCAT 2: "master_ax_nr")
@@ -65,7 +71,7 @@ class Beckhoff:
 
     name: str = "beckhoff"
     title: str = "Beckhoff TwinCAT CNC / ISG kernel (ISG_CSV, ssfk and crosscomp lists)"
-    kinds: tuple[str, ...] = (VOLCOMP, SSFK, CROSS)
+    kinds: tuple[str, ...] = (VOLCOMP, ANGLE, SSFK, CROSS)
     options: type[msgspec.Struct] = BeckhoffOptions
     options_template: str = _TEMPLATE
 
@@ -77,13 +83,26 @@ class Beckhoff:
         """Return the sizes of the tables in the control."""
         options = profile.options_as(BeckhoffOptions)
         # kw_nr_max and last_index must stay below max_points (P-COMP-00059, P-COMP-00060).
-        points = {VOLCOMP: options.max_records, SSFK: options.ssfk_points - 1, CROSS: options.cross_points}
+        points = {VOLCOMP: options.max_records, ANGLE: options.max_records, SSFK: options.ssfk_points - 1, CROSS: options.cross_points}
         return Limits(points=points[table.kind])
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return the components of the volumetric file, or ssfk and crosscomp tables."""
         options = profile.options_as(BeckhoffOptions)
         tables = _volumetric(curves, profile, options) if options.way == "volumetric" else _lists(curves, profile, options)
+        return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile, options)))
+
+    def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
+        """Return the same, and with ``chain`` every angle: its column is a product with each of its levers."""
+        options = profile.options_as(BeckhoffOptions)
+        if options.chain is None or options.way != "volumetric":
+            return self.plan(curves, profile)
+        levers = levers_of(options.chain, own=True)
+        found = columns_of(curves, products, levers, profile)
+        tables = [*_volumetric(found.curves, profile, options)]
+        for angle in found.angles:
+            laws, quantum_urad = _volcomp_laws(profile, options), 1e6 * 10.0**-csv.RAD_DECIMALS
+            tables += angle_tables(angle, levers, profile, kind=ANGLE, laws=laws, quantum_urad=quantum_urad, place={})
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile, options)))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
@@ -99,7 +118,7 @@ class Beckhoff:
             )
         configuration = [*(f"# {note}" for note in notes), *_configuration(profile, options)]
         return (
-            ControlFile(name=_CSV_NAME, data=csv.render(tables, options.decimals, notes)),
+            ControlFile(name=_CSV_NAME, data=csv.render(tables, options.decimals, notes, _squareness(options))),
             ControlFile(name="volcomp_lines.txt", data=ascii_lines(configuration), role="note"),
         )
 
@@ -114,14 +133,16 @@ class Beckhoff:
                 senses = {SSFK: _SSFK_LAW.sense, CROSS: options.cross_sense}
                 tables += parameter_list.read(file, profile, options.axis_numbers, senses)
             else:
-                tables += csv.read(file, profile, VOLCOMP, {letter: _volcomp_law(letter, options) for letter in "XYZ"})
+                levers = None if options.chain is None else levers_of(options.chain, own=True)
+                laws = _volcomp_laws(profile, options)
+                tables += csv.read(file, profile, csv.Reading(kind=VOLCOMP, angle_kind=ANGLE, laws=laws, levers=levers))
         if not tables:
             raise DataError("files", expected="an ISG_CSV file or an axis list", found=", ".join(file.name for file in files) or "nothing")
         return tuple(tables)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own volumetric file or axis lists, each replaced as a whole, and zeros where there is none."""
-        return own_and_zeros(self, tables, profile, lambda table: VOLCOMP if table.kind == VOLCOMP else table.output_axis)
+        return own_and_zeros(self, tables, profile, lambda table: VOLCOMP if table.kind in (VOLCOMP, ANGLE) else table.output_axis)
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is an axis list with compensation, or has a heading of component errors."""
@@ -136,7 +157,7 @@ class Beckhoff:
         if profile.options_as(BeckhoffOptions).way == "volumetric":
             return (
                 "Back up the volumetric configuration and the error files in use.",
-                "Add the lines of volcomp_lines.txt to the configuration; set workpiece_axes and the chain as the machine is built.",
+                "Add the lines of volcomp_lines.txt to the configuration; chain and workpiece_axes have to be as the machine is built.",
                 f"The axes must be called as they were measured. Copy {_CSV_NAME} where file[0] says.",
                 "Load with #VOLCOMP [ID0 UPDATE] while the compensation is off, then switch it on.",
                 "Sign test first: P-VOLC-00009 negate exists because senses differ. Measure again; if the residual has grown, restore.",
@@ -152,6 +173,21 @@ class Beckhoff:
 
 def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:
     return Law(sense="as-compensation" if letter in options.negate else "as-error")
+
+
+def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
+    """Return the law of each output axis. Raises ``UsageError`` where an angle would have to be turned for one axis alone."""
+    if options.chain is not None and set(options.negate) not in (set(), set("XYZ")):
+        raise UsageError(
+            f"{profile.source}: beckhoff.negate", expected='"XYZ" or nothing: an angle moves two axes by one number', found=options.negate
+        )
+    return {letter: _volcomp_law(letter, options) for letter in "XYZ"}
+
+
+def _squareness(options: BeckhoffOptions) -> tuple[str, ...]:
+    """Return the squarenesses that get a column: where it makes no difference whether one turns the axes that its axis carries."""
+    order = "" if options.chain is None else "".join("XYZ"[axis] for side in parse_chain(options.chain) for axis in side)
+    return tuple(name for name, target in csv.SHIFTS.items() if order and order.index(target[1]) < order.index(target[2]))
 
 
 def _volumetric(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) -> Iterator[Table]:
@@ -217,6 +253,11 @@ def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:
 def _configuration(profile: Profile, options: BeckhoffOptions) -> Iterator[str]:
     for letter in _numbered(profile, options):
         yield f"{letter} {options.axis_numbers[letter]}"
+    if options.chain is not None:
+        work, tool = parse_chain(options.chain)
+        yield "# DERIVED, not READ: axes from workpiece to tool, the first of which carry the workpiece (P-VOLC-00007, P-VOLC-00008)"
+        yield f"chain {''.join('XYZ'[axis] for axis in (*work, *tool))}"
+        yield f"workpiece_axes {len(work)}"
     yield from ("interpolation GRID", f"file[0] {_CSV_NAME}", "file_format[0] ISG_CSV")
     if options.negate:
         yield f"negate {options.negate}"

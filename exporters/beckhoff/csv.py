@@ -1,84 +1,199 @@
-"""The ISG_CSV file: columns named in a heading, rows below, ``//`` comments, ``#`` before a new heading (TF5280, 296429067)."""
+"""The ISG_CSV file: columns named in a heading, rows below, ``//`` comments, ``#`` before a new heading (TF5280, 296429067).
+
+Values in mm and rad (296426379). A block without an axis in its heading holds position errors, in one row: here the squarenesses C0Y,
+B0Z and A0Z, which shift the tool as contract 1 says.
+"""
 
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import fixed, shortest
+from stepdiag.exporters.tables.angular import COLUMN, Angle, angle_tables, column_urad
+from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Table
 from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import Vector
 
 _COMPONENT = re.compile(r"^E[XYZ][XYZ]\Z")
 _ANGLE = re.compile(r"^E[ABC][XYZ]\Z")
+_POSITION_ERROR = re.compile(r"^[XYZABC]0[XYZABC]\Z")
 _WIDTH = 12
+RAD_DECIMALS = 9
+"""Places of an angle in rad: a nanoradian."""
+_FINER = 2
+"""Places more than the resolution of the tables, where a squareness is taken out of its column."""
+SHIFTS = {"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"}
+"""The function along which each squareness shifts the tool."""
+
+Rows = list[tuple[str, list[str]]]
 
 
-def render(tables: Sequence[Table], decimals: int, notes: Sequence[str]) -> bytes:
-    """Return the file: one block for each input axis, its components in mm beside each other."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """How a file is read: kinds and laws by output axis; ``levers`` of the angles, None where the profile states no chain."""
+
+    kind: str
+    angle_kind: str
+    laws: Mapping[str, Law]
+    levers: Vector | None
+
+
+def render(tables: Sequence[Table], decimals: int, notes: Sequence[str], squareness: Sequence[str] = ()) -> bytes:
+    """Return the file: one block for each input axis, components in mm and angles in rad beside each other.
+
+    ``squareness`` names those that get a column of their own, before the others; the rest stays in its straightness.
+    """
+    curves = {table.name: table for table in tables if table.multiplier is None}
+    angles = {str(table.place[COLUMN]): table for table in tables if table.multiplier is not None}
+    slopes_rad = {name: _slope_rad(curves[SHIFTS[name]], name) for name in squareness if SHIFTS[name] in curves}
+    where = f"{', '.join(slopes_rad)} as columns" if slopes_rad else "squareness is within the straightness components"
     lines = [f"// {note}" for note in notes]
-    lines.append("// values and positions in mm, ISO 230-1, actual minus commanded; squareness is within the straightness components")
-    blocks = [[table for table in tables if table.input_axis == letter] for letter in "XYZ"]
-    for number, block in enumerate(block for block in blocks if block):
-        lines += ["#"] if number else []
-        lines.append(_row([block[0].input_axis, *(table.name for table in block)]))
-        for index, at in enumerate(block[0].position_mm):
-            lines.append(_row([shortest(float(at)), *(fixed(table.value_um[index] / 1000, decimals) for table in block)]))
+    lines.append(f"// values and positions in mm{', angles in rad' if angles else ''}, ISO 230-1, actual minus commanded; {where}")
+    if slopes_rad:
+        lines += [_row(list(slopes_rad)), _row([fixed(value, RAD_DECIMALS) for value in slopes_rad.values()])]
+    places = decimals + _FINER if slopes_rad else decimals
+    for letter in "XYZ":
+        block = {name: _without(table, slopes_rad) / 1000 for name, table in curves.items() if table.input_axis == letter}
+        turns = {name: column_urad(table) * 1e-6 for name, table in angles.items() if table.input_axis == letter}
+        along = next((table for table in tables if table.input_axis == letter), None)
+        if along is None:
+            continue
+        lines += ["#"] if any(not line.startswith("//") for line in lines) else []
+        lines.append(_row([letter, *block, *turns]))
+        for index, at in enumerate(along.position_mm):
+            cells = [fixed(value[index], places) for value in block.values()]
+            cells += [fixed(value[index], RAD_DECIMALS) for value in turns.values()]
+            lines.append(_row([shortest(float(at)), *cells]))
     return ascii_lines(lines)
 
 
+def _slope_rad(table: Table, name: str) -> float:
+    """Return the squareness in the end-point line of a table, in the table's own sense, to the places that are written."""
+    rise = (table.value_um[-1] - table.value_um[0]) / (table.position_mm[-1] - table.position_mm[0])
+    return round(float(rise) * 1e-3 / SQUARENESS_SLOPE[name][SHIFTS[name]], RAD_DECIMALS)
+
+
+def _without(table: Table, slopes_rad: Mapping[str, float]) -> Vector:
+    """Return the values of a table in um without what its squareness does, which counts from the zero of the axis."""
+    value = table.value_um
+    for name, slope in slopes_rad.items():
+        if SHIFTS[name] == table.name:
+            value = value - _shift_um(name, slope, table.position_mm)
+    return value
+
+
+def _shift_um(name: str, slope_rad: float, position_mm: Vector) -> Vector:
+    return slope_rad * 1e3 * SQUARENESS_SLOPE[name][SHIFTS[name]] * position_mm
+
+
 def recognises(file: ControlFile) -> bool:
-    """Return whether the first line that is no comment is a heading of component errors."""
+    """Return whether the first line that is no comment is a heading of component or position errors."""
     try:
         head = next(_said(file), ("", []))[1]
     except DataError:
         return False
-    return len(head) > 1 and head[0] in ("X", "Y", "Z") and all(map(_COMPONENT.match, head[1:]))
+    if head and all(map(_POSITION_ERROR.match, head)):
+        return True
+    return len(head) > 1 and head[0] in ("X", "Y", "Z") and all(_COMPONENT.match(name) or _ANGLE.match(name) for name in head[1:])
 
 
-def read(file: ControlFile, profile: Profile, kind: str, laws: Mapping[str, Law]) -> list[Table]:
-    """Return a table for each component column; angle columns must be 0. Raises ``DataError`` with file and line."""
+def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
+    """Return a table for each component column, the squareness within, and the products of each angle column.
+
+    Raises ``DataError`` with file and line, also for angles where the profile states no chain.
+    """
+    squareness: dict[str, float] = {}
     tables: list[Table] = []
     for block in _blocks(file):
         (where, head), rows = block[0], block[1:]
+        if all(map(_POSITION_ERROR.match, head)):
+            squareness |= _squareness(where, head, rows)
+            continue
         if head[0] not in ("X", "Y", "Z") or not all(_COMPONENT.match(name) or _ANGLE.match(name) for name in head[1:]):
             raise DataError(where, expected="a heading such as X EXX EYX EZX", found=" ".join(head))
+        if len(set(head)) != len(head):
+            raise DataError(where, expected="each column once", found=" ".join(head))
         values = np.array([_numbers(cells, len(head), at) for at, cells in rows])
         if len(rows) < 2 or np.any(np.diff(values[:, 0]) <= 0):
             raise DataError(where, expected="two or more rows with rising positions", found=f"{len(rows)} rows")
-        tables += _columns(file, block, values, profile, kind, laws)
-    return tables
+        tables += _columns(file, block, values, profile, how)
+    return _joined(tables, squareness, file, profile, how)
 
 
-def _columns(
-    file: ControlFile, block: Sequence[tuple[str, list[str]]], values: "np.ndarray[tuple[int, int], np.dtype[np.float64]]",
-    profile: Profile, kind: str, laws: Mapping[str, Law],
-) -> Iterator[Table]:  # fmt: skip
+def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]:
+    """Return the position errors that are not zero. Raises ``DataError`` for one that is no squareness of three linear axes."""
+    if len(rows) != 1:
+        raise DataError(where, expected="position errors in one row", found=f"{len(rows)} rows")
+    values = dict(zip(head, _numbers(rows[0][1], len(head), rows[0][0]), strict=True))
+    foreign = [name for name, value in values.items() if value and name not in SHIFTS]
+    if foreign:
+        raise DataError(where, expected="C0Y, B0Z and A0Z", found=", ".join(foreign), remedy="fold them into these three first")
+    return {name: value for name, value in values.items() if value}
+
+
+def _joined(tables: Sequence[Table], squareness: Mapping[str, float], file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
+    """Return the tables with each squareness in the function along which it shifts the tool."""
+    found = {table.name: table for table in tables}
+    for name, value in squareness.items():
+        target = SHIFTS[name]
+        if target in found:
+            table = found[target]
+            found[target] = replace(table, value_um=table.value_um + _shift_um(name, value, table.position_mm))
+            continue
+        ends = profile.grid_mm(target[2])[[0, -1]]
+        found[target] = Table(
+            kind=how.kind, input_axis=target[2], output_axis=target[1], position_mm=ends, value_um=_shift_um(name, value, ends),
+            quantum_um=1e-3, law=replace(how.laws[target[1]], ends="extended"), reference_mm=profile.axis(target[2]).reference_mm,
+            place={COLUMN: name},
+        )  # fmt: skip
+    if not found:
+        raise DataError(file.name, expected="columns of errors", found="none")
+    return list(found.values())
+
+
+def _columns(file: ControlFile, block: Rows, values: Vector, profile: Profile, how: Reading) -> Iterator[Table]:
     (where, head), rows = block[0], block[1:]
     for column, name in enumerate(head[1:], start=1):
-        if _ANGLE.match(name):
-            if values[:, column].any():
-                raise DataError(
-                    where, expected=f"{name} 0: angles are not corrected here", found="an angle", remedy=f"take {name} out of {file.name}"
-                )
-            continue
         if name[2] != head[0]:
             raise DataError(where, expected=f"components of {head[0]}", found=name)
         places = max(len(cells[column].partition(".")[2]) for _, cells in rows)
+        if _ANGLE.match(name):
+            yield from _angle(
+                file, where, Angle(name=name, position_mm=values[:, 0], value_urad=values[:, column] * 1e6), profile, how, places
+            )
+            continue
         yield Table(
-            kind=kind,
+            kind=how.kind,
             input_axis=head[0],
             output_axis=name[1],
             position_mm=values[:, 0],
             value_um=values[:, column] * 1000.0,
             quantum_um=1000.0 * 10.0**-places,
-            law=laws[name[1]],
+            law=how.laws[name[1]],
             reference_mm=profile.axis(head[0]).reference_mm,
-            place={"column": name},
+            place={COLUMN: name},
         )
+
+
+def _angle(file: ControlFile, where: str, angle: Angle, profile: Profile, how: Reading, places: int) -> Iterator[Table]:
+    """Yield the products of an angle column; the numbers are in the sense of the control, as those of every column."""
+    if how.levers is None:
+        if angle.value_urad.any():
+            raise DataError(
+                where, expected=f"{angle.name} 0: without the chain of the axes nothing is known of its levers", found="an angle",
+                remedy=f"state beckhoff.chain in the profile, or take {angle.name} out of {file.name}",
+            )  # fmt: skip
+        return
+    as_error = replace(angle, value_urad=angle.value_urad * -next(iter(how.laws.values())).factor)
+    yield from angle_tables(
+        as_error, how.levers, profile, kind=how.angle_kind, laws=how.laws, quantum_urad=1e6 * 10.0**-places, place={}
+    )  # fmt: skip
 
 
 def _numbers(cells: Sequence[str], count: int, where: str) -> list[float]:
@@ -87,8 +202,8 @@ def _numbers(cells: Sequence[str], count: int, where: str) -> list[float]:
     return [finite(cell, where) for cell in cells]
 
 
-def _blocks(file: ControlFile) -> list[list[tuple[str, list[str]]]]:
-    blocks: list[list[tuple[str, list[str]]]] = [[]]
+def _blocks(file: ControlFile) -> list[Rows]:
+    blocks: list[Rows] = [[]]
     for where, cells in _said(file):
         if cells[0].startswith("#"):
             blocks.append([])

@@ -24,12 +24,14 @@ from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
 from stepdiag.exporters.safety.compensation import remarks as compensation_remarks
-from stepdiag.exporters.safety.compensation import require_agreement
+from stepdiag.exporters.safety.compensation import require_agreement, require_answer
 from stepdiag.exporters.safety.gate import gate_findings, require_clean
+from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.verify import predict
 from stepdiag.exporters.tables import lattice
+from stepdiag.exporters.tables.angular import require_chain
 from stepdiag.exporters.tables.controller import Controller, Multiplying, Plan
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
@@ -57,6 +59,7 @@ def export(
     Raises ``DataError`` for a function that the result does not identify, ``SafetyError`` for a failed check (nothing is written), or,
     where only the machine's own template is missing, after writing the readable report; ``UsageError`` for a wrong profile.
     """
+    require_answer(result)
     if controller == lattice.NAME:
         return export_lattice(result, _step(step_mm, profile), out_dir)
     if controller == etalon.NAME:
@@ -64,6 +67,7 @@ def export(
     control = controller_named(controller)
     settled = _settled(profile, control, result, step_mm)
     require_agreement(result, settled)
+    require_levers(result, settled)
     if isinstance(settled.options, LinuxCncOptions) and settled.options.way == "kinematics":
         return export_kinematics(result, settled, accept, out_dir)
     case, plan = _planned(result, control, settled, today or datetime.now(tz=UTC).date())
@@ -112,6 +116,7 @@ def _step(step_mm: float | None, profile: Profile | None) -> float:
 
 def _planned(result: Result, control: Controller, profile: Profile, today: date) -> tuple[Case, Plan]:
     """Return everything that the checks look at, and the plan."""
+    require_chain(result, profile)
     previous = control.parse(profile.existing, profile) if profile.existing else ()
     active = [table for table in previous if table.multiplier is not None] if profile.machine.measured_with == "on" else []
     fit = fitted(result, profile.machine.functions, profile.machine.squareness_into, profile.zone, active)

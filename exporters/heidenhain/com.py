@@ -1,7 +1,13 @@
-"""The text of Heidenhain .COM and .CMA tables: first line, heading, numbered rows, ``[END]``."""
+"""The text of Heidenhain .COM and .CMA tables: first line, heading, numbered rows, ``[END]``.
+
+KinematicsComp (iTNC 530 HSCI technical manual pp. 666-686) adds the columns C1 to C6 for the six errors of the axis that the table is
+along: displacements in X, Y, Z in mm, turns about X, Y, Z, here in degrees as ``Trans`` of the kinematics table has them (RECALLED: no
+page seen names the unit of the column).
+"""
 
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -9,15 +15,22 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.files.numbers import fixed
+from stepdiag.exporters.tables.angular import COLUMN, Angle, angle_tables, column_urad
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Table
 from stepdiag.solver.errors import DataError, SafetyError
+from stepdiag.solver.geometry.volume import Vector
 
 _NEWLINE = "\r\n"
 _END = "[END]"
 _BEGIN = re.compile(r"^BEGIN\s+(?P<name>\S+)(?:\s+DATUM:(?P<datum>\S+)\s+DISTANCE:(?P<distance>\S+))?(?:\s+(?P<unit>MM|INCH))?\s*\Z")
 _WIDTHS = {"NR": 8, "ACTIVE": 8}
 _WIDTH = 16
+COMPONENTS = ("C1", "C2", "C3")
+TURNS = ("C4", "C5", "C6")
+DEGREE_DECIMALS = 8
+"""Places of an angle in degrees: 0.0002 urad."""
+_URAD_PER_DEGREE = np.pi / 180.0 * 1e6
 
 
 def file_name(axis: str, positions: bool) -> str:
@@ -40,17 +53,34 @@ def render(tables: Sequence[Table], profile: Profile, *, positions: bool, decima
     ``positions``: the newer form with a column AXISPOS; otherwise DATUM and DISTANCE stand in the first line.
     """
     name, grid = str(tables[0].place["file"]), tables[0].position_mm
-    values = {profile.axis(table.output_axis).name: table.value_um / 1000.0 for table in tables}
+    values = {profile.axis(table.output_axis).name: table.value_um / 1000.0 for table in tables if COLUMN not in table.place}
+    more = _kinematics_cells(tables, decimals)
     columns = ["NR", *(["AXISPOS", "BACKLASH"] if positions else []), *(axis.name for axis in profile.axes.values())]
+    columns += [*COMPONENTS, *TURNS] if more else []
     heading = _heading(columns, ".COM", profile)
     rows = []
     for index, at in enumerate(grid):
         cells = {"NR": str(index), "AXISPOS": _signed(at, decimals), "BACKLASH": _signed(0.0, decimals)}
         cells |= {axis: _signed(float(column[index]), decimals) for axis, column in values.items()}
+        cells |= {column: each[index] for column, each in more.items()}
         rows.append(_row(heading, cells, _signed(0.0, decimals), name))
     datum = f"  DATUM:{_signed(float(grid[0]), decimals)} DISTANCE:{_signed(float(grid[1] - grid[0]), decimals)}"
     first = f"BEGIN {name}{'' if positions else datum} MM"
     return ControlFile(name=name, data=ascii_lines([first, heading.rstrip(), *rows, _END], _NEWLINE))
+
+
+def _kinematics_cells(tables: Sequence[Table], decimals: int) -> dict[str, list[str]]:
+    """Return the texts of the columns C1 to C6 that the tables have."""
+    cells: dict[str, list[str]] = {}
+    for table in tables:
+        if COLUMN not in table.place:
+            continue
+        if table.multiplier is None:
+            cells[COMPONENTS["XYZ".index(table.output_axis)]] = [_signed(float(value), decimals) for value in table.value_um / 1000.0]
+        else:
+            column = TURNS["ABC".index(str(table.place[COLUMN])[1])]
+            cells[column] = [_signed(float(value), DEGREE_DECIMALS) for value in column_urad(table) / _URAD_PER_DEGREE]
+    return cells
 
 
 def render_assignment(name: str, named: Mapping[str, str], axes: Sequence[str], profile: Profile) -> ControlFile:
@@ -60,32 +90,72 @@ def render_assignment(name: str, named: Mapping[str, str], axes: Sequence[str], 
     return ControlFile(name=name, data=ascii_lines([f"BEGIN {name} MM", heading.rstrip(), row, _END], _NEWLINE))
 
 
-def read(file: ControlFile, input_axis: str, profile: Profile, kind: str, law: Law) -> list[Table]:
-    """Return the tables of a .COM file, one for each axis that it has a column for. Raises ``DataError``."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Reading:
+    """How a table is read: kinds of its columns, their law; ``levers`` of the angles, None where the profile states no chain."""
+
+    kind: str
+    kinematics_kind: str
+    law: Law
+    levers: Vector | None
+
+
+def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> list[Table]:
+    """Return the tables of a .COM file, one for each axis that it has a column for, and those of C1 to C6. Raises ``DataError``."""
     begin, columns, rows = _read(file)
     index = {column: place for place, column in enumerate(columns)}
     where = f"{file.name}: heading"
-    axes = [column for column in columns if column not in ("NR", "AXISPOS", "BACKLASH")]
+    axes = [column for column in columns if column not in ("NR", "AXISPOS", "BACKLASH", *COMPONENTS, *TURNS)]
     letters = {column: profile.letter_of(column, where) for column in axes}
     position = _positions(file.name, begin, index, rows)
     if "BACKLASH" in index and any(finite(cells[index["BACKLASH"]], at) for at, cells in rows):
         raise DataError(where, expected="BACKLASH 0 in every row", found="a backlash", remedy="its sense is not public: take it out first")
     values = {axis: np.array([finite(cells[index[axis]], at) for at, cells in rows]) for axis in axes}
     places = max((len(cells[index[axis]].partition(".")[2]) for _, cells in rows for axis in axes), default=4)
-    return [
+    place = {"file": plain_name(file.name)}
+    plain = [
         Table(
-            kind=kind,
+            kind=how.kind,
             input_axis=input_axis,
             output_axis=letters[axis],
             position_mm=position,
             value_um=value * 1000.0,
             quantum_um=1000.0 * 10.0**-places,
-            law=law,
+            law=how.law,
             reference_mm=profile.axis(input_axis).reference_mm,
-            place={"file": plain_name(file.name)},
+            place=place,
         )
         for axis, value in values.items()
     ]
+    turned = {
+        column: np.array([finite(cells[index[column]], at) for at, cells in rows]) for column in columns if column in (*COMPONENTS, *TURNS)
+    }
+    known = [column for column, value in turned.items() if value.any()]
+    if known and how.levers is None:
+        raise DataError(
+            where, expected="C1 to C6 0: without the chain of the axes nothing is known of their levers", found=", ".join(known),
+            remedy="state heidenhain.chain in the profile",
+        )  # fmt: skip
+    if how.levers is None:
+        return plain
+    kinematics = [table for column in turned for table in _kinematics(column, turned[column], plain[0], profile, how, how.levers)]
+    own = {table.output_axis for table in kinematics if table.multiplier is None}
+    return [*(table for table in plain if table.output_axis not in own or table.value_um.any()), *kinematics]
+
+
+def _kinematics(column: str, value: Vector, like: Table, profile: Profile, how: Reading, levers: Vector) -> Iterator[Table]:
+    """Yield what one of the columns C1 to C6 moves; the displacement along the axis itself only where it says something."""
+    letter = like.input_axis
+    if column in TURNS:
+        angle = Angle(name=f"E{'ABC'[TURNS.index(column)]}{letter}", position_mm=like.position_mm, value_urad=value * _URAD_PER_DEGREE)
+        quantum_urad = _URAD_PER_DEGREE * 10.0**-DEGREE_DECIMALS
+        laws = dict.fromkeys("XYZ", how.law)
+        yield from angle_tables(angle, levers, profile, kind=how.kinematics_kind, laws=laws, quantum_urad=quantum_urad, place=like.place)
+        return
+    output = "XYZ"[COMPONENTS.index(column)]
+    if output != letter or value.any():
+        place = {**like.place, COLUMN: f"E{output}{letter}"}
+        yield replace(like, kind=how.kinematics_kind, output_axis=output, value_um=value * 1000.0, place=place)
 
 
 def read_assignment(file: ControlFile) -> dict[str, str]:

@@ -5,6 +5,9 @@ that the .CMA names under Y holds Z = F(Y), so straightness and squareness stand
 the position in each row (``AXISPOS``), older ones a ``DATUM`` and a ``DISTANCE`` in the first line. Values in mm as error: MP720
 calls an error positive when the table travels too far (TNC 407 p. 151); no page says it for .COM, so a sign test is due. Column
 widths are those of the control's own file where the profile names one.
+
+KinematicsComp of the iTNC 530 (HSCI technical manual pp. 666-686): with ``chain`` the errors of an axis other than its positioning stand
+in the columns C1 to C6 of its table, and five rows before its ``MachAxis`` in the kinematics table let them act, turns with their levers.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,29 +21,37 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.heidenhain import com
+from stepdiag.exporters.tables.angular import COLUMN, angle_tables, columns_of, levers_of
 from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
 from stepdiag.exporters.tables.controller import Limits, Plan
-from stepdiag.exporters.tables.curves import Curve
+from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.own_files import lacking
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.tables import Law, Table, plain_rows
-from stepdiag.solver.errors import DataError, SafetyError
+from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.kinematics import parse_chain
+from stepdiag.solver.geometry.volume import Vector
 
 KIND = "com"
+KINEMATICS = "kinematicscomp"
+LINES = "kinematics_comp_lines.txt"
 LAW = Law(sense="as-error")
 Generation = Literal["tnc640", "itnc530", "tnc4xx"]
 _MOST_POINTS = 256
 _NEIGHBOUR_UM_MM = 1000.0 / 64.0
 """Neighbouring values may differ by a 64th of the spacing (TNC 306 technical manual p. 119)."""
 _TENTH_UM_PER_MM = 10000.0
+_QUANTUM_URAD = 1e6 * np.pi / 180.0 * 10.0**-com.DEGREE_DECIMALS
 
 
 class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """``[heidenhain]``: the generation of the control and the places of a written value."""
 
     generation: Generation
+    chain: str | None = None
     decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
     assignment: Annotated[str, msgspec.Meta(pattern=r"^[A-Za-z0-9_-]{1,32}\.CMA\Z", description="a name such as CONFIG.CMA")] = "CONFIG.CMA"
 
@@ -48,6 +59,7 @@ class HeidenhainOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True,
 _TEMPLATE = """\
 [heidenhain]
 generation = "?"              # "tnc640" (TNC 620/640, MANUALplus 620), "itnc530", or "tnc4xx" (TNC 407 to 430: spacing 2^n x 0.1 um)
+# chain = "FXYZ"              # iTNC 530 with KinematicsComp: write angles too; the chain of the axes, as the survey file says it
 # decimals = 4                # places in mm
 # assignment = "CONFIG.CMA"   # name of the assignment file in the control
 """
@@ -59,7 +71,7 @@ class Heidenhain:
 
     name: str = "heidenhain"
     title: str = "Heidenhain TNC 640/620, iTNC 530, TNC 4xx (.COM and .CMA)"
-    kinds: tuple[str, ...] = (KIND,)
+    kinds: tuple[str, ...] = (KIND, KINEMATICS)
     options: type[msgspec.Struct] = HeidenhainOptions
     options_template: str = _TEMPLATE
 
@@ -75,21 +87,36 @@ class Heidenhain:
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return one table for each curve: the mean of both directions, for the sense of the BACKLASH column is not public."""
-        options = profile.options_as(HeidenhainOptions)
-        tables: list[Table] = []
-        for curve in curves:
-            place: dict[str, int | str] = {"file": com.file_name(profile.axis(curve.input_axis).name, options.generation == "tnc640")}
-            quantum_um = 1000.0 * 10.0**-options.decimals
-            tables += absolute_tables(curve, averaging(profile), kind=KIND, law=LAW, quantum_um=quantum_um, place=place)
-        if options.generation == "tnc4xx":
+        tables = [table for curve in curves for table in _curve_tables(curve, profile)]
+        if profile.options_as(HeidenhainOptions).generation == "tnc4xx":
             _check_spacing(tables, profile)
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile)))
+
+    def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
+        """Return the same, and with ``chain`` the angles beside them, in the columns of KinematicsComp."""
+        levers = _levers(profile)
+        if levers is None:
+            return self.plan(curves, profile)
+        found = columns_of(curves, products, levers, profile)
+        plan = self.plan(found.curves, profile)
+        tables = [*plan.tables]
+        for angle in found.angles:
+            tables += angle_tables(
+                angle, levers, profile, kind=KINEMATICS, laws=dict.fromkeys("XYZ", LAW), quantum_urad=_QUANTUM_URAD,
+                place=_place(angle.name[2], profile),
+            )  # fmt: skip
+        recalled = f"unit and sense of C4 to C6, and the words of the rows in {LINES}, are in part from memory: see the marks there"
+        return Plan(
+            tables=tuple(tables), findings=(*plan.findings, Finding(code="kinematicscomp-recalled", severity="info", text=recalled))
+        )
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return the .COM files and the .CMA file; neither can hold a comment, so ``notes`` go into a note beside them."""
         named = {profile.axis(table.input_axis).name: str(table.place["file"]) for table in tables}
-        note = ControlFile(name="heidenhain_notes.txt", data=ascii_lines(notes), role="note")
-        return (*self._com_files(tables, profile), self._assignment(named, profile), *([note] if notes else []))
+        beside = [ControlFile(name="heidenhain_notes.txt", data=ascii_lines(notes), role="note")] if notes else []
+        if any(table.kind == KINEMATICS for table in tables):
+            beside.append(ControlFile(name=LINES, data=ascii_lines(_kinematics_lines(tables, profile)), role="note"))
+        return (*self._com_files(tables, profile), self._assignment(named, profile), *beside)
 
     def _com_files(self, tables: Sequence[Table], profile: Profile) -> list[ControlFile]:
         """Return one .COM file for the tables of each input axis."""
@@ -118,7 +145,8 @@ class Heidenhain:
         for axis, name in called.items():
             if name.upper() not in tables_of:
                 raise DataError(assignments[0].name, expected=f"{name}, which it calls for {axis}", found=", ".join(tables_of))
-            tables += com.read(tables_of[name.upper()], profile.letter_of(axis, name), profile, KIND, LAW)
+            how = com.Reading(kind=KIND, kinematics_kind=KINEMATICS, law=LAW, levers=_levers(profile))
+            tables += com.read(tables_of[name.upper()], profile.letter_of(axis, name), profile, how)
         return tuple(tables)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
@@ -152,9 +180,66 @@ class Heidenhain:
             ),
             *(["Transfer under the extensions .S for .CMA and .V for .COM where the control is older than the TNC 426."] if older else []),
             "Copy the .COM tables and the .CMA file beside each other; its line with * in ACTIVE acts (older: soft key, PLC module 9095).",
+            *(
+                [
+                    f"KinematicsComp: put the rows of {LINES} into the column COMPTAB of the kinematics table; MP4070 limits the rate.",
+                    "To restore, take these rows out again and copy the _RESTORE files under their plain names.",
+                ]
+                if _levers(profile) is not None
+                else []
+            ),
             "The sense of .COM is inferred from MP720: make the sign test before the first real table.",
             "Measure again; if the residual has grown, load the restore files.",
         )
+
+
+def _levers(profile: Profile) -> Vector | None:
+    """Return the levers that KinematicsComp gives to the angles: what the rows before those of an axis carry, so never its own travel.
+
+    Raises ``UsageError`` for a chain on a control that has no KinematicsComp of public form.
+    """
+    options = profile.options_as(HeidenhainOptions)
+    if options.chain is None:
+        return None
+    if options.generation != "itnc530":
+        raise UsageError(
+            f"{profile.source}: heidenhain.chain", expected='nothing, or generation = "itnc530"', found=f'"{options.generation}"',
+            remedy="the files of KinematicsComp on other controls are not public",
+        )  # fmt: skip
+    return levers_of(options.chain, own=False)
+
+
+def _place(input_axis: str, profile: Profile) -> dict[str, int | str]:
+    positions = profile.options_as(HeidenhainOptions).generation == "tnc640"
+    return {"file": com.file_name(profile.axis(input_axis).name, positions)}
+
+
+def _curve_tables(curve: Curve, profile: Profile) -> tuple[Table, ...]:
+    """Return the table of a curve; with KinematicsComp a straightness stands in the column of its direction."""
+    options = profile.options_as(HeidenhainOptions)
+    quantum_um, place, kind = 1000.0 * 10.0**-options.decimals, _place(curve.input_axis, profile), KIND
+    if _levers(profile) is not None and curve.name not in POSITIONING:
+        kind, place = KINEMATICS, {**place, COLUMN: curve.name}
+    return absolute_tables(curve, averaging(profile), kind=kind, law=LAW, quantum_um=quantum_um, place=place)
+
+
+def _kinematics_lines(tables: Sequence[Table], profile: Profile) -> Iterator[str]:
+    """Yield the rows of the kinematics table that let the columns act, with what is known of them and what is not."""
+    chain = parse_chain(str(profile.options_as(HeidenhainOptions).chain))
+    yield "# KinematicsComp, iTNC 530: rows for the kinematics table, columns NR DOC KEY AXIS COORD COMPTAB."
+    yield "# READ (HSCI technical manual pp. 671, 680, 684, 686): C1 to C6 are the errors of the axis in X Y Z A B C; the rows stand"
+    yield "# before the MachAxis of the axis, seen from the tool; the example for X is 'Trans Y A..C2'; COMPTAB and MachAxis have at most"
+    yield "# 100 entries together."
+    yield "# RECALLED, compare with a kinematics table of this control: the words A..C2 for other axes, degrees for C4 to C6, their sense."
+    yield "# No rows after MachAxis are needed: every column is 0 at the reference position of its axis."
+    for axis in reversed((*chain.work, *chain.tool)):
+        letter = "XYZ"[axis]
+        written = {str(table.place[COLUMN]) for table in tables if table.input_axis == letter and COLUMN in table.place}
+        for component, column in zip("XYZABC", (*com.COMPONENTS, *com.TURNS), strict=True):
+            name = f"E{component}{letter}"
+            if name in written:
+                yield f"{name:<6}Trans    {component}            A..{column}"
+        yield f"      MachAxis {profile.axis(letter).name}"
 
 
 def _file_of(table: Table) -> str:

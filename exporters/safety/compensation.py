@@ -33,15 +33,15 @@ class ActiveFile:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """What a survey says of the compensation: ``state`` is None where it says nothing, ``"?"`` where the question stands unanswered."""
+    """What is said of the compensation: ``state`` is None where there is no survey to say it, ``"?"`` where the survey leaves it open."""
 
     state: Literal["off", "on", "?"] | None = None
     files: tuple[ActiveFile, ...] = ()
 
     def as_json(self) -> dict[str, Any]:
-        """Return the entries of ``survey`` in a result."""
+        """Return the entries of ``survey`` in a result: None where it is open."""
         rows = [{"name": file.name, "sha256": file.sha256, "date": file.date, "source": file.source} for file in self.files]
-        return {"compensation": None if self.state == UNANSWERED else self.state, "active_files": rows} if self.state else {}
+        return {"compensation": self.state if self.state in ("off", "on") else None, "active_files": rows}
 
     def words(self) -> str:
         """Return the statement in one line, for log and report."""
@@ -63,9 +63,9 @@ def stated(state: Literal["off", "on", "?"] | None, files: Mapping[str, bytes], 
 def stated_in(result: Result) -> Statement:
     """Return what a result says. Raises ``DataError`` where that is damaged."""
     survey = result.extra.get(_SECTION)
-    if not isinstance(survey, Mapping) or "compensation" not in survey:
+    if not isinstance(survey, Mapping) or not survey:
         return Statement()
-    state, rows = survey["compensation"], survey.get("active_files", [])
+    state, rows = survey.get("compensation"), survey.get("active_files", [])
     if state is None:
         return Statement(state="?")
     if state not in ("off", "on") or not isinstance(rows, list) or (state == "on") != bool(rows):
@@ -87,15 +87,7 @@ def require_agreement(result: Result, profile: Profile) -> None:
     Codes: ``compensation-unanswered`` (the survey left the question open), ``compensation-differs`` (one says on, the other off),
     ``active-table-differs`` (other files).
     """
-    statement = stated_in(result)
-    if statement.state == UNANSWERED:
-        raise SafetyError(
-            f"{result.source}: {_SECTION}.compensation",
-            code="compensation-unanswered",
-            expected='"off" or "on": whether a compensation was active while measuring',
-            found="a question that nobody answered",
-            remedy="answer machine.compensation in the survey file before the first pass, and measure again",
-        )
+    statement = require_answer(result)
     if statement.state is None:
         _require_noted(profile)
         return
@@ -109,6 +101,21 @@ def require_agreement(result: Result, profile: Profile) -> None:
         )
     if statement.state == "on":
         _require_same_files(statement, profile)
+
+
+def require_answer(result: Result) -> Statement:
+    """Return what a result says. Raises ``SafetyError`` (``compensation-unanswered``) where its survey leaves open what was active."""
+    statement = stated_in(result)
+    if statement.state == UNANSWERED:
+        raise SafetyError(
+            f"{result.source}: {_SECTION}.compensation",
+            code="compensation-unanswered",
+            expected='"off" or "on": whether a compensation was active while measuring',
+            found="a survey that does not say it",
+            remedy="say it before the first pass (machine.compensation of the survey file); whoever knows it for certain can say it "
+            "afterwards: --compensation off, or on with the files that were active (--active)",
+        )
+    return statement
 
 
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:

@@ -36,8 +36,6 @@ _EXACT = 0.1
 """What the table of another function leaves when it is just that."""
 _ALIKE = 0.9
 """Correlation from which a table counts as the right one in another size."""
-_PART = 0.1
-"""Share of the products of a field that one of them must be to be told."""
 _COVERED = 0.5
 """Share of the measured travel that a table has to cover."""
 _EXCUSED = 0.25
@@ -83,9 +81,8 @@ def judge(result: Result, tables: Sequence[Table], replaced: Sequence[Table], pr
     for table in tables:
         fault = _measuring_system(table, profile)
         if fault is None:
-            together = [each for each in tables if each.name == table.name and _alike(each, table)]
-            before = [each for each in replaced if each.name == table.name and _alike(each, table)]
-            case = _Case(table, together, before)
+            acting = [[each for each in some if _acts_with(each, table)] for some in (tables, replaced)]
+            case = _Case(table, acting[0], acting[1], result.volume)
             fault = _of_product(case, result) if table.multiplier is not None else _of_curve(case, wanted, result.volume)
         judged.append(fault)
     return tuple(judged)
@@ -93,9 +90,12 @@ def judge(result: Result, tables: Sequence[Table], replaced: Sequence[Table], pr
 
 @dataclass(frozen=True, slots=True)
 class _Case:
+    """One table, all that act ``together`` with it, what acted ``before``, and the measured volume."""
+
     table: Table
     together: Sequence[Table]
     before: Sequence[Table]
+    volume: Volume
 
     @property
     def is_slope(self) -> bool:
@@ -103,13 +103,37 @@ class _Case:
         return len(self.table.position_mm) == 2 and self.table.law.ends == "extended"
 
     def moved_um(self, position_mm: Vector) -> Vector:
-        """Return what the tables add to what was active, mean of both directions, steps joined by straight lines, in um."""
+        """Return what the tables add to what was active, mean of both directions, steps joined by straight lines, in um.
+
+        Of a product that counts which is the same everywhere in the volume: its mean over the other axis.
+        """
         ways = [
-            sum((correction_um(_joined(each), position_mm, way) for each in tables), np.zeros(position_mm.shape)) * sign
+            sum((self._along(_joined(each), position_mm, way) for each in tables), np.zeros(position_mm.shape)) * sign
             for tables, sign in ((self.together, 1.0), (self.before, -1.0))
             for way in (1, -1)
         ]
         return np.asarray(sum(ways) / 2.0)
+
+    def _along(self, table: Table, position_mm: Vector, way: int) -> Vector:
+        """Return what a table moves along the input axis of the judged one."""
+        if table.multiplier is None:
+            return correction_um(table, position_mm, way)
+        own, by = self.table.input_axis, table.multiplier.axis
+        moved = correction_um(table, position_mm if table.input_axis == own else self._travel_mm(table.input_axis), way)
+        times = table.multiplier.at(position_mm if by == own else self._travel_mm(by))
+        if table.input_axis != own:
+            moved = np.full(position_mm.shape, np.mean(moved))
+        return np.asarray(moved * (times if by == own else np.mean(times)))
+
+    def _travel_mm(self, letter: str) -> Vector:
+        axis = AXES.index(letter.lower())
+        return self.volume.origin_mm[axis] + self.volume.size_mm[axis] * np.linspace(0.0, 1.0, _POINTS)
+
+    def moved_field_um(self) -> Vector:
+        """Return what the tables add to what was active on the grid of `_grid_mm`, along the output axis."""
+        points, axis = _grid_mm(self.volume), AXES.index(self.table.output_axis.lower())
+        moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
+        return np.asarray(moved[:, axis].reshape(_NODES, _NODES, _NODES))
 
     def says(self, code: Code, text: str, factor: float | None = None) -> Judgement:
         return Judgement(table=self.table, code=code, text=f"{self.table.label}: {text}", factor=factor)
@@ -142,8 +166,13 @@ class _Wanted:
         return [replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None) for curve in self.of(name)]
 
 
-def _alike(one: Table, other: Table) -> bool:
-    return (one.multiplier is None) == (other.multiplier is None) and (one.multiplier is None or one.place == other.place)
+def _acts_with(one: Table, other: Table) -> bool:
+    """Return whether ``one`` counts for the judgement of ``other``: the same function, and of a curve what products do along its axis."""
+    if other.multiplier is not None:
+        return one.multiplier is not None and one.name == other.name and one.place == other.place
+    if one.multiplier is None:
+        return one.name == other.name
+    return one.output_axis == other.output_axis and other.input_axis in (one.input_axis, one.multiplier.axis)
 
 
 def _measuring_system(table: Table, profile: Profile) -> Judgement | None:
@@ -268,24 +297,42 @@ def _scaled(case: _Case, fits: Sequence[_Fit]) -> Judgement | None:
 
 
 def _of_product(case: _Case, result: Result) -> Judgement:
-    """Return the judgement of a product table: what it does is compared with the part of the field that no curve holds."""
-    points = _grid_mm(result.volume)
-    axis = AXES.index(case.table.output_axis.lower())
-    shape = (_NODES, _NODES, _NODES)
-    moved = (mean_correction_um(case.together, points) - mean_correction_um(case.before, points))[:, axis].reshape(shape)
-    asked = -error_field_um(result, points)[:, axis].reshape(shape)
-    moved, asked = _without_curves(moved), _without_curves(asked)
-    size = _rms(moved)
+    """Return the judgement of a product table: it is compared with the part of the field that grows with the same lever."""
+    multiplier = case.table.multiplier
+    if multiplier is None or multiplier.axis == case.table.input_axis:
+        return case.says("right", "a lever along the axis itself: what it does is judged with the curve of that axis")
+    moved = -_growing(case.moved_field_um(), case.table)
+    asked = _growing(_field_um(result, case.table), case.table)
+    size, wanted = _rms(moved), _rms(asked)
     if size < _SURE_UM / 2:
         return case.says("empty", "no correction")
-    share = float(np.mean(moved * asked)) / size**2
-    if abs(share) * size < _PART * _rms(asked):
+    if wanted < _SURE_UM / 2:
         return case.says("unlike", "the field of the result holds nothing like this product")
-    if share < 0:
-        return case.says("sign-turned", "a product with the opposite sign: it would double what it should correct", 1.0 / share)
-    if not 1.0 / 2.0 <= share <= 2.0:
-        return case.says("scaled", f"{1.0 / share:.3g} times as large as it should be", 1.0 / share)
-    return case.says("right", "what the result asks for", 1.0 / share)
+    factor, alike = float(np.mean(moved * asked)) / wanted**2, float(np.mean(moved * asked)) / (size * wanted)
+    if _rms(moved - asked) <= max(_SAME * wanted, _SURE_UM / 2):
+        return case.says("right", "what the result asks for", factor)
+    if _rms(moved + asked) <= _SAME * wanted:
+        return case.says("sign-turned", "a product with the opposite sign: it would double what it should correct", -1.0)
+    if abs(alike) < _ALIKE:
+        return case.says("unlike", "the field of the result holds nothing like this product")
+    sign = " and turned in sign" if factor < 0 else ""
+    return case.says("scaled", f"{abs(factor):.3g} times as large as it should be{sign}", factor)
+
+
+def _field_um(result: Result, table: Table) -> Vector:
+    """Return the error of the output axis of a table on the grid of `_grid_mm`."""
+    axis = AXES.index(table.output_axis.lower())
+    return np.asarray(error_field_um(result, _grid_mm(result.volume))[:, axis].reshape(_NODES, _NODES, _NODES))
+
+
+def _growing(values: Vector, table: Table) -> Vector:
+    """Return, at the nodes of the input axis of a product, what of values on a grid grows with its lever, at the end of the lever."""
+    multiplier = table.multiplier
+    moving, by = (AXES.index(letter.lower()) for letter in (table.input_axis, multiplier.axis if multiplier else ""))
+    (other,) = {0, 1, 2} - {moving, by}
+    lever = np.linspace(-1.0, 1.0, _NODES)
+    flat = np.mean(np.moveaxis(_without_curves(values), (moving, by, other), (0, 1, 2)), axis=2)
+    return np.asarray(flat @ lever / np.sum(lever**2))
 
 
 def judge_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Finding | None:

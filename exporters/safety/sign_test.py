@@ -59,12 +59,17 @@ class Bump:
     top_mm: float
     beyond_mm: float | None
     lever: tuple[str, float] | None = None
-    """Of a product: where its other axis has to stand, for the multiplier to be 1 there."""
+    """Of a product: where its other axis has to stand, for it to move most."""
 
     @property
     def expected_um(self) -> float:
         """Return the movement of the output axis from the reference to the top of the bump if the stated sense is right."""
-        return _moved(self.tables, self.top_mm) - _moved(self.tables, self.reference_mm)
+        return self._moved_um(self.top_mm) - self._moved_um(self.reference_mm)
+
+    def _moved_um(self, at_mm: float) -> float:
+        lever = np.array([0.0 if self.lever is None else self.lever[1]])
+        times = [1.0 if table.multiplier is None else float(table.multiplier.at(lever)[0]) for table in self.tables]
+        return sum(float(correction_um(table, np.array([at_mm]))[0]) * by for table, by in zip(self.tables, times, strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -107,15 +112,16 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
         expected = "a function that this control has a table for"
         raise UsageError("--function", expected=expected, found=function, remedy="straightness stays in its report")
     settled = replace(one_way, options=plan.options or profile.options)
+    tested = tuple(table for table in plan.tables if not by or table.name == function)
     return Bump(
         function=function,
-        tables=plan.tables,
+        tables=tested,
         files=controller.render(plan.tables, settled, notes=("SIGN TEST: a bump, no compensation",)),
         restore=tuple(restore_files(controller, plan.tables, settled)),
         reference_mm=reference,
         top_mm=end if ramp else float(np.mean(corners[1:3])),
         beyond_mm=None if ramp else end,
-        lever=(by, float(profile.grid_mm(by)[-1])) if by else None,
+        lever=(by, _far_mm(tested, profile.grid_mm(by))) if by else None,
     )
 
 
@@ -208,8 +214,10 @@ def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, floa
     return corners, min(HEIGHT_UM, SLOPE_UM_MM * abs(float(corners[1] - corners[0])))
 
 
-def _moved(tables: Sequence[Table], at_mm: float) -> float:
-    return sum(float(correction_um(table, np.array([at_mm]))[0]) for table in tables)
+def _far_mm(tables: Sequence[Table], grid_mm: Vector) -> float:
+    """Return the end of the travel of the other axis where a product moves most."""
+    low, high = (sum(abs(float(t.multiplier.at(np.array([at]))[0])) for t in tables if t.multiplier) for at in grid_mm[[0, -1]])
+    return float(grid_mm[0] if low > high + 1e-9 else grid_mm[-1])
 
 
 def _from_reference(test: Bump, position_mm: Vector, moved_um: Vector) -> tuple[Vector, Vector]:

@@ -17,7 +17,9 @@ from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.safety.checks import limit_findings
 from stepdiag.exporters.safety.compensation import require_agreement, stated_in
 from stepdiag.exporters.safety.judgement import Judgement, judge, judge_field
+from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.tables import lattice
+from stepdiag.exporters.tables.angular import require_chain
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
@@ -144,6 +146,7 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
         raise UsageError("--profile", expected=expected, found="none")
     if profile is not None:
         require_agreement(result, profile)
+        require_levers(result, profile)
     if len(files) == 1 and lattice.recognises(files[0]):
         moved = lattice.parse(files[0]).correction_um
         fault = judge_field(result, moved) if stated_in(result).state != "on" else None
@@ -156,6 +159,7 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
         )
     controller = controller_of(files)
     reading = profile or quick_profile(controller, result.volume, float(result.volume.step_mm[0]))
+    require_chain(result, reading)
     tables = controller.parse(files, reading)
     replaced = controller.parse(reading.existing, reading) if reading.machine.measured_with == "on" else ()
     return Verification(

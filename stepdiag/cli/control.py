@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.cli.completion import TABLES, exported, tables
+from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
 from stepdiag.solver.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -69,6 +70,10 @@ def export(
         float | None, typer.Option(help="Distance of the table points; alone it gives a quick look without profile.")
     ] = None,
     accept: Annotated[list[str] | None, typer.Option(help="A warning, by its code, that may pass; may be given again.")] = None,
+    compensation: Compensation = None,
+    active: Active = None,
+    active_date: ActiveDate = None,
+    active_source: ActiveSource = "",
     as_json: AsJson = False,
 ) -> None:
     """Write the compensation files of a result.
@@ -79,7 +84,7 @@ def export(
     from stepdiag.exporters.export.export import export as write_files
     from stepdiag.terminal.progress import working
 
-    measured = read_result(result)
+    measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
     with working("planning and checking the tables"):
         known = None if profile is None else read_profile(profile, controller, measured.volume)
         written = write_files(measured, controller, known, step_mm=step_mm, accept=tuple(accept or ()), out_dir=out)
@@ -165,6 +170,10 @@ def verify(
     files: Annotated[list[Path], typer.Argument(help="The files as they go to the control, or the folder that export wrote.")],
     profile: ProfileFile = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the error before and after: FILE.svg or FILE.html.")] = None,
+    compensation: Compensation = None,
+    active: Active = None,
+    active_date: ActiveDate = None,
+    active_source: ActiveSource = "",
     as_json: AsJson = False,
 ) -> None:
     """Judge compensation files and predict the error before and after.
@@ -175,7 +184,7 @@ def verify(
     from stepdiag.exporters.safety.verify import controller_of, verify_files
     from stepdiag.report.space import LATTICE
 
-    measured = read_result(result)
+    measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
     given, aside = _tables_among(files)
     known = read_profile(profile, controller_of(given).name, measured.volume) if profile is not None else None
     found = verify_files(measured, given, known)

@@ -1,12 +1,12 @@
 """``stepdiag solve``, ``replay`` and ``plan``: from readings or logs to a result, and what a survey will be able to say."""
 
 import json
-from datetime import datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
 from stepdiag.solver.errors import DataError, UsageError
 
 if TYPE_CHECKING:
@@ -31,12 +31,10 @@ def solve(
     method: Annotated[str, typer.Option(help="estimate, least-squares or wang2000.")] = "estimate",
     chain: Annotated[str, typer.Option(help="Kinematic chain from workpiece to tool; logs bring their own.")] = "FXYZ",
     angles: Annotated[Path | None, typer.Option(help="Angular functions of the axes (CSV), from a 4-DOF head or a level.")] = None,
-    compensation: Annotated[
-        str | None, typer.Option(help="off or on: whether a compensation was active while readings were taken; logs say it themselves.")
-    ] = None,
-    active: Annotated[list[Path] | None, typer.Option(help="With on: a file that was active, as read out; may be given again.")] = None,
-    active_date: Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"], help="The day on which they were read out.")] = None,
-    active_source: Annotated[str, typer.Option(help="How they were read out of the control.")] = "",
+    compensation: Compensation = None,
+    active: Active = None,
+    active_date: ActiveDate = None,
+    active_source: ActiveSource = "",
     environment: Annotated[
         Path | None, typer.Option(help="Air and material that count in place of what was recorded in logs (TOML, [environment]).")
     ] = None,
@@ -52,19 +50,18 @@ def solve(
     """
     from stepdiag.terminal.tables import result_table
 
+    handed = active_files(active)
     if len(sources) == 1 and sources[0].suffix.lower() == ".csv":
         if environment is not None:
             raise UsageError("--environment", expected="logs: readings are put right already", found=sources[0].name)
+        _refuse_angles(angles, handed)
         result = _solve_csv(sources[0], method, chain, angles, uncertainty, monte_carlo)
-        if compensation is not None:
-            result = _with_compensation(result, compensation, active or [], active_date, active_source)
-    elif compensation is not None:
-        raise UsageError("--compensation", expected="nothing for logs: their survey file says it", found=compensation)
     else:
         if uncertainty is not None or monte_carlo:
             option = "--uncertainty" if uncertainty is not None else "--monte-carlo"
             raise UsageError(option, expected="one readings file (*.csv)", found="logs", remedy="solve the readings.csv beside the result")
         result = _solve_logs(sources, method, environment)
+    result = with_compensation(result, compensation, handed, active_date, active_source)
     if out is not None:
         _write_result(out, result)
     if as_json:
@@ -98,22 +95,13 @@ def _solve_csv(path: Path, method: str, chain: str, angles: Path | None, uncerta
     return solve_readings(readings, chain=chain, method=method, angles=known, assumed=assumed, source=path.name, monte_carlo=monte_carlo)
 
 
-def _with_compensation(result: "Result", state: str, active: list[Path], day: "datetime | None", source: str) -> "Result":
-    """Return the result with what a person says was active, and the hashes of the files that he hands over."""
-    from dataclasses import replace
+def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
+    """Raise UsageError for angles whose levers were compensated while measuring."""
+    from stepdiag.exporters.safety.levers import left_out
 
-    from stepdiag.exporters.files.files import LARGEST_TABLE_BYTES, read_bytes
-    from stepdiag.exporters.safety.compensation import stated
-
-    if state not in ("off", "on"):
-        raise UsageError("--compensation", expected="off or on", found=state)
-    if (state == "on") != bool(active):
-        raise UsageError("--active", expected="the files that were active, exactly with --compensation on", found=f"{len(active)} files")
-    if state == "on" and (day is None or not source.strip()):
-        raise UsageError("--active-date, --active-source", expected="when and how the files were read out of the control", found="nothing")
-    files = {path.name: read_bytes(path, largest=LARGEST_TABLE_BYTES) for path in active}
-    statement = stated(state, files, None if day is None else day.date(), source)  # type: ignore[arg-type]  # checked above
-    return replace(result, extra={**result.extra, "survey": {**result.extra.get("survey", {}), **statement.as_json()}})
+    found = left_out(active) if angles is not None else None
+    if angles is not None and found is not None:
+        raise UsageError("--angles", expected=f"no angles: {found.text}", found=angles.name)
 
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":

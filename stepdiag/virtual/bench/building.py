@@ -69,7 +69,9 @@ def build_machine(config: BenchConfig) -> Machine:
         environment=Environment(
             material_c=hall.material_c, air_c=hall.air_c, pressure_hpa=hall.pressure_hpa, humidity_percent=hall.humidity_percent
         ),
-        compensations=[table for loaded in config.compensation for table in load_files(loaded.control, [Path(f) for f in loaded.files])],
+        compensations=[
+            table for loaded in config.compensation for table in load_files(loaded.control, [Path(f) for f in loaded.files], part.chain)
+        ],
     )
 
 

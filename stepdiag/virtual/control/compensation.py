@@ -6,22 +6,27 @@ from pathlib import Path
 from typing import Literal
 
 from stepdiag.virtual.control.axis_table import AxisTable
+from stepdiag.virtual.control.beckhoff import load_volumetric
+from stepdiag.virtual.control.chain import ChainTable
 from stepdiag.virtual.control.fanuc import load_fanuc
+from stepdiag.virtual.control.heidenhain import load_tables
 from stepdiag.virtual.control.lattice import LatticeTable, load_lattice
 from stepdiag.virtual.control.linuxcnc import load_matrix, load_screw_file
-from stepdiag.virtual.control.siemens import load_siemens
+from stepdiag.virtual.control.siemens import AXIS_NAMES, load_siemens
 
-Control = Literal["siemens", "fanuc", "linuxcnc"]
+Control = Literal["siemens", "fanuc", "linuxcnc", "beckhoff", "heidenhain"]
+Acting = AxisTable | LatticeTable | ChainTable
 LARGEST_BYTES = 4_000_000
 _COMP_SUFFIXES = (".comp", ".dat", ".txt")
 
 
-def load_files(control: Control, files: Sequence[Path]) -> Sequence[AxisTable | LatticeTable]:
+def load_files(control: Control, files: Sequence[Path], chain: str = "FXYZ") -> Sequence[Acting]:
     """Return the tables that act after all ``files`` have been loaded into a control of that make.
 
     A LinuxCNC screw file belongs to the axis that its name tells (``screw_x.comp``, ``compX.dat``); a ``.hal`` file sets the
-    matrix kinematics, a ``.csv`` is the lattice of the kinematics component. Options of a control (measuring system, detection unit) are
-    arguments of `load_siemens`, `load_fanuc`.
+    matrix kinematics, a ``.csv`` is the lattice of the kinematics component. A Beckhoff is told its ``chain``, a Heidenhain reads it in
+    the rows of the kinematics table (``.txt``). Options of a control (measuring system, detection unit) are arguments of `load_siemens`,
+    `load_fanuc`.
     Raises ValueError for contents that the control would refuse.
     """
     large = [file.name for file in files if file.stat().st_size > LARGEST_BYTES]
@@ -32,10 +37,21 @@ def load_files(control: Control, files: Sequence[Path]) -> Sequence[AxisTable | 
         return [table for text in texts for table in load_siemens(text)]
     if control == "fanuc":
         return load_fanuc(texts)
+    if control == "beckhoff":
+        return [load_volumetric(text, chain=chain) for text in texts]
+    if control == "heidenhain":
+        return [_heidenhain(dict(zip((file.name for file in files), texts, strict=True)))]
     return [table for file, text in zip(files, texts, strict=True) for table in _linuxcnc(file, text)]
 
 
-def _linuxcnc(file: Path, text: str) -> Sequence[AxisTable | LatticeTable]:
+def _heidenhain(texts: dict[str, str]) -> ChainTable:
+    """Return what .COM tables do that are called by the names of their axes, with the rows of the kinematics table where there are any."""
+    tables = {found[1]: text for name, text in texts.items() if (found := re.match(r"AXIS[-_](\w+?)(?:_UNTESTED_SIGN)?\.COM\Z", name))}
+    lines = "".join(text for name, text in texts.items() if name.endswith(".txt"))
+    return load_tables(tables, lines, axis_names={name: "XYZ"[AXIS_NAMES[name]] for name in tables})
+
+
+def _linuxcnc(file: Path, text: str) -> Sequence[Acting]:
     if file.suffix == ".csv":
         return [load_lattice(text)]
     if file.suffix not in _COMP_SUFFIXES:

@@ -12,11 +12,12 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.compensation import Statement, stated, stated_in
+from stepdiag.exporters.safety.levers import left_out, without_levers
 from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.errors import DataError, SafetyError
-from stepdiag.solver.result.result import Result, parse_result
+from stepdiag.solver.result.result import ROTATIONS, Result, parse_result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.machines import profile_of
 from testkit.results import VOLUME, made_result
@@ -55,6 +56,7 @@ STATEMENTS = {
     "off": Statement(state="off"),
     "on": stated("on", {file.name: file.data for file in data_of(FIRST)}, TODAY, "archive"),
     "unanswered": Statement(state="?"),
+    "not said": Statement(),
 }
 
 
@@ -70,7 +72,7 @@ def errs_um(control: SiemensControl) -> float:
 def measured(truly: str, said: Statement) -> Result:
     """What a survey finds on the worn machine with the first tables on or off, and what its survey file says of it."""
     errors = WORN if truly == "on" else summed(MACHINE, WORN)
-    return replace(made_result(errors), extra={"survey": said.as_json()})
+    return replace(made_result(errors), extra={"survey": {"machine": "m", **(said.as_json() if said.state else {})}})
 
 
 def loaded(files: tuple[ControlFile, ...]) -> SiemensControl:
@@ -80,7 +82,7 @@ def loaded(files: tuple[ControlFile, ...]) -> SiemensControl:
     return control
 
 
-@pytest.mark.parametrize(("truly", "said"), [("off", "off"), ("on", "on"), ("off", "unanswered"), ("on", "unanswered")])
+@pytest.mark.parametrize(("truly", "said"), [("off", "off"), ("on", "on"), *product(["off", "on"], ["unanswered", "not said"])])
 def test_no_combination_makes_the_machine_worse_unseen(truly, said, tmp_path):
     """Profile on or off, four sets of files, a quick look: refused, or at most as wrong as before (today 4.25 -> 5.91 um)."""
     before = errs_um(loaded(()))
@@ -108,9 +110,16 @@ class TestStatement:
         assert stated_in(result) == said
         assert said.words().startswith("on: AX_EEC.INI sha256 ")
 
-    def test_a_result_from_before_says_nothing(self):
+    def test_readings_have_no_survey_to_say_it_and_a_survey_that_does_not_leaves_it_open(self):
         assert stated_in(made_result()).state is None
-        assert stated_in(replace(made_result(), extra={"survey": {"machine": "m"}})).state is None
+        assert stated_in(replace(made_result(), extra={"survey": {"machine": "m"}})).state == "?"
+
+    @pytest.mark.parametrize("controller", ["lattice", "etalon", "neutral"])
+    def test_no_form_of_export_goes_on_without_it(self, controller, tmp_path):
+        with pytest.raises(SafetyError) as refusal:
+            export(measured("off", STATEMENTS["not said"]), controller, None, step_mm=50.0, out_dir=tmp_path / "out")
+        assert refusal.value.code == "compensation-unanswered"
+        assert not (tmp_path / "out").exists()
 
     @pytest.mark.parametrize("survey", [{"compensation": "yes"}, {"compensation": "on"}, {"compensation": "on", "active_files": [{}]}])
     def test_a_damaged_one_is_refused(self, survey):
@@ -132,3 +141,47 @@ class TestReadingsThatSayNothing:
             export(made_result(WORN), "siemens", on, out_dir=tmp_path / "out", accept=ACCEPT, today=TODAY)
         assert refusal.value.code == "active-table-differs"
         assert STATEMENTS["on"].files[0].sha256 not in str(refusal.value)
+
+
+ANGLES = {name: [0.0, 2.0, 3.0, 4.0, 9.0] for name in ROTATIONS}
+LATTICE = b"x_mm,y_mm,z_mm,cx_um,cy_um,cz_um\n" + b"".join(
+    f"{x},{y},{z},0.0,0.0,0.0\n".encode() for x in (-200, 200) for y in (0, 400) for z in (-100, 100)
+)
+WHOLE = {
+    "lattice.csv": LATTICE,
+    "NC_CEC.INI": b"$AN_CEC[0,0]=0.1\n$AN_CEC_MULT_BY_TABLE[0]=7\n",
+    "errors.csv": b"// by hand\nX EXX EYX EAX\n0.0 0.0 0.0 0.0\n1.0 0.0 0.0 0.00001\n",
+    "AXIS-X.COM": b"BEGIN AXIS-X.COM  DATUM:+0.0 DISTANCE:+50.0 MM\r\nNR X Y Z C1 C2 C3 C4 C5 C6\r\n",
+}
+PLAIN = {
+    **{file.name: file.data for file in FIRST},
+    "errors.csv": b"// EAX is not in here\nX EXX EYX\n0.0 0.0 0.0\n1.0 0.0 0.0\n",
+    "AXIS-X.COM": b"BEGIN AXIS-X.COM  DATUM:+0.0 DISTANCE:+50.0 MM\r\nNR X Y Z\r\n",
+}
+
+
+class TestAnglesWhoseLeversAreGone:
+    """While a lattice, products or columns of angles were active, measured angles say nothing of the tool."""
+
+    def test_what_takes_the_levers_away_is_known_by_its_contents(self):
+        assert set(without_levers(WHOLE)) == set(WHOLE)
+        assert without_levers(PLAIN) == ()
+
+    def test_a_solution_says_that_it_left_them_out(self):
+        found = left_out({"lattice.csv": LATTICE})
+        assert (found.code, found.severity) == ("angles-left-out", "warning")
+        assert "lattice.csv was active while measuring" in found.text
+        assert left_out(PLAIN) is None
+
+    @pytest.mark.parametrize("given", [{"lattice.csv": LATTICE}, {"NC_CEC.INI": WHOLE["NC_CEC.INI"]}])
+    def test_an_export_of_a_result_with_angles_is_refused(self, given, tmp_path):
+        result = replace(made_result(MACHINE, angles=ANGLES), extra={"survey": stated("on", given, TODAY, "archive").as_json()})
+        files = tuple(ControlFile(name=name, data=data) for name, data in given.items())
+        with pytest.raises(SafetyError) as refusal:
+            export(result, "siemens", profile("on", files), out_dir=tmp_path / "out", accept=ACCEPT, today=TODAY)
+        assert refusal.value.code == "angles-beside-lattice"
+        assert "solve without the angles file" in str(refusal.value)
+
+    def test_with_tables_of_one_axis_the_levers_are_still_there(self, tmp_path):
+        result = replace(made_result(WORN, angles=ANGLES), extra={"survey": STATEMENTS["on"].as_json()})
+        assert export(result, "siemens", profile("on", GIVEN["right"]), out_dir=tmp_path / "out", accept=ACCEPT, today=TODAY).files

@@ -40,6 +40,7 @@ noise_um = 0.2
 transport = "{transport}"
 {plc_more}
 {faults}
+{bench_more}
 """
 
 SURVEY = """
@@ -54,6 +55,8 @@ setups = [{setups}]
 return_pass = {back}
 dwell_s = 0.6
 overrun_mm = 2.0
+[machine]
+{machine}
 [laser]
 format = "{laser}"
 port = "{laser_port}"
@@ -127,6 +130,8 @@ def hall(
     program="",
     signals="",
     plc_bench="",
+    machine='compensation = "off"',
+    bench="",
 ):
     """Run a bench process in ``folder``; a survey file that fits it stands there."""
     named = ", ".join(f'"{setup}"' for setup in setups)
@@ -134,7 +139,8 @@ def hall(
     bench_file = folder / "bench.toml"
     driven = {"passes": 1 + back, "dwell": dwell, "feed": feed, "program_more": program, "plc_more": plc_bench}
     bench_file.write_text(
-        BENCH.format(**common, **driven, seed=seed, laser_more=laser_bench, transport=transport, faults=faults), encoding="utf-8"
+        BENCH.format(**common, **driven, seed=seed, laser_more=laser_bench, transport=transport, faults=faults, bench_more=bench),
+        encoding="utf-8",
     )
     command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(bench_file), "--directory", str(folder / "devices"))
     with talking(command, errors=False) as bench:
@@ -156,6 +162,7 @@ def hall(
                 laser_more=laser_survey,
                 signals=signals,
                 exports=exports,
+                machine=machine,
                 page=str(page).lower(),
                 page_port=page_port,
             ),

@@ -23,6 +23,7 @@ from stepdiag.exporters.programs import companion_files
 PACKAGES = ("linuxcnc-uspace", "linuxcnc-uspace-dev", "gcc", "libc6-dev")
 BRIDGE = Path(__file__).with_name("linuxcnc_bridge.py")
 ORDINARY_UID = 65534
+ORDINARY_MM_S2, SWIFT_MM_S2 = 5000, 20000
 
 INI = """\
 [EMC]
@@ -53,15 +54,15 @@ JOINTS = 3
 COORDINATES = XYZ
 LINEAR_UNITS = mm
 ANGULAR_UNITS = degree
-MAX_LINEAR_VELOCITY = 1000
-DEFAULT_LINEAR_VELOCITY = 500
+MAX_LINEAR_VELOCITY = 2000
+DEFAULT_LINEAR_VELOCITY = 1000
 """
 INI_AXIS = """\
 [AXIS_{axis}]
 MIN_LIMIT = -2000
 MAX_LIMIT = 2000
-MAX_VELOCITY = 1000
-MAX_ACCELERATION = 5000
+MAX_VELOCITY = 2000
+MAX_ACCELERATION = {acceleration}
 [JOINT_{joint}]
 TYPE = LINEAR
 HOME = 0
@@ -70,8 +71,8 @@ HOME_SEARCH_VEL = 0
 HOME_LATCH_VEL = 0
 MIN_LIMIT = -2000
 MAX_LIMIT = 2000
-MAX_VELOCITY = 1000
-MAX_ACCELERATION = 5000
+MAX_VELOCITY = 2000
+MAX_ACCELERATION = {acceleration}
 FERROR = 100
 MIN_FERROR = 100
 """
@@ -186,18 +187,20 @@ def linuxcnc(
     kinematics: Mapping[str, bytes] | None = None,
     *,
     backlash_mm: Mapping[str, float] | None = None,
+    swift: bool = False,
 ) -> Iterator[Control]:
     """Run LinuxCNC with the machine switched on and homed, and the product's component that serves its signals.
 
     ``comp_files`` are COMP_FILEs (type 0) and ``backlash_mm`` the BACKLASH of the joints, by axis letter; ``kinematics`` are the files of
-    an export of the kinematics component, which is built and loaded as its report says. Installs the Debian packages where they are
-    missing. Raises AssertionError where they cannot be had or the control does not start.
+    an export of the kinematics component, which is built and loaded as its report says. A ``swift`` control saves the tests' time; at its
+    acceleration a joint swings back by a hair when it stops, and a COMP_FILE of two different columns then shows the other one.
+    Installs the Debian packages where they are missing. Raises AssertionError where they cannot be had or the control does not start.
     """
     installed()
     with _alone(), tempfile.TemporaryDirectory(prefix="stepdiag-linuxcnc-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
         plc_port = _free_port()
-        _configured(folder, comp_files or {}, kinematics or {}, backlash_mm or {}, plc_port)
+        _configured(folder, comp_files or {}, kinematics or {}, backlash_mm or {}, plc_port, SWIFT_MM_S2 if swift else ORDINARY_MM_S2)
         with socket.socket(socket.AF_UNIX) as door:
             door.bind(str(folder / "rig.socket"))
             (folder / "rig.socket").chmod(0o666)
@@ -238,7 +241,12 @@ def _alone() -> Iterator[None]:
 
 
 def _configured(
-    folder: Path, comp_files: Mapping[str, bytes], kinematics: Mapping[str, bytes], backlash_mm: Mapping[str, float], plc_port: int
+    folder: Path,
+    comp_files: Mapping[str, bytes],
+    kinematics: Mapping[str, bytes],
+    backlash_mm: Mapping[str, float],
+    plc_port: int,
+    acceleration: int,
 ) -> None:
     """Write the configuration; the folder is open to the ordinary user as whom LinuxCNC's real-time part runs."""
     folder.chmod(0o777)
@@ -249,7 +257,7 @@ def _configured(
     line, halfiles = _kinematics_lines(folder) if kinematics else ("trivkins coordinates=XYZ", "")
     ini = INI.format(folder=folder, kinematics=line, halfiles=halfiles)
     for joint, axis in enumerate("XYZ"):
-        ini += INI_AXIS.format(axis=axis, joint=joint)
+        ini += INI_AXIS.format(axis=axis, joint=joint, acceleration=acceleration)
         if axis in backlash_mm:
             ini += f"BACKLASH = {backlash_mm[axis]}\n"
         if axis in comp_files:

@@ -5,6 +5,7 @@ as the laser of a real machine would see it. The register block comes from the c
 """
 
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -24,7 +25,9 @@ from testkit.linuxcnc_rig import Control, State
 
 LATENCY_S = 0.1
 """The laser tells what was true so long ago: by then the control has told where its motors were."""
-REALIGNING_S = 0.3
+REALIGNING_S = 0.2
+RATE_HZ = 250.0
+"""A quarter of what the board can: a reader that the computer lets wait loses nothing of so much."""
 TURNING_MM = 0.02
 """What counts as a move of an axis between two looks: more than a compensation moves it while others travel."""
 
@@ -72,7 +75,9 @@ class Stand:
         self.readout = MotorReadout(control, machine, box, clock)
         line = SerialLine(folder / "laser")
         counter = Counter(noise_um=noise_um, seed=7)
-        laser = TalkingLaser(UmdBoard(BOARDS["umd2"]), self.readout.read, counter, clock=clock, faults=faults, latency_s=LATENCY_S)
+        laser = TalkingLaser(
+            UmdBoard(replace(BOARDS["umd2"], rate_hz=RATE_HZ)), self.readout.read, counter, clock=clock, faults=faults, latency_s=LATENCY_S
+        )
         self.laser_port = str(line.link)
         self.plc_port = control.plc_port
         self._laser = Talker(line, laser, LASER_CABLE, clock=clock, faults=faults)

@@ -1,0 +1,54 @@
+"""Compensations that take the levers of angles out of what the tool does: a lattice, products of tables, columns of angles.
+
+While one of them was active, angles measured at the axes are still there, but their levers are gone from the readings. A solver that adds
+them to the model finds squareness errors that are not there (3 urad for angles of 10 urad, on the control of our tests).
+"""
+
+import re
+from collections.abc import Mapping
+
+from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.safety.compensation import stated_in
+from stepdiag.exporters.tables import lattice
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.solver.errors import SafetyError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import ROTATIONS, Result
+
+_PRODUCT = re.compile(rb"\$AN_CEC_MULT_BY_TABLE\[[^\]]*\]\s*=\s*[1-9]")
+_ANGLE_COLUMNS = re.compile(rb"^\s*(?:BEGIN [^\n]*\n\s*NR\b[^\n]*\bC[456]\b|(?!//)[XYZ]\s[^\n]*\bE[ABC][XYZ]\b)", re.MULTILINE)
+
+
+def without_levers(files: Mapping[str, bytes]) -> tuple[str, ...]:
+    """Return the names of those files, as they were active, that compensate what angles do with their levers."""
+    return tuple(
+        name
+        for name, data in files.items()
+        if lattice.recognises(ControlFile(name=name, data=data)) or _PRODUCT.search(data) or _ANGLE_COLUMNS.search(data)
+    )
+
+
+def left_out(files: Mapping[str, bytes]) -> Finding | None:
+    """Return that measured angles were left out of a solution, because ``files`` were active; None where they may be used."""
+    names = without_levers(files)
+    if not names:
+        return None
+    text = (
+        f"measured angles are not used: {', '.join(names)} was active while measuring and takes their levers out of what the tool does; "
+        "to use angles, measure with the compensation off"
+    )
+    return Finding(code="angles-left-out", severity="warning", text=text)
+
+
+def require_levers(result: Result, profile: Profile) -> None:
+    """Raise ``SafetyError`` for a result with measured angles of a machine whose compensation took their levers away."""
+    names = without_levers({file.name: file.data for file in profile.existing})
+    known = [name for name in ROTATIONS if (found := result.errors.get(name)) is not None and found.value is not None]
+    if profile.machine.measured_with == "on" and stated_in(result).state != "off" and names and known:
+        raise SafetyError(
+            f"{result.source}: errors.{known[0]}",
+            code="angles-beside-lattice",
+            expected="a result without measured angles: their levers were compensated while measuring",
+            found=f"{', '.join(known)}, and {', '.join(names)} active",
+            remedy="solve without the angles file, or measure with the compensation off",
+        )

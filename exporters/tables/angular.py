@@ -1,0 +1,182 @@
+"""Angles as columns of their own, for controls that know the chain of the axes and turn what stands on an axis by its angles.
+
+Such a control moves the tool by ``alpha(a) x r``, with levers ``r`` from the zero of its axes. The fit (`fit`) speaks of the same field as
+curves and as products with levers from the middle of the volume. From one to the other, for an angle that is zero at the reference:
+
+    g(a) (b - middle) = [g(a) - g(ref)] b  +  g(ref) b  -  g(a) middle
+
+The first summand is the column of the angle, the others are curves along b and along a. Where the control counts the travel of an
+axis itself among the levers of its angles, what that adds is taken off the curve.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
+from stepdiag.exporters.tables.fit import Product
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import quantised
+from stepdiag.exporters.tables.tables import Law, Multiplier, Table
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.geometry.kinematics import abbe_mask, parse_chain
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.result import Result
+
+COLUMN = "column"
+LEVER_MM = 100.0
+"""The lever for which the table of an angle says its movement."""
+_LETTERS, _TURNS = "XYZ", "ABC"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Angle:
+    """One angular function as a control gets it: ``name`` such as EAX, on the grid of its axis, zero at the reference."""
+
+    name: str
+    position_mm: Vector
+    value_urad: Vector
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Columns:
+    """The curves and angles of one machine; together they move the tool as the fit wants it."""
+
+    curves: tuple[Curve, ...]
+    angles: tuple[Angle, ...]
+
+
+def levers_of(chain: str, *, own: bool) -> Vector:
+    """Return which axes are levers of the angles of each axis, shape (axis, lever), 0 or 1; ``own``: an axis that carries the work too."""
+    mask = abbe_mask(chain)
+    return mask if own else mask * (1.0 - np.eye(3))
+
+
+def require_chain(result: Result, profile: Profile) -> None:
+    """Raise ``UsageError`` where the profile states another chain than that of the result: the angles would turn the wrong axes."""
+    stated = getattr(profile.options, "chain", None)
+    if stated is not None and parse_chain(stated) != parse_chain(result.chain):
+        raise UsageError(
+            f"{profile.source}: {profile.machine.controller}.chain", expected=f'"{result.chain}", the chain of the result',
+            found=f'"{stated}"',
+        )  # fmt: skip
+
+
+def columns_of(curves: Sequence[Curve], products: Sequence[Product], levers: Vector, profile: Profile) -> Columns:
+    """Return curves and angles for a control with these ``levers`` (`levers_of`).
+
+    Without curves (a sign test) the angles stand alone. Raises ``UsageError`` where a function is missing that the angles need, or where a
+    product has a lever that the control does not know.
+    """
+    missing = [name for name in FUNCTIONS if curves and name not in {curve.name for curve in curves}]
+    if missing:
+        raise UsageError(
+            f"{profile.source}: machine.functions", expected="all nine, for angles that are written with their levers",
+            found="no " + ", ".join(missing), remedy=f"leave {profile.machine.controller}.chain out to write some functions without angles",
+        )  # fmt: skip
+    middles = {product.by_axis: product.middle_mm for product in products}
+    angles: list[Angle] = []
+    moved = {curve.name: curve for curve in curves}
+    for moving, letter in enumerate(_LETTERS):
+        grid = profile.grid_mm(letter)
+        reference = profile.axis(letter).reference_mm
+        for turn in range(3):
+            relative = _relative_urad(products, moving, turn, levers, profile, grid)
+            if relative is None:
+                continue
+            at_reference = float(np.interp(reference, grid, relative))
+            angle = Angle(name=f"E{_TURNS[turn]}{letter}", position_mm=grid, value_urad=relative - at_reference)
+            angles.append(angle)
+            for by in np.flatnonzero(levers[moving]) if curves else ():
+                _move(moved, angle, relative, at_reference, int(by), middles)
+    return Columns(curves=tuple(moved[curve.name] for curve in curves), angles=tuple(angles))
+
+
+def _relative_urad(
+    products: Sequence[Product], moving: int, turn: int, levers: Vector, profile: Profile, grid: Vector
+) -> Vector | None:  # fmt: skip
+    """Return an angle without its mean, from the first product that holds it; None where none does."""
+    for product in products:
+        output, by = _LETTERS.index(product.output_axis), _LETTERS.index(product.by_axis)
+        sign = _sign(turn, by, output)
+        if product.input_axis == _LETTERS[moving] and sign:
+            if not levers[moving, by]:
+                raise UsageError(
+                    f"{profile.source}: {profile.machine.controller}.chain", expected=f"a chain in which {product.by_axis} is carried by "
+                    f"{product.input_axis}", found=f"{product.name}",
+                )  # fmt: skip
+            return np.interp(grid, product.position_mm, product.value_um) * sign * 1e3 / product.half_mm
+    return None
+
+
+def _move(
+    curves: dict[str, Curve], angle: Angle, relative_urad: Vector, at_reference_urad: float, by: int, middles: Mapping[str, float]
+) -> None:
+    """Take off the curves what the control makes of an angle by the lever along ``by`` and the fit does not want."""
+    turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
+    for output in range(3):
+        sign = _sign(turn, by, output) * 1e-3
+        if not sign:
+            continue
+        along = f"E{_LETTERS[output]}{_LETTERS[moving]}"
+        if by == moving:
+            curves[along] = _plus(curves[along], angle.position_mm, -sign * angle.value_urad * angle.position_mm)
+            continue
+        curves[along] = _plus(curves[along], angle.position_mm, -sign * relative_urad * middles.get(_LETTERS[by], 0.0))
+        across = curves[f"E{_LETTERS[output]}{_LETTERS[by]}"]
+        ends = across.position_mm[[0, -1]]
+        curves[across.name] = _plus(across, ends, sign * at_reference_urad * ends)
+
+
+def _plus(curve: Curve, position_mm: Vector, value_um: Vector) -> Curve:
+    at = np.unique(np.concatenate([curve.position_mm, position_mm]))
+    more = np.interp(at, position_mm, value_um)
+    return replace(
+        curve,
+        position_mm=at,
+        forward_um=curve.at(at, +1) + more,
+        reverse_um=None if curve.reverse_um is None else curve.at(at, -1) + more,
+        u_um=np.interp(at, curve.position_mm, curve.u_um),
+    )
+
+
+def _sign(turn: int, by: int, output: int) -> float:
+    """Return the movement of an axis by a unit turn and a unit lever: the component of turn x lever."""
+    return float(np.cross(np.eye(3)[turn], np.eye(3)[by])[output])
+
+
+def angle_tables(
+    angle: Angle,
+    levers: Vector,
+    profile: Profile,
+    *,
+    kind: str,
+    laws: Mapping[str, Law],
+    quantum_urad: float,
+    place: Mapping[str, int | str],
+) -> Iterator[Table]:
+    """Yield what the control makes of a column: a product table for each axis that it moves and each lever; ``laws`` by output axis."""
+    turn, moving = _TURNS.index(angle.name[1]), _LETTERS.index(angle.name[2])
+    for by in np.flatnonzero(levers[moving]):
+        letter = _LETTERS[by]
+        ends = profile.grid_mm(letter)[[0, -1]]
+        for output in range(3):
+            sign = _sign(turn, int(by), output)
+            if not sign:
+                continue
+            law = laws[_LETTERS[output]]
+            per_urad = sign * LEVER_MM * 1e-3
+            yield Table(
+                kind=kind, input_axis=angle.name[2], output_axis=_LETTERS[output], position_mm=angle.position_mm,
+                value_um=quantised(angle.value_urad, quantum_urad) * per_urad * -law.factor, quantum_um=quantum_urad * abs(per_urad),
+                law=law, reference_mm=profile.axis(angle.name[2]).reference_mm, place={**place, COLUMN: angle.name},
+                multiplier=Multiplier(axis=letter, position_mm=ends, value=ends / LEVER_MM, ends="extended"),
+            )  # fmt: skip
+
+
+def column_urad(table: Table) -> Vector:
+    """Return the numbers of the column from which a product table comes, in the sense of its law."""
+    by = "" if table.multiplier is None else table.multiplier.axis
+    sign = _sign(_TURNS.index(str(table.place[COLUMN])[1]), _LETTERS.index(by), _LETTERS.index(table.output_axis))
+    return np.asarray(table.value_um * sign * 1e3 / LEVER_MM) + 0.0

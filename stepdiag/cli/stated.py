@@ -1,0 +1,52 @@
+"""The options by which a person states, after a survey, whether a compensation was active while it was measured."""
+
+from datetime import datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stepdiag.solver.errors import UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.solver.result.result import Result
+
+Compensation = Annotated[
+    str | None, typer.Option(help="off or on: whether a compensation was active while measuring, where the survey does not say it.")
+]
+Active = Annotated[list[Path] | None, typer.Option(help="With on: a file that was active, as read out; may be given again.")]
+ActiveDate = Annotated[datetime | None, typer.Option(formats=["%Y-%m-%d"], help="The day on which they were read out.")]
+ActiveSource = Annotated[str, typer.Option(help="How they were read out of the control.")]
+
+
+def active_files(active: list[Path] | None) -> dict[str, bytes]:
+    """Return the files that a person hands over, by name."""
+    from stepdiag.exporters.files.files import LARGEST_TABLE_BYTES, read_bytes
+
+    return {path.name: read_bytes(path, largest=LARGEST_TABLE_BYTES) for path in active or []}
+
+
+def with_compensation(result: "Result", state: str | None, files: dict[str, bytes], day: datetime | None, source: str) -> "Result":
+    """Return the result with what a person says was active, and the hashes of the files that he hands over.
+
+    Raises UsageError where the survey has said it already, and where the answer is not whole.
+    """
+    from dataclasses import replace
+
+    from stepdiag.exporters.safety.compensation import stated, stated_in
+
+    if state is None:
+        if files:
+            raise UsageError("--active", expected="--compensation on with it", found=", ".join(files))
+        return result
+    if state not in ("off", "on"):
+        raise UsageError("--compensation", expected="off or on", found=state)
+    said = stated_in(result).state
+    if said in ("off", "on"):
+        raise UsageError("--compensation", expected=f'nothing: the survey of {result.source} says "{said}"', found=state)
+    if (state == "on") != bool(files):
+        raise UsageError("--active", expected="the files that were active, exactly with --compensation on", found=f"{len(files)} files")
+    if state == "on" and (day is None or not source.strip()):
+        raise UsageError("--active-date, --active-source", expected="when and how the files were read out of the control", found="nothing")
+    statement = stated(state, files, None if day is None else day.date(), source)  # type: ignore[arg-type]  # checked above
+    return replace(result, extra={**result.extra, "survey": {**result.extra.get("survey", {}), **statement.as_json()}})

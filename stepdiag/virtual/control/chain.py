@@ -1,0 +1,69 @@
+"""Controls that know the chain of their axes: what functions of single axes, turns and their levers among them, do to the tool."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stepdiag.virtual.physics.error_functions import AXES, Array
+from stepdiag.virtual.physics.kinematics import rotation_matrix, split_chain
+
+Nodes = tuple[Array, Array]
+"""Positions in mm and values (mm or rad) of one function, linear between and held outside."""
+SQUARENESS_TURNS = {"C0Y": (1, 2), "B0Z": (2, 1), "A0Z": (2, 0)}
+"""Axis whose travel leans, and about which axis it is turned."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ChainTable:
+    """Functions by their ISO 230-1 names and squarenesses in rad; the tool is moved by the opposite of what they say.
+
+    ``carries``: a leaning axis turns what it carries too, otherwise it leans alone. ``before_travel``: the errors of every axis stand
+    nearer to the tool than its travel, whichever side of the bed it is on. ``negated`` are output axes whose movement is turned round.
+    """
+
+    chain: str
+    functions: Mapping[str, Nodes]
+    squareness_rad: Mapping[str, float] = field(default_factory=dict)
+    carries: bool = False
+    before_travel: bool = False
+    negated: str = ""
+
+    def correction_mm(self, commanded_mm: Array, direction: Array) -> Array:  # noqa: ARG002 - these tables know no direction of travel
+        """Return what is added to the axes at commanded positions, shape (N, 3): levers count from the zero of the axes."""
+        work, tool = split_chain(self.chain)
+        at = np.zeros_like(commanded_mm, dtype=np.float64)
+        for axis in reversed((*work, *tool)):  # from the tool to the table, each row takes the point that stands on it
+            travel = self._travel(axis, commanded_mm)
+            inside = self.before_travel or axis in tool
+            at = at if inside else at + travel
+            at = np.einsum("nij,nj->ni", rotation_matrix(self._values("ABC", axis, commanded_mm)), at)
+            at = at + self._values("XYZ", axis, commanded_mm) + (travel if inside else 0.0)
+            if self.carries:
+                at = self._leaning(axis, at)
+        sense = np.array([1.0 if letter in self.negated else -1.0 for letter in "XYZ"])
+        moved: Array = (at - commanded_mm) * sense
+        return moved
+
+    def _travel(self, axis: int, commanded_mm: Array) -> Array:
+        travel = np.zeros_like(commanded_mm, dtype=np.float64)
+        travel[:, axis] = commanded_mm[:, axis]
+        if not self.carries:
+            travel = self._leaning(axis, travel)
+        return travel
+
+    def _leaning(self, axis: int, at: Array) -> Array:
+        turn = np.zeros((len(at), 3))
+        for name, value in self.squareness_rad.items():
+            leaning, about = SQUARENESS_TURNS[name]
+            if leaning == axis:
+                turn[:, about] = value
+        leaned: Array = np.einsum("nij,nj->ni", rotation_matrix(turn), at)
+        return leaned
+
+    def _values(self, words: str, axis: int, commanded_mm: Array) -> Array:
+        columns = []
+        for word in words:
+            nodes = self.functions.get(f"E{word}{AXES[axis].upper()}")
+            columns.append(np.zeros(len(commanded_mm)) if nodes is None else np.interp(commanded_mm[:, axis], *nodes))
+        return np.stack(columns, axis=-1)
