@@ -35,6 +35,7 @@ dwell_s = {dwell}
 overrun_mm = 2.0
 start = "command"
 pause_s = 1.0
+patient = true
 
 [machine]
 positioning_um = 9.0

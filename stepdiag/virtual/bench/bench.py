@@ -24,10 +24,13 @@ from stepdiag.virtual.drive.program import steps
 from stepdiag.virtual.instruments.readout import HeadView, Readout
 from stepdiag.virtual.instruments.talker import HEAD_CABLE, LASER_CABLE, Talker
 from stepdiag.virtual.physics.machine import Machine
+from stepdiag.virtual.plc.attention import Attention
 from stepdiag.virtual.plc.modbus_server import RtuSlave, Slave, TcpSlave
 from stepdiag.virtual.plc.plc import Plc
 
 _HEAD_CHUNK_S = 0.02
+_SEEN, _SEEN_MOVING_S = 0.8, 0.03
+"""Share of a dwell that a patient machine wants to be looked at; wall seconds of a move, which may be shorter than a hold-up."""
 Tell = Callable[[dict[str, str]], None]
 
 
@@ -50,6 +53,7 @@ class VirtualBench:
         self._tell = tell
         self._clock = Clock(config.time_scale)
         self._faults = FaultBoard(config.fault)
+        self._attention = Attention(self._faults)
         self._drive = build_drive(config)
         self._plan = build_plan(config)
         self._player = Player(
@@ -58,6 +62,7 @@ class VirtualBench:
             handshake=config.program.handshake,
             seed=config.seed,
             on_enter=self._entered,
+            hold=self._unseen if config.program.patient else None,
         )
         self._addresses: dict[str, str | int] = {}
         self._workers: list[_Worker] = []
@@ -120,7 +125,7 @@ class VirtualBench:
             base=part.base,
             order=part.order,
         )
-        slave = Slave(plc, unit=part.unit, clock=self._clock, faults=self._faults)
+        slave = Slave(plc, unit=part.unit, clock=self._clock, faults=self._faults, attention=self._attention)
         if part.transport == "tcp":
             server = TcpSlave(slave, host=part.host, port=part.port)
             self._addresses |= {"plc_host": part.host, "plc_port": server.port}
@@ -186,6 +191,12 @@ class VirtualBench:
             self._say("setup", step.setup)
         elif not step.setup:
             self._say("finished" if step.beam else "waiting", "")
+
+    def _unseen(self, segment: Segment) -> bool:
+        """Tell whether a step must go on because the recorder was held up while it lasted."""
+        scale = self._clock.scale
+        wanted_s = _SEEN * segment.step.duration_s / scale if segment.step.kind == "dwell" else _SEEN_MOVING_S
+        return self._attention.lacking(segment.start_s / scale, self._clock.wall_s(), wanted_s)
 
     def _say(self, event: str, setup: str) -> None:
         if self._tell is not None:

@@ -39,7 +39,8 @@ class OffsetPart(_Part, frozen=True):
 class ProgramPart(_Part, frozen=True):
     """What is driven and how; machine seconds. ``start`` is when a setup begins: after ``pause_s``, or when told.
 
-    ``decimals`` are the places to which a hand-written program rounds its positions.
+    ``decimals`` are the places to which a hand-written program rounds its positions. A ``patient`` machine moves and dwells until the
+    recorder has looked at it for most of that without a break (`stepdiag.virtual.plc.attention`).
     """
 
     setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")
@@ -51,6 +52,7 @@ class ProgramPart(_Part, frozen=True):
     pause_s: float = 2.0
     start: Literal["auto", "command"] = "auto"
     handshake: bool = False
+    patient: bool = False
     decimals: int | None = None
     beam_offset: tuple[OffsetPart, ...] = ()
 

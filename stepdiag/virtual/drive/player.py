@@ -16,6 +16,8 @@ from stepdiag.virtual.drive.program import Step
 from stepdiag.virtual.physics.error_functions import Array
 
 _HISTORY = 512
+_HELD_S = 0.1
+"""How much longer a step lasts that is held, before it is asked about again."""
 
 
 @dataclass(slots=True, kw_only=True)
@@ -91,7 +93,7 @@ class Drive:
 
 
 class Player:
-    """Plays the steps of a program. Safe to use from several threads."""
+    """Plays the steps of a program. Safe to use from several threads. A move and a signalled dwell end when ``hold`` lets them."""
 
     def __init__(
         self,
@@ -101,6 +103,7 @@ class Player:
         handshake: bool = False,
         seed: int = 0,
         on_enter: Callable[[Segment], None] | None = None,
+        hold: Callable[[Segment], bool] | None = None,
     ) -> None:
         self._lock = threading.RLock()
         self._program = program
@@ -108,6 +111,7 @@ class Player:
         self._handshake = handshake
         self._rng = np.random.default_rng(seed)
         self._on_enter = on_enter
+        self._hold = hold
         self._captured: tuple[int, float] | None = None
         self._started_s = -math.inf
         self._now_s = 0.0
@@ -165,14 +169,21 @@ class Player:
         return self._segments[0]
 
     def _decide_end(self, segment: Segment) -> None:
-        """End a segment that waits for somebody who has meanwhile come."""
-        if segment.end_s != math.inf:
-            return
+        """End a segment that waits for somebody who has meanwhile come, and go on with one that is held."""
         step = segment.step
+        if segment.end_s != math.inf:
+            if segment.end_s <= self._now_s and self._held(segment):
+                segment.end_s = self._now_s + _HELD_S
+            return
         if step.kind == "pause" and self._started_s > segment.start_s:
             segment.end_s = self._started_s
         elif step.kind == "dwell" and self._captured is not None and self._captured[0] == segment.stop_count % 65536:
             segment.end_s = max(segment.start_s + step.duration_s, self._captured[1])
+
+    def _held(self, segment: Segment) -> bool:
+        """Return whether a dwell goes on, or an axis is in position without saying so. With a handshake nobody need look."""
+        shown = segment.step.kind == "move" or (segment.step.kind == "dwell" and segment.step.signalled)
+        return shown and self._hold is not None and not self._handshake and self._hold(segment)
 
     def _enter(self, last: Segment) -> None:
         step = next(self._program, None)

@@ -10,6 +10,7 @@ import time
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import FaultBoard
 from stepdiag.virtual.base.ports import SerialLine
+from stepdiag.virtual.plc.attention import Attention
 from stepdiag.virtual.plc.modbus import GATEWAY_TARGET_FAILED, checksum, frame_length, respond
 from stepdiag.virtual.plc.plc import Plc
 
@@ -21,11 +22,12 @@ _HEADER = struct.Struct(">HHHB")
 class Slave:
     """The PLC as the wire sees it: answering, silent, late or off."""
 
-    def __init__(self, plc: Plc, *, unit: int, clock: Clock, faults: FaultBoard) -> None:
+    def __init__(self, plc: Plc, *, unit: int, clock: Clock, faults: FaultBoard, attention: Attention) -> None:
         self.unit = unit
         self._plc = plc
         self._clock = clock
         self._faults = faults
+        self._attention = attention
         self._down = False
 
     def off(self) -> bool:
@@ -39,6 +41,7 @@ class Slave:
     def answer(self, request: bytes) -> bytes | None:
         """Return the response PDU to a request PDU, maybe late, or None where it is not answered."""
         now = self._clock.wall_s()
+        self._attention.looked(now)
         if self._faults.active("plc-silent", now):
             return None
         if late := self._faults.active("plc-late", now):

@@ -30,6 +30,7 @@ overrun_mm = 2.0
 start = "command"
 pause_s = 0.5
 handshake = {handshake}
+patient = {patient}
 {program_more}
 [laser]
 format = "{laser}"
@@ -116,6 +117,7 @@ def hall(
     laser="umd",
     transport="tcp",
     handshake=False,
+    patient=True,
     poll_hz=100.0,
     dwell=5.0,
     feed=30000.0,
@@ -137,7 +139,14 @@ def hall(
     named = ", ".join(f'"{setup}"' for setup in setups)
     common = {"n": n, "setups": named, "laser": laser, "handshake": str(handshake).lower()}
     bench_file = folder / "bench.toml"
-    driven = {"passes": 1 + back, "dwell": dwell, "feed": feed, "program_more": program, "plc_more": plc_bench}
+    driven = {
+        "passes": 1 + back,
+        "patient": str(patient).lower(),
+        "dwell": dwell,
+        "feed": feed,
+        "program_more": program,
+        "plc_more": plc_bench,
+    }
     bench_file.write_text(
         BENCH.format(**common, **driven, seed=seed, laser_more=laser_bench, transport=transport, faults=faults, bench_more=bench),
         encoding="utf-8",

@@ -104,6 +104,32 @@ def test_the_handshake_holds_the_machine_until_its_stop_is_captured():
     assert played.advance(2e4 + 5.0).step.stop == 1
 
 
+def test_a_held_dwell_goes_on_until_it_is_let_go():
+    held = [True]
+    played = player(hold=lambda segment: held[0] and segment.step.stop == 0)
+    assert played.advance(100.0).step.stop == 0
+    assert played.advance(110.0).step.stop == 0
+    held[0] = False
+    assert played.advance(112.0).step.stop == 1
+
+
+def test_a_held_move_stands_in_position_without_saying_so():
+    held = [True]
+    played = player(hold=lambda segment: held[0] and segment.step.kind == "move" and segment.step.stop == 1)
+    at = played.advance(100.0)
+    assert at.step.kind == "move"
+    assert Drive().fraction(at.distance_mm, np.array([100.0 - at.start_s])) == 1.0
+    held[0] = False
+    assert played.advance(101.0).step.kind == "dwell"
+
+
+def test_a_captured_stop_is_not_held():
+    played = player(handshake=True, hold=lambda _: True)
+    played.advance(1e4)
+    played.capture(1, 1e4)
+    assert played.advance(1e4 + 5.0).step.stop == 1
+
+
 def test_a_program_on_command_waits_for_each_start():
     played = player(Plan(box=BOX, setups=("ppp", "npp"), passes=1, dwell_s=1.0, pause_s=None))
     played.start(0.0)

@@ -1,0 +1,42 @@
+"""Whether somebody looks at the PLC: a machine beside a busy computer stands a little longer, where its program says so.
+
+A real machine's dwells are seconds and its recorder has a computer to itself. In a demonstration or a test a dwell is half a second, and
+everything shares one computer that may hold the recorder up for as long. What a fault of the bench keeps from being seen is not waited for.
+"""
+
+import math
+import threading
+
+from stepdiag.virtual.base.faults import FaultBoard, FaultKind
+
+BREAK_S = 0.1
+"""Two looks further apart than this have a break between them."""
+GONE_S = 1.0
+"""Nobody is waited for who has not looked for this long."""
+_BLINDING: tuple[FaultKind, ...] = ("plc-silent", "plc-late", "plc-exception", "plc-frozen", "plc-reboot", "stop-flicker")
+
+
+class Attention:
+    """The looks of the masters at the PLC, in wall seconds. Safe to use from several threads."""
+
+    def __init__(self, faults: FaultBoard) -> None:
+        self._faults = faults
+        self._lock = threading.Lock()
+        self._since_s = self._last_s = -math.inf
+
+    def looked(self, wall_s: float) -> None:
+        """Take note that a request has come."""
+        with self._lock:
+            if wall_s - self._last_s > BREAK_S:
+                self._since_s = wall_s
+            self._last_s = wall_s
+
+    def lacking(self, from_s: float, wall_s: float, wanted_s: float) -> bool:
+        """Tell whether a master that is there has not yet looked, for ``wanted_s`` without a break, at what began at ``from_s``."""
+        with self._lock:
+            there, seen_s = wall_s - self._last_s < GONE_S, self._last_s - max(self._since_s, from_s)
+        return there and seen_s < wanted_s and not self._blinded(from_s, wall_s)
+
+    def _blinded(self, from_s: float, wall_s: float) -> bool:
+        spans = (span for kind in _BLINDING for span in self._faults.spans(kind))
+        return any(start_s <= wall_s and end_s >= from_s for start_s, end_s in spans)
