@@ -4,6 +4,7 @@
 PYTHON ?= python3.11
 VENV := .venv
 TEST_VENV := .venv-test
+MUTANTS_VENV := .venv-mutants
 UV := .tools/bin/uv
 STEPDIAG := $(VENV)/bin/stepdiag
 # what builds the wheel is checked by its hash, like everything else
@@ -11,7 +12,7 @@ BUILD := --quiet --wheel --build-constraint tools/build.txt --require-hashes
 RELEASE ?= release
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test matrix explore soak bench honesty format rooms release clean
+.PHONY: help demo test matrix explore mutants soak bench honesty format rooms release clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -30,6 +31,10 @@ matrix: $(TEST_VENV)/.ready ## the unit tests on Python 3.11, 3.12 and 3.13
 # line with files that are right but for one field
 explore: $(TEST_VENV)/.ready ## property tests and fuzzing with examples nobody has seen
 	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control" tests
+
+# every change: a night; a sample: `make mutants COUNT=400 SEED=10`, see docs/testing.md
+mutants: $(MUTANTS_VENV)/.ready ## how sharp the tests are: small changes that a test must notice
+	nice -n 19 $(MUTANTS_VENV)/bin/python tools/mutants $(if $(COUNT),--count $(COUNT)) $(if $(SEED),--seed $(SEED))
 
 # kill -9, two hundred times in one survey
 soak: $(TEST_VENV)/.ready ## two hundred kills in one survey
@@ -61,7 +66,7 @@ release: $(VENV)/.ready ## wheel, locked requirements, SBOM, licences and hashes
 	cd $(RELEASE) && sha256sum * > SHA256SUMS
 
 clean: ## all that this Makefile made
-	rm -rf $(VENV) $(TEST_VENV) .tools .setup dist build $(RELEASE)
+	rm -rf $(VENV) $(TEST_VENV) $(MUTANTS_VENV) .mutants .tools .setup dist build $(RELEASE)
 
 $(UV): tools/bootstrap tools/uv.txt
 	tools/bootstrap $(PYTHON)
@@ -72,6 +77,10 @@ $(UV): tools/bootstrap tools/uv.txt
 $(VENV)/.ready: pyproject.toml uv.lock | $(UV)
 	UV_PROJECT_ENVIRONMENT=$(VENV) $(UV) sync --frozen --quiet --compile-bytecode --python $(PYTHON)
 	$(VENV)/bin/python -m compileall -q solver exporters daq stepdiag
+	touch $@
+
+$(MUTANTS_VENV)/.ready: pyproject.toml uv.lock | $(UV)
+	UV_PROJECT_ENVIRONMENT=$(MUTANTS_VENV) $(UV) sync --frozen --quiet --compile-bytecode --group mutants --python $(PYTHON)
 	touch $@
 
 # the same libraries, but stepdiag as the built wheel: what is tested is what is installed

@@ -197,6 +197,21 @@ def test_firmware_315_is_read_without_its_wrong_phase():
     assert "not used" in samples.notices[0].text
 
 
+def test_a_sample_rate_below_zero_is_told_as_the_board_said_it():
+    """Code 8 is the rate in hundredths of a hertz (instruments 1.A)."""
+    samples = decode(lines(line(1, code=8, data=-250)))
+    assert [notice.text for notice in samples.notices] == ["the board tells a sample rate of -2.5 Hz: not used"]
+
+
+@pytest.mark.parametrize("spare", [0, 5])
+@pytest.mark.parametrize(("count", "held"), [(10**18 - 1, 1), (1 - 10**18, 1), (10**18, 0), (-(10**18), 0)])
+def test_a_number_that_no_counter_holds_is_no_sample(count, held, spare):
+    """Alone and among many: what 64 bits could not multiply is garbage, never a position."""
+    samples = decode(lines(line(1, count), *(line(2 + more) for more in range(spare))))
+    assert len(samples) == held + spare
+    assert [notice.code for notice in samples.notices] == ["garbage"] * (1 - held)
+
+
 def test_firmware_60_of_the_umd1_is_not_taken_for_264():
     samples = decode(lines(line(1, code=10, data=6000), line(2, 100, phase=64)))
     assert samples.position_mm[1] == pytest.approx(99.75 * RULE)

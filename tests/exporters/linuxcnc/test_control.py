@@ -94,6 +94,14 @@ def test_what_the_control_would_read_in_part_is_refused(data, message):
         LINUXCNC.parse([ControlFile(name="screw_x.comp", data=data)], example_profile())
 
 
+@pytest.mark.parametrize("count", [2, 256])
+def test_as_few_and_as_many_rows_as_the_control_takes_are_read(count):
+    """emccomp: at most 256 entries a joint; two make a line."""
+    data = b"".join(b"%d.0 %d.001 %d.001\n" % (n, n, n) for n in range(count))
+    (table,) = LINUXCNC.parse([ControlFile(name="screw_x.comp", data=data)], example_profile())
+    np.testing.assert_allclose(table.value_um, np.ones(count), atol=1e-6)
+
+
 def test_the_shipped_sample_with_its_typing_error_reads_as_a_jump_of_0_2_inch():
     """configs/sim/screwcompX.dat (commit 5c41560): LinuxCNC loads the row -4 -4.2 without complaint; its slope must show."""
     sample = b"-10 -10.001 -9.999\n-8 -8.001 -7.999\n-6 -6.002 -5.999\n-4 -4.2 -3.998\n-2 -2.003 -1.998\n0 -0.003 0.002\n2 1.997 2.003\n"

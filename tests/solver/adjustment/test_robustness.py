@@ -36,10 +36,10 @@ def moved(before, after) -> tuple[float, float]:
     return float(np.sqrt(np.mean(np.square(moves)))), float(np.max(np.abs(moves)))
 
 
-@pytest.mark.parametrize("error_um", [8.0, -8.0, 5000.0])
-def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um):
+@pytest.mark.parametrize(("error_um", "rows"), [(8.0, PICKED[::3]), (-8.0, PICKED[1::3]), (5000.0, PICKED[2::3])], ids=["8", "-8", "5000"])
+def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um, rows):
     readings, before = CLEAN[FULL]
-    for row in PICKED:
+    for row in rows:
         after = solve(spoiled(readings, row, error_um))
         texts = [finding.text for finding in after.findings if finding.code.startswith("stop-outlier")]
         assert any(name_of(readings, row) in text for text in texts), name_of(readings, row)
@@ -51,7 +51,7 @@ def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um):
 def test_five_millimetres_on_four_diagonals_alone_are_found_and_harmless():
     """One pass of four diagonals checks a stop through one other stop only: smoothness tells which is wrong."""
     readings, before = CLEAN[DIAGONALS]
-    for row in range(0, 124, 5):
+    for row in range(0, 124, 11):
         after = solve(spoiled(readings, row, 5000.0))
         texts = [finding.text for finding in after.findings if finding.code == "stop-outlier"]
         assert any(name_of(readings, row) in text for text in texts), name_of(readings, row)
@@ -64,7 +64,7 @@ def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_o
     """One pass of four diagonals: smoothness decides, and where it does not, every candidate is said."""
     readings, before = CLEAN[DIAGONALS]
     named = 0
-    for row in range(4, 120, 12):
+    for row in range(4, 120, 20):
         after = solve(spoiled(readings, row, 4.0))
         texts = [
             finding.text
@@ -74,7 +74,7 @@ def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_o
         assert not texts or any(name_of(readings, row) in text for text in texts)
         named += bool(texts)
         assert moved(before, after)[0] < 1.0
-    assert named >= 8
+    assert named >= 5
 
 
 def test_a_wrong_first_stop_is_named_although_all_others_are_relative_to_it():
@@ -91,7 +91,7 @@ def name_index(readings: Readings, setup: str, stop: int) -> int:
 
 
 def test_good_surveys_are_left_alone():
-    codes = [finding.code for seed in range(40) for finding in solve(Bench(seed=seed).survey()).findings]
+    codes = [finding.code for seed in range(16) for finding in solve(Bench(seed=seed).survey()).findings]
     assert sum(code.startswith("stop-outlier") for code in codes) <= 1
     assert "too-many-outliers" not in codes
 

@@ -1,6 +1,7 @@
 """Signs and lever from a wobbling beam; detector curves from a reference stage."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -44,6 +45,68 @@ def test_noise_is_in_the_uncertainty():
     # half of 1 um over the rms wobble and the root of the number of samples
     expected_mm = 1e3 * 0.5 / np.linalg.norm(WOBBLE_URAD - WOBBLE_URAD.mean())
     assert found.u_lever_mm == pytest.approx([expected_mm] * 2, rel=0.3)
+
+
+def noisy(travel_mm, seed, noise_um=1.0):
+    """Return a wobble that all three detectors see, the quadrant detector with noise of its own."""
+    rng, pointing = np.random.default_rng(seed), WOBBLE_URAD
+    shift = 2e-3 * (350.0 + travel_mm) * pointing + rng.normal(0, noise_um, len(pointing))
+    return Standstill(travel_mm=travel_mm, qd_um=shift, psd1_urad=pointing, psd2_urad=-pointing)
+
+
+def test_uncertainty_of_a_lever_is_that_of_a_regression():
+    """Where both angle detectors see the same, the slope is the one of least squares: s / sqrt(sum of squares), s over n - 2."""
+    one = noisy(500.0, 7)
+    found = signs_and_lever([one])
+    x, y = one.psd1_urad - one.psd1_urad.mean(), one.qd_um / 2 - one.qd_um.mean() / 2
+    slope = x @ y / (x @ x)
+    u = np.sqrt(np.sum((y - slope * x) ** 2) / (len(x) - 2) / (x @ x))
+    assert found.lever_mm == pytest.approx([1e3 * slope])
+    assert found.u_lever_mm == pytest.approx([1e3 * u])
+    assert (found.psd1_sign, found.psd2_sign) == (1, 1)
+    assert found.dead_path_mm == pytest.approx(1e3 * slope - 500.0)
+    assert found.u_dead_path_mm == pytest.approx(1e3 * u)
+
+
+def test_wobbles_at_one_distance_are_weighed_by_their_uncertainty():
+    found = signs_and_lever([noisy(500.0, 7, noise_um=0.5), noisy(500.0, 8, noise_um=2.0)])
+    weight = found.u_lever_mm**-2
+    assert found.dead_path_mm == pytest.approx(np.sum(weight * (found.lever_mm - 500.0)) / np.sum(weight))
+    assert found.u_dead_path_mm == pytest.approx(np.sum(weight) ** -0.5)
+    assert (found.lever_scale, found.u_lever_scale) == (1.0, None)
+
+
+def test_through_two_distances_the_line_is_exact_and_its_uncertainty_that_of_its_ends():
+    found = signs_and_lever([noisy(0.0, 7), noisy(800.0, 8)])
+    assert found.dead_path_mm == pytest.approx(found.lever_mm[0])
+    assert found.u_dead_path_mm == pytest.approx(found.u_lever_mm[0])
+    assert found.lever_scale == pytest.approx((found.lever_mm[1] - found.lever_mm[0]) / 800.0)
+    assert found.u_lever_scale == pytest.approx(np.hypot(*found.u_lever_mm) / 800.0)
+
+
+def test_three_samples_tell_a_sign_and_two_do_not():
+    def first(count):
+        one = noisy(0.0, 7, noise_um=0.0)
+        return Standstill(travel_mm=0.0, **{name: getattr(one, name)[:count] for name in ("qd_um", "psd1_urad", "psd2_urad")})
+
+    assert signs_and_lever([first(3)]).lever_mm == pytest.approx([350.0])
+    with pytest.raises(DataError, match=r"over 3 samples or more, found 0\.00 over 2"):
+        signs_and_lever([first(2)])
+
+
+@pytest.mark.parametrize("gain", [0.96, 1.04, 0.94, 1.06])
+def test_a_gain_is_named_from_five_percent_on(gain):
+    """What a detector says too strongly makes the lever grow too little, and the other detector answer too little."""
+    one, other = (noisy(travel, 7, noise_um=0.0) for travel in (0.0, 1000.0))
+    wobbles = [replace(each, psd1_urad=gain * each.psd1_urad) for each in (one, other)]
+    found = signs_and_lever(wobbles)
+    assert (found.lever_scale, found.angle_gain) == pytest.approx((1 / gain, 1 / gain))
+    texts = " ".join(finding.text for finding in found.findings)
+    if abs(gain - 1) < 0.05:
+        assert not texts
+    else:
+        assert f"the lever grows {1 / gain:.3f} mm per mm of travel" in texts
+        assert f"PSD2 answers {1 / gain:.3f} times as strongly" in texts
 
 
 def test_noise_of_the_drift_detector_does_not_shorten_the_lever():

@@ -47,6 +47,26 @@ def test_a_combination_is_seen_exactly_if_it_is_orthogonal_to_the_null_space():
     assert float(asked.dense()[0] @ spread[:, 0]) == pytest.approx(4.0)
 
 
+@pytest.mark.parametrize("carried", [False, True])
+def test_of_a_deficient_system_the_inverse_is_the_dense_one_with_the_same_unknowns_held(carried):
+    """Six columns of rank four, under other weights than those the null space was found with: C is zero where an unknown is held."""
+    rng = np.random.default_rng(12)
+    free = rng.normal(size=(20, 4))
+    dense = np.column_stack([free, free[:, 0] - 2 * free[:, 1], 3 * free[:, 2]])
+    rows = Rows(np.tile(np.arange(6), (20, 1)), dense, 6)
+    blocks, weight = order_blocks(np.full(6, -1)), rng.uniform(0.5, 2.0, 20)
+    null = invert(rows, np.ones(20), blocks).null if carried else None
+    inverse = invert(rows, weight, blocks, null)
+    assert inverse.rank == 4
+    free_columns = np.setdiff1d(np.arange(6), inverse.fixed)
+    exact = np.zeros((6, 6))
+    exact[np.ix_(free_columns, free_columns)] = np.linalg.inv(dense[:, free_columns].T @ (weight[:, None] * dense[:, free_columns]))
+    assert inverse.solve(np.eye(6)) == pytest.approx(exact, abs=1e-9)
+    assert inverse.solve(dense[3]) == pytest.approx(exact @ dense[3], abs=1e-9)
+    assert inverse.variance() == pytest.approx(np.diag(exact), abs=1e-9)
+    assert np.max(np.abs(dense @ inverse.null)) < 1e-9
+
+
 def test_elimination_in_blocks_is_the_dense_inverse():
     rng = np.random.default_rng(4)
     group = np.array([2, 0, 1, -1, 0, 3, 1, 2, -1, 3, 0])

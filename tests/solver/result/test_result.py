@@ -86,6 +86,20 @@ def changed(path, value):
     return json.dumps(document)
 
 
+EMPTY = {"unit": "um", "slope_identified": True}
+
+
+def test_a_function_may_have_two_positions_and_any_distance_between_them():
+    read = parse_result(changed(["errors", "EXY"], EMPTY | {"position_mm": [3.0, 3.25], "value": [1.0, -2.0], "u": [0.5, 0.5]}))
+    assert read.errors["EXY"].position_mm.tolist() == [3.0, 3.25]
+    assert read.errors["EXY"].value.tolist() == [1.0, -2.0]
+
+
+@pytest.mark.parametrize("increments", [1, 500])
+def test_a_volume_may_have_as_few_and_as_many_increments_as_any_survey(increments):
+    assert parse_result(changed(["volume", "increments"], increments)).volume.increments == increments
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -105,6 +119,10 @@ def changed(path, value):
         (changed(["errors", "EXY", "value"], [1.0]), "errors.EXY.value: expected 11 numbers"),
         (changed(["errors", "EXY", "value", 3], "a"), r"errors.EXY.value\[3\]: expected a finite number"),
         (changed(["errors", "EXY", "position_mm", 3], 0.0), "errors.EXY.position_mm: expected at least two ascending positions"),
+        (changed(["errors", "EXY", "position_mm", 3], 80.0), "errors.EXY.position_mm: expected at least two ascending positions"),
+        (changed(["errors", "EXY"], EMPTY | {"position_mm": [3.0], "value": [1.0], "u": [1.0]}), "at least two ascending positions"),
+        (changed(["volume", "increments"], 0), "volume.increments: expected a whole number from 1 to 500"),
+        (changed(["volume", "increments"], 501), "volume.increments: expected a whole number from 1 to 500"),
         (changed(["scale", "X", "identified"], True), "scale.X: expected a value exactly where identified is true"),
         (changed(["squareness", "B0Z"], None), "squareness.B0Z: expected this entry"),
         (changed(["findings", 0, "severity"], "bad"), r"findings\[0\].severity: expected info, warning or error"),
