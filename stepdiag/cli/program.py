@@ -16,7 +16,9 @@ def register(app: typer.Typer) -> None:
 def program(
     file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
     controller: Annotated[str, typer.Option(help=f"The control: {', '.join(PROGRAMS)}.", autocompletion=programs)],
-    out: Annotated[Path, typer.Option(help="The folder to write into; what is there is never overwritten with other bytes.")],
+    out: Annotated[
+        Path, typer.Option(help="The folder to write, whole or not at all; what is there is never overwritten with other bytes.")
+    ],
     profile: Annotated[Path | None, typer.Option(help="The machine's profile, for its section [program].")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
 ) -> None:
@@ -27,7 +29,7 @@ def program(
     from stepdiag.daemon.driving import sequence_of
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.exporters.files.control_file import ControlFile
-    from stepdiag.exporters.files.writing import write_all
+    from stepdiag.exporters.files.sets import write_set
     from stepdiag.exporters.profiles.file import read_profile_text
     from stepdiag.exporters.programs import companion_files, default_signals, nc_programs
     from stepdiag.exporters.programs.settings import program_section, travel_in
@@ -40,7 +42,7 @@ def program(
     signals, travel = section.signals(defaults), travel_in(text, source)
     programs = nc_programs(sequence, controller, signals=signals, decimals=section.decimals, travel_mm=travel)
     beside = companion_files(controller, survey.plc.host, survey.plc.port)
-    write_all(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
+    write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
     written = [{"setup": each.setup, "file": str(out / each.name)} for each in programs]
     if as_json:
         import json

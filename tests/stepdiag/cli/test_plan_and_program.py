@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.exporters.files.sets import whole
 from testkit.cli import stepdiag
 
 SURVEY = """\
@@ -34,6 +35,16 @@ def survey(tmp_path: Path) -> Path:
 
 
 class TestProgram:
+    def test_the_programs_appear_whole_or_not_at_all(self, survey, tmp_path, monkeypatch):
+        """Whoever finds the folder finds all setups, with their SHA-256; a half-written survey is driven by nobody."""
+        monkeypatch.setattr("os.fsync", _broken_at(3))
+        assert stepdiag("program", survey, "--controller", "siemens", "--out", tmp_path / "nc").code == 2
+        assert not (tmp_path / "nc").exists()
+        monkeypatch.undo()
+        assert stepdiag("program", survey, "--controller", "siemens", "--out", tmp_path / "nc").code == 0
+        assert whole(tmp_path / "nc")
+        assert len(list((tmp_path / "nc").glob("*.MPF"))) == 5
+
     @pytest.mark.parametrize(
         ("controller", "name", "block"),
         [
@@ -137,3 +148,15 @@ class TestPlan:
         before = survey.read_bytes()
         assert stepdiag("plan", survey, "--minutes", 10, "--apply").code == 2
         assert survey.read_bytes() == before
+
+
+def _broken_at(count):
+    """Return a stand-in for fsync that fails for lack of room at this call."""
+    calls = []
+
+    def fsync(_handle):
+        calls.append(_handle)
+        if len(calls) == count:
+            raise OSError(28, "No space left on device")
+
+    return fsync
