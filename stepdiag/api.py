@@ -27,7 +27,7 @@ from stepdiag.exporters.files.files import read_text, write_once
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.verify import Verification, controller_of, verify_files
+from stepdiag.exporters.safety.verify import Verification, controller_for, verify_files
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import Angles, parse_angles
 from stepdiag.solver.readings.readings import Readings, make_readings, parse_readings, render_readings
@@ -102,7 +102,7 @@ def export(
 def verify(result: Result, files: Sequence[Path | str], *, profile: Path | str | None = None) -> Verification:
     """Return what the files of one control will do to the machine of a result. Raises ``DataError`` for files of no known control."""
     read = read_given([Path(file) for file in files])
-    found = load_profile(Path(profile), controller_of(read), result.volume) if profile is not None else None
+    found = load_profile(Path(profile), controller_for(read), result.volume) if profile is not None else None
     return verify_files(result, read, found)
 
 

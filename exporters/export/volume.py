@@ -21,7 +21,6 @@ from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import LimitsSection, Profile
-from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.interval import interval_of
 from stepdiag.solver.result.result import Result
@@ -72,16 +71,7 @@ def _active(profile: Profile) -> Lattice | None:
     """Return the lattice that acted while measuring. Raises ``SafetyError`` where something else did."""
     if profile.machine.measured_with == "off":
         return None
-    given = [file for file in profile.existing if lattice.recognises(file)]
-    if len(profile.existing) != 1 or not given:
-        raise SafetyError(
-            f"{profile.source}: machine.existing",
-            code="active-not-a-lattice",
-            expected="the one lattice.csv that was active while measuring",
-            found=", ".join(file.name for file in profile.existing) or "nothing",
-            remedy="COMP_FILEs and a lattice do not merge: measure with the compensation off",
-        )
-    return lattice.parse(given[0])
+    return lattice.parse(lattice.the_one_in(profile.existing, profile.source))
 
 
 def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[Finding]:

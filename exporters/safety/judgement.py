@@ -40,7 +40,7 @@ _COVERED = 0.5
 """Share of the measured travel that a table has to cover."""
 _EXCUSED = 0.25
 """Share of a correction that its uncertainty may hide."""
-_SURE_UM = 0.2
+SURE_UM = 0.2
 """Movements below this are not told from rounding and noise."""
 
 
@@ -130,8 +130,8 @@ class _Case:
         return self.volume.origin_mm[axis] + self.volume.size_mm[axis] * np.linspace(0.0, 1.0, _POINTS)
 
     def moved_field_um(self) -> Vector:
-        """Return what the tables add to what was active on the grid of `_grid_mm`, along the output axis."""
-        points, axis = _grid_mm(self.volume), AXES.index(self.table.output_axis.lower())
+        """Return what the tables add to what was active on the grid of `grid_mm`, along the output axis."""
+        points, axis = grid_mm(self.volume), AXES.index(self.table.output_axis.lower())
         moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
         return np.asarray(moved[:, axis].reshape(_NODES, _NODES, _NODES))
 
@@ -237,7 +237,7 @@ class _Fit:
         wanted = _centred(_held(-curve.at(at), at, position))
         size, size_moved = _rms(wanted), _rms(moved)
         # what a survey is unsure of excuses little: the table is judged against what this result asks for, not against the machine
-        sure = max(_SURE_UM, case.table.quantum_um, min(2.0 * _typical_u(curve), _EXCUSED * size))
+        sure = max(SURE_UM, case.table.quantum_um, min(2.0 * _typical_u(curve), _EXCUSED * size))
         product = float(np.mean(moved * wanted))
         return cls(
             wanted_um=size,
@@ -301,15 +301,16 @@ def _of_product(case: _Case, result: Result) -> Judgement:
     multiplier = case.table.multiplier
     if multiplier is None or multiplier.axis == case.table.input_axis:
         return case.says("right", "a lever along the axis itself: what it does is judged with the curve of that axis")
-    moved = -_growing(case.moved_field_um(), case.table)
-    asked = _growing(_field_um(result, case.table), case.table)
+    moving, by = (AXES.index(letter.lower()) for letter in (case.table.input_axis, multiplier.axis))
+    moved = -growing_um(case.moved_field_um(), moving, by)
+    asked = growing_um(_field_um(result, case.table), moving, by)
     size, wanted = _rms(moved), _rms(asked)
-    if size < _SURE_UM / 2:
+    if size < SURE_UM / 2:
         return case.says("empty", "no correction")
-    if wanted < _SURE_UM / 2:
+    if wanted < SURE_UM / 2:
         return case.says("unlike", "the field of the result holds nothing like this product")
     factor, alike = float(np.mean(moved * asked)) / wanted**2, float(np.mean(moved * asked)) / (size * wanted)
-    if _rms(moved - asked) <= max(_SAME * wanted, _SURE_UM / 2):
+    if _rms(moved - asked) <= max(_SAME * wanted, SURE_UM / 2):
         return case.says("right", "what the result asks for", factor)
     if _rms(moved + asked) <= _SAME * wanted:
         return case.says("sign-turned", "a product with the opposite sign: it would double what it should correct", -1.0)
@@ -320,15 +321,13 @@ def _of_product(case: _Case, result: Result) -> Judgement:
 
 
 def _field_um(result: Result, table: Table) -> Vector:
-    """Return the error of the output axis of a table on the grid of `_grid_mm`."""
+    """Return the error of the output axis of a table on the grid of `grid_mm`."""
     axis = AXES.index(table.output_axis.lower())
-    return np.asarray(error_field_um(result, _grid_mm(result.volume))[:, axis].reshape(_NODES, _NODES, _NODES))
+    return np.asarray(error_field_um(result, grid_mm(result.volume))[:, axis].reshape(_NODES, _NODES, _NODES))
 
 
-def _growing(values: Vector, table: Table) -> Vector:
-    """Return, at the nodes of the input axis of a product, what of values on a grid grows with its lever, at the end of the lever."""
-    multiplier = table.multiplier
-    moving, by = (AXES.index(letter.lower()) for letter in (table.input_axis, multiplier.axis if multiplier else ""))
+def growing_um(values: Vector, moving: int, by: int) -> Vector:
+    """Return, at the nodes of the axis ``moving``, what of values on a grid grows with the lever along ``by``, at the end of the lever."""
     (other,) = {0, 1, 2} - {moving, by}
     lever = np.linspace(-1.0, 1.0, _NODES)
     flat = np.mean(np.moveaxis(_without_curves(values), (moving, by, other), (0, 1, 2)), axis=2)
@@ -337,11 +336,11 @@ def _growing(values: Vector, table: Table) -> Vector:
 
 def judge_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Finding | None:
     """Return what is wrong with a correction that has no tables, such as a lattice: turned in sign, scaled, or of something else."""
-    points = _grid_mm(result.volume)
+    points = grid_mm(result.volume)
     asked = -without_rigid_motion(result.volume, points, error_field_um(result, points))
     moved = without_rigid_motion(result.volume, points, moved_um(points))
     size, size_moved = _rms(asked), _rms(moved)
-    if max(size, size_moved) < _SURE_UM or _rms(moved - asked) <= _SAME * size or size_moved < _SURE_UM / 2:
+    if max(size, size_moved) < SURE_UM or _rms(moved - asked) <= _SAME * size or size_moved < SURE_UM / 2:
         return None
     factor = float(np.mean(moved * asked)) / size**2
     if abs(factor) * size < _ALIKE * size_moved:
@@ -354,7 +353,8 @@ def judge_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Finding
 _NODES = 9
 
 
-def _grid_mm(volume: Volume) -> Vector:
+def grid_mm(volume: Volume) -> Vector:
+    """Return the points at which fields are compared, shape (nodes ** 3, 3), z fastest."""
     axes = [low + size * np.linspace(0.0, 1.0, _NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 

@@ -12,15 +12,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.safety.checks import limit_findings
 from stepdiag.exporters.safety.compensation import require_agreement, stated_in
 from stepdiag.exporters.safety.judgement import Judgement, judge, judge_field
+from stepdiag.exporters.safety.lattice_judgement import judge_lattice
 from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.angular import require_chain
 from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
 from stepdiag.solver.errors import DataError, UsageError
@@ -148,15 +151,7 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
         require_agreement(result, profile)
         require_levers(result, profile)
     if len(files) == 1 and lattice.recognises(files[0]):
-        moved = lattice.parse(files[0]).correction_um
-        fault = judge_field(result, moved) if stated_in(result).state != "on" else None
-        return Verification(
-            controller=lattice.NAME,
-            assumed=False,
-            tables=(),
-            prediction=predict_moved(result, moved, nodes=nodes),
-            findings=() if fault is None else (fault,),
-        )
+        return _of_lattice(result, lattice.parse(files[0]), profile, nodes)
     controller = controller_of(files)
     reading = profile or quick_profile(controller, result.volume, float(result.volume.step_mm[0]))
     require_chain(result, reading)
@@ -170,6 +165,30 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
         judgements=judge(result, tables, replaced, reading),
         findings=limit_findings(controller, reading, result, tables),
     )
+
+
+def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:
+    """Return what a lattice is, function by function, in place of the one that the profile says was active while measuring."""
+    on = profile is not None and profile.machine.measured_with == "on"
+    active = lattice.parse(lattice.the_one_in(profile.existing, profile.source)) if profile is not None and on else None
+
+    def added(points_mm: Vector) -> Vector:
+        return held.correction_um(points_mm) - (active.correction_um(points_mm) if active is not None else 0.0)
+
+    fault = judge_field(result, added)
+    return Verification(
+        controller=lattice.NAME,
+        assumed=False,
+        tables=(),
+        prediction=predict_moved(result, added, nodes=nodes),
+        judgements=judge_lattice(result, added, held.axes_mm),
+        findings=() if fault is None else (fault,),
+    )
+
+
+def controller_for(files: Sequence[ControlFile]) -> Controller:
+    """Return the control whose profile goes with files; a lattice alone is that of LinuxCNC's kinematics component."""
+    return LinuxCnc() if len(files) == 1 and lattice.recognises(files[0]) else controller_of(files)
 
 
 def controller_of(files: Sequence[ControlFile]) -> Controller:

@@ -5,6 +5,7 @@ alone can hold what the angular errors do. Between the vertices a control interp
 """
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,6 +83,20 @@ def render(lattice: Lattice) -> ControlFile:
 def recognises(file: ControlFile) -> bool:
     """Return whether the file begins with the header of a lattice."""
     return file.data.startswith(HEADER.encode("ascii"))
+
+
+def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
+    """Return the lattice that was active. Raises ``SafetyError`` where ``files`` are anything else."""
+    given = [file for file in files if recognises(file)]
+    if len(files) != 1 or not given:
+        raise SafetyError(
+            f"{where}: machine.existing",
+            code="active-not-a-lattice",
+            expected="the one lattice.csv that was active while measuring",
+            found=", ".join(file.name for file in files) or "nothing",
+            remedy="COMP_FILEs and a lattice do not merge: measure with the compensation off",
+        )
+    return given[0]
 
 
 def parse(file: ControlFile) -> Lattice:

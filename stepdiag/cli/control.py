@@ -181,12 +181,12 @@ def verify(
     They are read as the control will read them; exit code 5 where one of their tables is wrong, beyond a limit, or makes the machine worse.
     """
     from stepdiag.cli.report import read_result
-    from stepdiag.exporters.safety.verify import controller_of, verify_files
+    from stepdiag.exporters.safety.verify import controller_for, verify_files
     from stepdiag.report.space import LATTICE
 
     measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
     given, aside = _tables_among(files)
-    known = read_profile(profile, controller_of(given).name, measured.volume) if profile is not None else None
+    known = read_profile(profile, controller_for(given).name, measured.volume) if profile is not None else None
     found = verify_files(measured, given, known)
     if out is not None:
         _draw(found, verify_files(measured, given, known, nodes=LATTICE).prediction, out)

@@ -13,7 +13,7 @@ from stepdiag.exporters.files.naming import UNTESTED, is_restore
 from stepdiag.exporters.files.sets import read_given, read_set
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
-from stepdiag.exporters.safety.verify import controller_of, verify_files
+from stepdiag.exporters.safety.verify import controller_for, verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
 from stepdiag.report.figures import Correction
@@ -66,7 +66,7 @@ def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> 
             correction=lattice.parse(tables[0]).correction_um,
             concluded=Export(controller=lattice.NAME, reach=reach),
         )
-    known = load_profile(profile, controller_of(tables), result.volume) if profile is not None else None
+    known = load_profile(profile, controller_for(tables), result.volume) if profile is not None else None
     found = verify_files(result, tables, known)
     kinds = tuple(dict.fromkeys(table.kind for table in found.tables))
     untested = kinds if any(Path(file.name).stem.endswith(UNTESTED) for file in tables) else ()

@@ -1,12 +1,14 @@
 """Verify judges: files that were mistaken for others are named as what they are, on every control that can hold them."""
 
 from dataclasses import replace
+from datetime import date
 
 import msgspec
 import numpy as np
 import pytest
 
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
+from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.judgement import judge
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
@@ -14,7 +16,7 @@ from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Multiplier, Table
-from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.result import ROTATIONS, Result
 from testkit.machines import profile_of
 from testkit.results import VOLUME, made_result
 
@@ -182,3 +184,63 @@ def test_the_lattice_of_another_machine():
     other = made_result({name: values[::-1] for name, values in ERRORS.items()}, u_um=0.1)
     found = verify_files(RESULT, [lattice.render(lattice.lattice_of(other, 50.0))])
     assert [finding.code for finding in found.findings] == ["lattice-unlike"]
+
+
+ANGLES = {name: list(np.linspace(0.0, 1.0, 5) ** 2 * (9.0 if name[2] == "X" else -11.0)) for name in ROTATIONS}
+TURNING = made_result(ERRORS, squareness={"C0Y": 15.0, "B0Z": -12.0, "A0Z": 11.0}, angles=ANGLES, u_um=0.1)
+
+
+class TestLattice:
+    """A lattice is judged as the curves and products that it is made of."""
+
+    def told(self, vectors, held=None, result=TURNING, profile=None):
+        held = held or lattice.lattice_of(TURNING, 50.0)
+        file = lattice.render(replace(held, vectors_um=vectors(held.vectors_um)))
+        found = verify_files(result, [file], profile)
+        return {each.table.name: each.code for each in found.judgements}, found
+
+    def test_what_an_export_writes_is_right_function_by_function(self):
+        codes, found = self.told(lambda v: v)
+        assert set(FUNCTIONS) < set(codes)
+        assert len(codes) > 9 + 3  # and products
+        assert set(codes.values()) == {"right"}
+        assert found.right
+        assert found.judgements[0].as_json()["kind"] == "lattice"
+
+    def test_turned_and_scaled(self):
+        codes, found = self.told(lambda v: -v)
+        assert {codes[name] for name in FUNCTIONS} == {"sign-turned"}
+        assert not found.right
+        codes, found = self.told(lambda v: 10.0 * v)
+        assert {codes[name] for name in FUNCTIONS} == {"scaled"}
+        assert not found.right
+
+    def test_one_axis_turned_is_named_alone(self):
+        codes, found = self.told(lambda v: v * [1.0, 1.0, -1.0])
+        assert {name for name, code in codes.items() if code == "sign-turned" and "*" not in name} == {"EZZ", "EZX", "EZY"}
+        assert {codes[name] for name in FUNCTIONS if name[1] != "Z"} == {"right"}
+        assert not found.right
+
+    def test_columns_swapped(self):
+        codes, found = self.told(lambda v: v[..., [1, 0, 2]])
+        assert {codes["EXX"], codes["EYY"]} <= {"axes-swapped", "input-output-swapped", "unlike"}
+        assert codes["EZZ"] == "right"
+        assert not found.right
+
+    def test_one_that_was_active_gives_way(self):
+        """Measured with half of it on, the whole of it is right: what it adds is what the survey asks for."""
+        whole = lattice.lattice_of(TURNING, 50.0)
+        half = lattice.render(replace(whole, vectors_um=whole.vectors_um / 2))
+        halves = {name: [value / 2 for value in values] for name, values in ERRORS.items()}
+        left = made_result(halves, squareness={"C0Y": 7.5, "B0Z": -6.0, "A0Z": 5.5}, u_um=0.1)
+        said = stated("on", {half.name: half.data}, date(2026, 6, 1), "INI folder")
+        profile = profile_of("linuxcnc", VOLUME, sections=8)
+        machine = msgspec.structs.replace(profile.machine, measured_with="on")
+        known = replace(profile, machine=machine, existing=(half,))
+        plain = lattice.lattice_of(left, 50.0)
+        held = replace(plain, vectors_um=plain.vectors_um + whole.vectors_um / 2)
+        codes, found = self.told(lambda v: v, held, replace(left, extra={"survey": said.as_json()}), known)
+        assert {codes[name] for name in FUNCTIONS} == {"right"}
+        assert found.right
+        codes, found = self.told(lambda v: v, plain, replace(left, extra={"survey": said.as_json()}), known)
+        assert not found.right

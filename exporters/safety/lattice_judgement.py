@@ -1,0 +1,84 @@
+"""A lattice judged function by function: what it adds is taken apart into curves and products, and each is judged as a table would be.
+
+The curves are the means over the other two axes, the slope of each pair in the one where the contract has the squareness; what grows with
+a lever is a product. Together they are the best that tables could make of the lattice (`tables.fit`), so the verdicts are those of tables.
+"""
+
+from collections.abc import Callable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from stepdiag.exporters.profiles.file import quick_profile
+from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.judgement import SURE_UM, Judgement, grid_mm, growing_um, judge
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE
+from stepdiag.exporters.tables.lattice import NAME
+from stepdiag.exporters.tables.tables import Law, Multiplier, Table
+from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+from stepdiag.solver.result.result import Result
+
+_LAW = Law(sense="as-compensation")
+_NODES = 9
+_QUANTUM_UM = 1e-3
+
+Moved = Callable[[Vector], Vector]
+
+
+def judge_lattice(result: Result, moved_um: Moved, axes_mm: tuple[Vector, Vector, Vector]) -> tuple[Judgement, ...]:
+    """Return a judgement for every function and product of what a lattice with these ``axes_mm`` adds to what was active.
+
+    Angles that nobody measured count with what is expected of them, as they do in a lattice.
+    """
+    curves = _folded([_curve(name, moved_um, axes_mm, result.volume) for name in FUNCTIONS])
+    # no profile enters a judgement of a lattice: the neutral control stands in
+    stand_in = quick_profile(controller_named("neutral"), result.volume, float(result.volume.step_mm[0]))
+    known = replace(result, errors={**result.errors, **result.expected})
+    return judge(known, [*curves, *_products(moved_um, result.volume)], (), stand_in)
+
+
+def _curve(name: str, moved_um: Moved, axes_mm: tuple[Vector, Vector, Vector], volume: Volume) -> Table:
+    """Return the mean of the movement of an output axis over the volume, along one axis of the lattice."""
+    output, moving = (AXES.index(letter.lower()) for letter in name[1:])
+    along = [np.linspace(low, low + size, _NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    along[moving] = np.linspace(axes_mm[moving][0], axes_mm[moving][-1], _NODES)
+    points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 3)
+    moved = moved_um(points)[:, output].reshape(_NODES, _NODES, _NODES)
+    mean = np.mean(moved, axis=tuple({0, 1, 2} - {moving}))
+    return _table(name, along[moving], mean - mean[0])
+
+
+def _folded(tables: list[Table]) -> list[Table]:
+    """Return the curves with the slope of each pair in the function that holds the squareness: the rest is a turn of the workpiece."""
+    found = {table.name: table for table in tables}
+    for squareness, target in FOLD_DEFAULT.items():
+        (other,) = [name for name in SQUARENESS_SLOPE[squareness] if name != target]
+        ends, value = found[other].position_mm[[0, -1]], found[other].value_um[[0, -1]]
+        slope = float((value[1] - value[0]) / (ends[1] - ends[0]))
+        for name, sign in ((other, -1.0), (target, 1.0)):
+            at = found[name].position_mm
+            found[name] = _table(name, at, found[name].value_um + sign * slope * (at - at[0]))
+    return list(found.values())
+
+
+def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
+    """Yield what grows with a lever, for every output, axis and lever where it is more than nothing."""
+    points = grid_mm(volume)
+    moved, nodes = moved_um(points), round(len(points) ** (1 / 3))
+    for output in range(3):
+        values = moved[:, output].reshape(nodes, nodes, nodes)
+        for moving in range(3):
+            for by in {0, 1, 2} - {moving}:
+                grown = growing_um(values, moving, by)
+                ends, low = np.array([0.0, volume.size_mm[by]]), volume.origin_mm[by]
+                at = volume.origin_mm[moving] + np.linspace(0.0, volume.size_mm[moving], nodes)
+                if np.sqrt(np.mean(grown**2)) > SURE_UM / 2:
+                    multiplier = Multiplier(axis="XYZ"[by], position_mm=low + ends, value=np.array([-1.0, 1.0]))
+                    yield _table(f"E{'XYZ'[output]}{'XYZ'[moving]}", at, grown, multiplier)
+
+
+def _table(name: str, position_mm: Vector, value_um: Vector, multiplier: Multiplier | None = None) -> Table:
+    return Table(
+        kind=NAME, input_axis=name[2], output_axis=name[1], position_mm=position_mm, value_um=value_um, quantum_um=_QUANTUM_UM, law=_LAW,
+        reference_mm=float(position_mm[0]), multiplier=multiplier,
+    )  # fmt: skip
