@@ -7,7 +7,7 @@ log is the same code on the same input, and gives the same stops to the last bit
 from dataclasses import replace
 from typing import Literal
 
-from stepdiag.daq.capture.conditions import Conditions
+from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.dwell import Dwell, DwellTracker
 from stepdiag.daq.capture.head_stop import QdView
 from stepdiag.daq.capture.log_start import CaptureStart
@@ -237,7 +237,8 @@ class Capture:
             self._end(found.kind, found.reason, outcomes)
         if not isinstance(found, Walk) or self.ended:
             return
-        judged = self._conditions.judge(dwell.signals, (dwell.from_ns + self._wall_offset_ns) * 1e-9)
+        felt = with_air(self._survey, dwell.signals, self.laser)
+        judged = self._conditions.judge(felt, (dwell.from_ns + self._wall_offset_ns) * 1e-9)
         taken: list[Outcome] = []
         self._taker.take(found, self._finder.turn, replace(dwell, signals=judged.signals), self._placing(dwell.signals), taken)
         outcomes.extend(remarked(found, taken, judged, self._alarm))

@@ -12,6 +12,7 @@ import msgspec
 
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
+from stepdiag.daq.timing.stream import StreamBuffer
 from stepdiag.solver.standards.air import HALL
 
 BELIEVED_STOPS = 5
@@ -57,6 +58,13 @@ class Judged:
     doubted: list[Remark] = field(default_factory=list)
 
 
+def with_air(survey: Survey, signals: Signals, laser: StreamBuffer) -> Signals:
+    """Return the signals with what the laser's own sensors told, where the survey takes air and material from them."""
+    if survey.environment.source != "laser":
+        return signals
+    return replace(signals, **{name: value for name, value in laser.told.items() if name in COURSES})  # type: ignore[arg-type]
+
+
 class Conditions:
     """Follows air and material from stop to stop. ``credible`` are the last values that were believed in the logs before."""
 
@@ -70,7 +78,7 @@ class Conditions:
 
     def judge(self, signals: Signals, time_s: float) -> Judged:
         """Return what is believed of the sensors at a stop; everything where the survey file fixes the conditions itself."""
-        if self._environment.source != "plc":
+        if self._environment.source == "fixed":
             return Judged(signals)
         judged = Judged(signals)
         believed = {name: self._believe(name, value, time_s, judged) for name in COURSES if (value := getattr(signals, name)) is not None}

@@ -2,20 +2,33 @@
 
 from stepdiag.daq.formats.fourdof import FourdofDecoder, FourdofSettings
 from stepdiag.daq.formats.framed import FramesDecoder, FramesSettings
+from stepdiag.daq.formats.ids3010 import Ids3010Decoder, Ids3010Settings
+from stepdiag.daq.formats.lasertex import LasertexDecoder, LasertexSettings
 from stepdiag.daq.formats.line import LineDecoder, LineSettings
 from stepdiag.daq.formats.nd import NdDecoder, NdSettings
+from stepdiag.daq.formats.qudis import QudisDecoder, QudisSettings
 from stepdiag.daq.formats.tqd import TqdDecoder, TqdSettings
 from stepdiag.daq.formats.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.samples import Decoder
 from stepdiag.solver.errors import UsageError
 
-FormatSettings = UmdSettings | LineSettings | FramesSettings | NdSettings | FourdofSettings | TqdSettings
+FormatSettings = (
+    UmdSettings
+    | LineSettings
+    | FramesSettings
+    | NdSettings
+    | Ids3010Settings
+    | LasertexSettings
+    | QudisSettings
+    | FourdofSettings
+    | TqdSettings
+)
 
-LASER_FORMATS = ("umd", "nd", "line", "frames")
+LASER_FORMATS = ("umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis")
 HEAD_FORMATS = ("fourdof", "tqd")
 
 
-def make_decoder(name: str, settings: FormatSettings) -> Decoder:
+def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: PLR0911 - one a format
     """Return a fresh decoder of format ``name``: one object a stream.
 
     Raises UsageError for a name that is none of the formats, or settings of another format.
@@ -27,6 +40,12 @@ def make_decoder(name: str, settings: FormatSettings) -> Decoder:
             return LineDecoder(settings)
         case "frames", FramesSettings():
             return FramesDecoder(settings)
+        case "ids3010", Ids3010Settings():
+            return Ids3010Decoder(settings)
+        case "lasertex", LasertexSettings():
+            return LasertexDecoder(settings)
+        case "qudis", QudisSettings():
+            return QudisDecoder(settings)
         case "nd", NdSettings():
             return NdDecoder(settings)
         case "fourdof", FourdofSettings():

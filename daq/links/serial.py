@@ -12,7 +12,7 @@ from stepdiag.daq.links.port import OpenPort
 from stepdiag.daq.links.port_thread import PortThread
 from stepdiag.daq.links.reconnect import Report
 from stepdiag.daq.timing.host_clock import stamp_ns
-from stepdiag.daq.timing.samples import AskingDecoder, Decoder, GreetingDecoder, PolledDecoder
+from stepdiag.daq.timing.samples import AskingDecoder, Decoder, GreetingDecoder, PolledDecoder, RespondingDecoder
 from stepdiag.solver.errors import DeviceError
 
 ANSWER_TIMEOUT_S = 0.5
@@ -28,6 +28,8 @@ BUSY_BYTES_PER_S = 100_000
 _READ_S = 0.02
 """The longest a read waits; after as long a silence what was gathered is handed over."""
 
+Respond = Callable[[bytes], bytes]
+"""Takes what was heard, returns what is to be said to it; nothing where that is nothing."""
 OnChunk = Callable[[bytes, int], None]
 """Takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). Called in the reading thread; an exception ends it."""
 
@@ -38,11 +40,14 @@ class SerialStream:
     A chunk is what came within twenty milliseconds; its stamp is that of its last byte, which had just arrived.
     """
 
-    def __init__(self, settings: SerialSettings, on_chunk: OnChunk, *, greeting: bytes = b"") -> None:
-        """``greeting`` is sent whenever the line has been opened: what makes the instrument speak."""
+    def __init__(
+        self, settings: SerialSettings, on_chunk: OnChunk, *, greeting: bytes = b"", responder: Callable[[], Respond] | None = None
+    ) -> None:
+        """``greeting`` is sent whenever the line has been opened, to make the instrument speak; ``responder`` makes what answers it."""
         self._settings = settings
         self._on_chunk = on_chunk
         self._greeting = greeting
+        self._responder = responder
         self._port: OpenPort | None = None
 
     async def session(self, report: Report) -> None:
@@ -58,6 +63,7 @@ class SerialStream:
         self._port = port
         if self._greeting:
             port.write(self._greeting)
+        respond = self._responder() if self._responder is not None else None
         pace = _Pace()
         while port.wanted:
             if pace.sleeps:
@@ -66,6 +72,8 @@ class SerialStream:
             pace.note(len(data), reads)
             if data:
                 self._on_chunk(data, last_ns)
+            if data and respond is not None and (answer := respond(data)):
+                port.write(answer)
 
 
 class PolledSerial:
@@ -133,7 +141,8 @@ def instrument_line(settings: SerialSettings, decoder: Decoder, on_chunk: OnChun
     """Return the line of an instrument that is read by ``decoder``: whether it is asked, and what it is told first."""
     greeting = decoder.greeting if isinstance(decoder, GreetingDecoder) else b""
     if not isinstance(decoder, PolledDecoder):
-        return SerialStream(settings, on_chunk, greeting=greeting)
+        responder = decoder.responder if isinstance(decoder, RespondingDecoder) else None
+        return SerialStream(settings, on_chunk, greeting=greeting, responder=responder)
     others = decoder.others if isinstance(decoder, AskingDecoder) else ()
     return PolledSerial(settings, on_chunk, request=decoder.request, interval_s=decoder.poll_interval_s, others=others, greeting=greeting)
 

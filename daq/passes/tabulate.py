@@ -105,7 +105,7 @@ def _beam(survey: Survey, each: Pass) -> Vector:
 
 def _environment(environment: Environment, stop: CapturedStop, name: str) -> float:
     """Return a quantity of the air: as the machine's sensors had it at the stop, or as the survey file fixes it."""
-    measured = getattr(stop, name) if environment.source == "plc" else None
+    measured = getattr(stop, name) if environment.source != "fixed" else None
     return float(measured if measured is not None else getattr(environment, name))
 
 

@@ -11,6 +11,7 @@ from typing import Protocol
 import msgspec
 
 from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.conditions import with_air
 from stepdiag.daq.capture.dwell import same_stop
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.route import base_setup
@@ -210,7 +211,7 @@ class Session:
                 self._begin_log(time_of(event))
 
     def _decode(self, block: ModbusBlock) -> Signals:
-        self.signals = self._idle_decoder.decode(block)
+        self.signals = with_air(self.survey, self._idle_decoder.decode(block), self._idle_laser)
         return self.signals
 
     def _begins(self, signals: Signals) -> bool:
@@ -267,7 +268,8 @@ class Session:
     def _feed(self, capture: Capture, event: Event) -> None:
         for outcome in capture.feed(event):
             self._heed(outcome)
-        self.signals = capture.signals or self.signals
+        if capture.signals is not None:
+            self.signals = with_air(self.survey, capture.signals, capture.laser)
         self._note(capture, event)
         if capture.ended is not None:
             self._standing = capture.standing

@@ -1,11 +1,16 @@
 """From the survey file to the decoders of its streams."""
 
+from typing import Any
+
 import msgspec
 
 from stepdiag.daq.formats.fourdof import FourdofSettings
 from stepdiag.daq.formats.framed import FramesSettings
+from stepdiag.daq.formats.ids3010 import Ids3010Settings
+from stepdiag.daq.formats.lasertex import LasertexSettings
 from stepdiag.daq.formats.line import LineSettings
 from stepdiag.daq.formats.nd import NdSettings
+from stepdiag.daq.formats.qudis import QudisSettings
 from stepdiag.daq.formats.registry import FormatSettings, make_decoder
 from stepdiag.daq.formats.tqd import TqdSettings
 from stepdiag.daq.formats.umd.decoder import UmdSettings
@@ -15,7 +20,7 @@ from stepdiag.daq.timing.samples import Decoder
 
 def laser_decoder(survey: Survey) -> Decoder:
     """Return a fresh decoder of the laser's stream."""
-    return make_decoder(survey.laser.format, laser_settings(survey.laser))
+    return make_decoder(survey.laser.format, laser_settings(survey.laser, air=survey.environment.source == "laser"))
 
 
 def head_decoder(survey: Survey) -> Decoder:
@@ -25,8 +30,15 @@ def head_decoder(survey: Survey) -> Decoder:
     return make_decoder(survey.head.format, head_settings(survey.head))
 
 
-def laser_settings(laser: Laser) -> FormatSettings:
-    """Return the settings of the laser's format; that a table which the format needs is there has been checked."""
+def laser_settings(laser: Laser, *, air: bool = False) -> FormatSettings:
+    """Return the settings of the laser's format; that a table which the format needs is there has been checked. ``air``: asked too."""
+    common: dict[str, Any] = {"sign": laser.sign, "latency_s": laser.latency_s}
+    if laser.format == "ids3010":
+        return Ids3010Settings(**msgspec.structs.asdict(laser.ids3010), **common, air=air)
+    if laser.format == "lasertex":
+        return LasertexSettings(**msgspec.structs.asdict(laser.lasertex), **common)
+    if laser.format == "qudis":
+        return QudisSettings(**msgspec.structs.asdict(laser.qudis), **common)
     if laser.format == "umd":
         return UmdSettings(
             axis=laser.umd.axis,
@@ -40,15 +52,7 @@ def laser_settings(laser: Laser) -> FormatSettings:
         return _line(laser, laser.line)
     if laser.frames is not None and laser.format == "frames":
         return _frames(laser, laser.frames)
-    return NdSettings(
-        value=laser.nd.value,
-        axis=laser.nd.axis,
-        resolution_mm=laser.nd.resolution_mm,
-        unit=laser.nd.unit,
-        poll_hz=laser.nd.poll_hz,
-        sign=laser.sign,
-        latency_s=laser.latency_s,
-    )
+    return NdSettings(**msgspec.structs.asdict(laser.nd), **common)
 
 
 def _line(laser: Laser, line: LineSection) -> LineSettings:

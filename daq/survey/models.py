@@ -152,8 +152,27 @@ class NdSection(msgspec.Struct, frozen=True, kw_only=True):
     poll_hz: Annotated[float, Meta(gt=0, le=100)] = 20.0
 
 
+class Ids3010Section(msgspec.Struct, frozen=True, kw_only=True):
+    axis: Literal[1, 2, 3] = 1
+    interface: Literal["ids", "sen"] = "ids"
+    poll_hz: Annotated[float, Meta(gt=0, le=100)] = 50.0
+    contrast_full: Annotated[float, Meta(gt=0, le=1000)] = 1000.0
+    beam_threshold: Fraction = 0.2
+
+
+class LasertexSection(msgspec.Struct, frozen=True, kw_only=True):
+    level_full: Annotated[float, Meta(gt=0, le=255)] = 100.0
+    beam_threshold: Fraction = 0.2
+
+
+class QudisSection(msgspec.Struct, frozen=True, kw_only=True):
+    axis: Literal[1, 2, 3] = 1
+    average: Annotated[int, Meta(ge=0, le=16)] = 5
+    absolute: bool = False
+
+
 class Laser(SerialSection, frozen=True, kw_only=True):
-    format: Literal["umd", "nd", "line", "frames"]
+    format: Literal["umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis"]
     sign: Literal[1, -1] = 1
     latency_s: NotNegative = 0.0
     wavelength_nm: Annotated[float, Meta(gt=300, lt=2000)] = 632.991
@@ -164,6 +183,9 @@ class Laser(SerialSection, frozen=True, kw_only=True):
     line: LineSection | None = None
     frames: FramesSection | None = None
     nd: NdSection = NdSection()
+    ids3010: Ids3010Section = Ids3010Section()
+    lasertex: LasertexSection = LasertexSection()
+    qudis: QudisSection = QudisSection()
 
 
 class FourdofSection(msgspec.Struct, frozen=True, kw_only=True):
@@ -268,7 +290,7 @@ class StopRules(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Environment(msgspec.Struct, frozen=True, kw_only=True):
-    source: Literal["plc", "fixed"] = "plc"
+    source: Literal["plc", "laser", "fixed"] = "plc"
     air_temperature_c: Annotated[float, Meta(ge=-20, le=60)] = 20.0
     air_pressure_hpa: Annotated[float, Meta(ge=500, le=1200)] = 1013.25
     relative_humidity_percent: Annotated[float, Meta(ge=0, le=100)] = 50.0

@@ -4,7 +4,7 @@ Columns, not objects: a decoder works on blocks of lines and the synchroniser on
 follow a hundred thousand samples a second.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import IntFlag
 from typing import Literal, Protocol, runtime_checkable
@@ -125,3 +125,12 @@ class GreetingDecoder(Decoder, Protocol):
     """A decoder for an instrument that has to be told to speak: the link sends ``greeting`` whenever it has opened the line."""
 
     greeting: bytes
+
+
+@runtime_checkable
+class RespondingDecoder(Decoder, Protocol):
+    """A decoder for an instrument that wants an answer to what it says."""
+
+    def responder(self) -> Callable[[bytes], bytes]:
+        """Return a function that takes all that is heard on an open line, and returns what is to be said to it at once."""
+        ...

@@ -7,6 +7,7 @@ nothing but plain samples is in them, every sample keeps the arrival of its own 
 
 import math
 from collections import deque
+from collections.abc import Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -70,6 +71,7 @@ class StreamBuffer:
         self._waiting_bytes = 0
         self._batches: deque[tuple[Samples, SampleClock]] = deque()
         self._notices: dict[str, Notice] = {}
+        self._told: dict[str, float] = {}
         self._kept = 0
         self._broken = False
         self._ever_good = False
@@ -104,6 +106,12 @@ class StreamBuffer:
         """Return the number of lines or frames that made no sense."""
         self._settle()
         return self._garbage
+
+    @property
+    def told(self) -> Mapping[str, float]:
+        """Return what the instrument itself told last of air and material, by the names of the signals."""
+        self._settle()
+        return self._told
 
     @property
     def last(self) -> Samples | None:
@@ -211,6 +219,8 @@ class StreamBuffer:
             self._clock = self._new_clock(self._decoder.nominal_rate_hz)
         elif notice.code == "garbage":
             self._garbage += 1
+        elif notice.code == "environment" and notice.value is not None:
+            self._told[notice.text] = notice.value
 
     def _new_clock(self, rate_hz: float | None) -> SampleClock:
         """Return the clock of a new segment; batches already in keep the one they were timed by."""

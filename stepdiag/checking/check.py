@@ -19,8 +19,8 @@ from stepdiag.solver.errors import DataError
 LOOK_S = 0.25
 """How often the watch looks at the links and shows them."""
 NS = 1e-9
-QUOTED = 24
-"""How much of the beginning of a stream is kept, to be shown where it makes no sense."""
+KEPT = 4096
+"""How much of the beginning of a stream is kept, to be shown and recognised where it makes no sense."""
 
 
 @dataclass(slots=True)
@@ -44,7 +44,7 @@ class LinkSeen:
 @dataclass(slots=True)
 class StreamSeen:
     """What an instrument on a serial line sent. ``remarks`` is the last text of each notice code, ``counts`` how often it came,
-    ``begins`` the first bytes.
+    ``heard`` the first bytes, ``told`` the last of air and material.
     """
 
     link: LinkSeen
@@ -57,19 +57,22 @@ class StreamSeen:
     last_flags: Flag = field(default_factory=lambda: Flag(0))
     remarks: dict[str, str] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
-    begins: bytes = b""
+    heard: bytes = b""
+    told: dict[str, float] = field(default_factory=dict)
     _first_ns: int = 0
     _last_ns: int = 0
     _before_first: int = 0
 
     def take(self, chunk: Chunk) -> None:
         """Take bytes."""
-        self.begins += chunk.data[: QUOTED - len(self.begins)]
+        self.heard += chunk.data[: KEPT - len(self.heard)]
         self.byte_count += len(chunk.data)
         batch = self.decoder.feed(chunk.data, chunk.arrival_ns)
         for notice in batch.notices:
             self.remarks[notice.code] = notice.text
             self.counts[notice.code] += 1
+            if notice.code == "environment" and notice.value is not None:
+                self.told[notice.text] = notice.value
         if len(batch):
             self._count(batch, chunk.arrival_ns)
 
@@ -138,6 +141,11 @@ class Observation:
     def streams(self) -> tuple[StreamSeen, ...]:
         """Return the serial instruments."""
         return (self.laser,) if self.head is None else (self.laser, self.head)
+
+    @property
+    def air(self) -> frozenset[str]:
+        """Return the signals of air and material that the laser tells and the survey takes from it."""
+        return frozenset(self.laser.told if self.survey.environment.source == "laser" else ())
 
     @property
     def links(self) -> tuple[LinkSeen, ...]:

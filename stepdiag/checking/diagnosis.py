@@ -7,6 +7,7 @@ from collections.abc import Iterator
 from typing import Literal
 
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
+from stepdiag.checking.recognise import recognise
 from stepdiag.daq.capture.unchecked import WITHOUT
 from stepdiag.daq.formats.signals import describe
 from stepdiag.daq.survey.bundle import compensation_findings
@@ -20,6 +21,8 @@ HEARTBEAT_S = 1.0
 """The heartbeat changes at least once a second (contract 2)."""
 JUDGED_AFTER_S = 2.5
 """What has to change or arrive is judged only after it had the time for it."""
+QUOTED = 24
+"""Bytes of a senseless stream that are shown."""
 GARBAGE_SHARE = 0.01
 RATE_SHARE = 0.05
 POLL_SHARE = 0.8
@@ -44,7 +47,7 @@ def diagnose(seen: Observation) -> tuple[Finding, ...]:
     """Return everything that is to be said, in the order compensation, laser, head, machine."""
     found = list(compensation_findings(seen.survey))
     found += [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
-    found += _machine(seen.machine, seen.survey.plc, seen.seconds)
+    found += _machine(seen.machine, seen.survey.plc, seen.seconds, seen.air)
     if seen.laser.samples:
         text = "which way the laser counts (laser.sign) and its fold (laser.optics) show only when the machine moves: at the first step"
         found.append(_finding("sign-untold", "info", text))
@@ -56,16 +59,21 @@ def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     if not stream.byte_count:
         yield _absent(stream.link)
     elif not stream.samples:
-        quoted = stream.remarks.get("garbage") or stream.remarks.get("device") or f"{stream.byte_count} bytes, not one whole reading"
-        begins = f"it begins with {stream.begins.hex(' ')}"
-        text = (
-            f"the {name} sends, but nothing it sends makes sense ({quoted}; {begins}): check its baud rate, format and port in the survey"
-        )
-        yield _finding(f"{name}-garbage", "error", text)
+        yield _finding(f"{name}-garbage", "error", _senseless(stream))
     else:
         yield from _instrument(stream, seconds)
     if stream.byte_count:
         yield from _lasting(stream.link)
+
+
+def _senseless(stream: StreamSeen) -> str:
+    """Return what a stream sends that makes no sense: what was seen, how it begins, and what it looks like."""
+    name = stream.link.name
+    quoted = stream.remarks.get("garbage") or stream.remarks.get("device") or f"{stream.byte_count} bytes, not one whole reading"
+    text = f"the {name} sends, but nothing it sends makes sense ({quoted}; it begins with {stream.heard[:QUOTED].hex(' ')})"
+    looks = recognise(stream.heard)
+    remedy = f'it looks like format = "{looks}"' if looks else "check its baud rate, format and port in the survey"
+    return f"{text}: {remedy}"
 
 
 def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
@@ -102,7 +110,7 @@ def _light(stream: StreamSeen) -> Iterator[Finding]:
             yield _finding(f"{name}-device", "warning", f"the {name} gives no usable reading: {words}")
 
 
-def _machine(machine: MachineSeen, plc: Plc, seconds: float) -> Iterator[Finding]:
+def _machine(machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]) -> Iterator[Finding]:
     if machine.trouble:
         yield _finding("machine-answer", "error", machine.trouble)
     if not machine.polls:
@@ -110,7 +118,7 @@ def _machine(machine: MachineSeen, plc: Plc, seconds: float) -> Iterator[Finding
             yield _absent(machine.link)
         return
     yield from _lasting(machine.link)
-    yield from _map(machine, plc)
+    yield from _map(machine, plc, air)
     yield from _frozen(machine, plc)
     rate = machine.rate_hz
     if rate is not None and seconds > JUDGED_AFTER_S and rate < POLL_SHARE * plc.poll_hz:
@@ -118,8 +126,8 @@ def _machine(machine: MachineSeen, plc: Plc, seconds: float) -> Iterator[Finding
         yield _finding("machine-slow", "warning", f"{text}: lower plc.poll_hz, or lengthen plan.dwell_s")
 
 
-def _map(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
-    """Yield what speaks against the register map, and what an absent signal takes away."""
+def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Finding]:
+    """Yield what speaks against the register map, and what an absent signal takes away; ``air`` is told by the laser itself."""
     for name in plc.said:
         if getattr(machine.signals, name) is None:
             severity: Literal["error", "warning"] = "error" if name == "stopped" else "warning"
@@ -139,7 +147,7 @@ def _map(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
         )
         yield _finding("signal-implausible", "warning", text)
     for name, lost in WITHOUT.items():
-        if name not in plc.said:
+        if name not in plc.said and name not in air:
             yield _finding("signal-not-mapped", "info", f"{name} is not mapped: {lost}")
 
 

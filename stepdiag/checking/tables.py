@@ -34,6 +34,8 @@ def _add_stream(table: Table, stream: StreamSeen) -> None:
     table.add_row("  reading", f"{stream.samples} samples, {rate}", _number(stream.position_mm, 6, " mm"), "")
     table.add_row("  beam", Text(flags), beam, "")
     table.add_row("  garbage", f"{stream.byte_count} bytes in all", str(stream.counts["garbage"]), "")
+    for name, value in stream.told.items():
+        table.add_row(f"  {name}", "its own sensor", _number(value, DECIMALS.get(name, 2)), "")
     table.add_section()
 
 
@@ -81,6 +83,7 @@ def _stream_json(stream: StreamSeen) -> dict[str, Any]:
         "garbage": stream.counts["garbage"],
         "reading_mm": stream.position_mm,
         "beam": stream.beam,
+        "told": dict(stream.told),
     }
 
 

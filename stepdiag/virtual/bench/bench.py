@@ -5,10 +5,13 @@ from pathlib import Path
 from types import TracebackType
 from typing import Protocol, Self
 
+import numpy as np
+
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import Fault, FaultBoard
 from stepdiag.virtual.base.ports import SerialLine, TcpLine
 from stepdiag.virtual.bench.building import (
+    Surroundings,
     build_drive,
     build_head_device,
     build_laser,
@@ -21,8 +24,11 @@ from stepdiag.virtual.bench.config import BenchConfig
 from stepdiag.virtual.drive.player import Player, Segment
 from stepdiag.virtual.drive.program import again as one_more
 from stepdiag.virtual.drive.program import steps
+from stepdiag.virtual.instruments.interferometers import Climate
+from stepdiag.virtual.instruments.lasers import Flags
 from stepdiag.virtual.instruments.readout import HeadView, Readout
 from stepdiag.virtual.instruments.talker import HEAD_CABLE, LASER_CABLE, Talker
+from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.physics.machine import Machine
 from stepdiag.virtual.plc.attention import Attention
 from stepdiag.virtual.plc.modbus_server import RtuSlave, Slave, TcpSlave
@@ -148,7 +154,8 @@ class VirtualBench:
         )
         line = TcpLine() if part.wire == "tcp" else SerialLine(directory / part.link, lossless=part.lossless)
         self._addresses["laser_link"] = line.name
-        device = build_laser(part, readout.read, self.config.seed, clock=self._clock, faults=self._faults)
+        around = Surroundings(self._climate, self._standing)
+        device = build_laser(part, readout.read, self.config.seed, around, clock=self._clock, faults=self._faults)
         self._workers.append(
             Talker(
                 line,
@@ -160,6 +167,21 @@ class VirtualBench:
                 chunk_s=part.chunk_s,
             )
         )
+
+    def _climate(self) -> Climate:
+        """Return air and material now."""
+        hall, now = self.machine.environment, np.array([self._clock.machine_s()])
+        courses = (hall.air_c, hall.pressure_hpa, hall.humidity_percent, hall.material_c)
+        return Climate(*(float(course.at(now)[0]) for course in courses))
+
+    def _standing(self, wall_s: Array) -> Flags:
+        """Return whether the stop relay is closed at these wall times, shape (N,)."""
+        machine_s = wall_s * self._clock.scale
+        closed = np.zeros(len(machine_s), dtype=np.bool_)
+        for segment in self._player.span(float(machine_s[0]), float(machine_s[-1])):
+            inside = (machine_s >= segment.start_s) & (machine_s < segment.end_s)
+            closed |= inside & (segment.step.kind == "dwell" and segment.step.signalled)
+        return closed
 
     def _add_head(self, directory: Path) -> None:
         part = self.config.head

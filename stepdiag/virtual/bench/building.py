@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -18,11 +18,12 @@ from stepdiag.virtual.drive.setups import Alignment, aligned_setup
 from stepdiag.virtual.instruments.binary import BinaryFrames
 from stepdiag.virtual.instruments.head import Disturbance, HeadStand, VirtualHead, Wander
 from stepdiag.virtual.instruments.head_wire import FourdofHead, Look, QuadrantDetector
-from stepdiag.virtual.instruments.laser_source import AskedLaser, Counter, Read, TalkingLaser
-from stepdiag.virtual.instruments.lasers import BOARDS, AsciiLine, Encoder, NdDisplay, UmdBoard
+from stepdiag.virtual.instruments.interferometers import AskClimate, Ids3010, Lasertex, Qudis
+from stepdiag.virtual.instruments.laser_source import AskedLaser, CommandedLaser, Counter, MarkedLaser, Read, TalkingLaser
+from stepdiag.virtual.instruments.lasers import BOARDS, AsciiLine, Encoder, Flags, NdDisplay, UmdBoard
 from stepdiag.virtual.instruments.talker import Answering, Talking
 from stepdiag.virtual.physics.environment import Environment
-from stepdiag.virtual.physics.error_functions import AXES, Amplitudes, ErrorSet, Table, random_errors
+from stepdiag.virtual.physics.error_functions import AXES, Amplitudes, Array, ErrorSet, Table, random_errors
 from stepdiag.virtual.physics.machine import Machine, Setup
 from stepdiag.virtual.physics.optics import perpendiculars, tilted
 
@@ -187,12 +188,25 @@ def build_head_device(part: HeadPart, look: Look) -> Talking | Answering:
     return FourdofHead(look, rate_hz=part.rate_hz, encoding=part.encoding)
 
 
-def build_laser(laser: LaserPart, read: Read, seed: int, *, clock: Clock, faults: FaultBoard) -> Talking | Answering:
+@dataclass(frozen=True, slots=True)
+class Surroundings:
+    """What an instrument feels beside its beam: the air and material around it, and whether the stop relay is closed at wall times."""
+
+    climate: AskClimate
+    stopped: Callable[[Array], Flags]
+
+
+def build_laser(laser: LaserPart, read: Read, seed: int, around: Surroundings, *, clock: Clock, faults: FaultBoard) -> Talking | Answering:
     """Return what talks on the laser's line."""
     counter = Counter(sign=laser.sign, noise_um=laser.noise_um, seed=seed)
-    if laser.format == "nd":
-        display = NdDisplay(resolution_mm=laser.resolution_mm)
-        return AskedLaser(display, read, counter, clock=clock, faults=faults, latency_s=laser.latency_s)
+    match laser.format:
+        case "nd" | "ids3010":
+            display = NdDisplay(resolution_mm=laser.resolution_mm) if laser.format == "nd" else Ids3010(around.climate)
+            return AskedLaser(display, read, counter, clock=clock, faults=faults, latency_s=laser.latency_s)
+        case "lasertex":
+            return CommandedLaser(Lasertex(around.climate), read, counter, clock=clock, faults=faults, latency_s=laser.latency_s)
+        case "qudis":
+            return MarkedLaser(Qudis(around.stopped), read, counter, clock=clock, faults=faults, latency_s=laser.latency_s)
     return TalkingLaser(_encoder(laser), read, counter, clock=clock, faults=faults, latency_s=laser.latency_s)
 
 

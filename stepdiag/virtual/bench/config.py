@@ -111,7 +111,7 @@ class AlignmentPart(_Part, frozen=True):
 class LaserPart(_Part, frozen=True):
     """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is where the port appears, for ``wire = "serial"``."""
 
-    format: Literal["umd", "nd", "line", "frames"] = "umd"
+    format: Literal["umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis"] = "umd"
     wire: Literal["serial", "tcp"] = "serial"
     byte_order: Literal["little", "big"] = "little"
     board: Literal["umd0", "umd1", "umd2"] = "umd2"

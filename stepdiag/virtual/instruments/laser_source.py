@@ -2,12 +2,14 @@
 
 import math
 from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import FaultBoard
-from stepdiag.virtual.instruments.lasers import Encoder, Flags, NdDisplay
+from stepdiag.virtual.instruments.interferometers import Lasertex, Qudis
+from stepdiag.virtual.instruments.lasers import Encoder, Flags
 from stepdiag.virtual.physics.error_functions import Array
 
 Read = Callable[[Array], tuple[Array, Flags]]
@@ -15,6 +17,14 @@ Read = Callable[[Array], tuple[Array, Flags]]
 
 _LOST_FRINGES = 400
 _LOST_FRINGE_MM = 0.000158
+
+
+class Display(Protocol):
+    """An instrument that answers requests with what it reads at that moment."""
+
+    def requests(self, received: bytes) -> list[bytes]: ...
+
+    def answer(self, request: bytes, reading_mm: float, *, beam: bool) -> bytes: ...
 
 
 class Counter:
@@ -132,12 +142,32 @@ class TalkingLaser(_Sampler):
         return self._encoder.encode(*self.sample(wall_s))
 
 
+class CommandedLaser(TalkingLaser):
+    """A laser that sends once it is told to (`stepdiag.virtual.instruments.talker.Heeding`)."""
+
+    def __init__(self, device: Lasertex, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
+        super().__init__(device, read, counter, clock=clock, faults=faults, latency_s=latency_s)
+        self.heed = device.heed
+
+
+class MarkedLaser(_Sampler):
+    """A quDIS: each reading carries the count of its marker input."""
+
+    def __init__(self, device: Qudis, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
+        super().__init__(read, counter, clock=clock, faults=faults, latency_s=latency_s)
+        self._device = device
+        self.rate_hz, self.banner, self.skip, self.heed = device.rate_hz, device.banner, device.skip, device.heed
+
+    def speak(self, wall_s: Array) -> bytes:
+        """Return the telegrams of these readings."""
+        reading_mm, _ = self.sample(wall_s)
+        return self._device.tell(reading_mm, self._device.watch(wall_s))
+
+
 class AskedLaser(_Sampler):
     """A position display that gives its value when asked (`stepdiag.virtual.instruments.talker.Answering`)."""
 
-    def __init__(
-        self, display: NdDisplay, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0
-    ) -> None:
+    def __init__(self, display: Display, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
         super().__init__(read, counter, clock=clock, faults=faults, latency_s=latency_s)
         self._display = display
 

@@ -34,6 +34,15 @@ class Talking(Protocol):
         ...
 
 
+@runtime_checkable
+class Heeding(Protocol):
+    """An instrument that sends by itself, and takes commands."""
+
+    def heed(self, received: bytes) -> bytes:
+        """Take what came; return what is to be said to it."""
+        ...
+
+
 class Answering(Protocol):
     """An instrument that only speaks when asked."""
 
@@ -118,6 +127,8 @@ class Talker:
                 sent += late
             if self._plugged_in(now):
                 self._line.write(device.banner())
+            if isinstance(device, Heeding) and (received := self._line.read(0.0)):
+                self._send(device.heed(received), now)
             if due > sent:
                 data = device.speak(np.arange(sent + 1, due + 1) / device.rate_hz)
                 sent = due

@@ -1,0 +1,41 @@
+"""Which instrument it is that sends, by its first bytes: every format that needs no description is tried on them."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from stepdiag.daq.formats.fourdof import FourdofDecoder, FourdofSettings
+from stepdiag.daq.formats.ids3010 import Ids3010Decoder, Ids3010Settings
+from stepdiag.daq.formats.lasertex import LasertexDecoder, LasertexSettings
+from stepdiag.daq.formats.nd import NdDecoder, NdSettings
+from stepdiag.daq.formats.qudis import QudisDecoder, QudisSettings
+from stepdiag.daq.formats.umd.decoder import UmdDecoder, UmdSettings
+from stepdiag.daq.timing.samples import Decoder
+
+LEAST_SAMPLES = 2
+"""Garbage makes one reading by accident; it does not make two."""
+
+
+def recognise(heard: bytes) -> str:
+    """Return the name of the format that makes readings of these bytes, such as ``lasertex``; empty where none does.
+
+    The first bytes may be cut in the middle of a line or frame. Formats that a survey file describes (``line``, ``frames``) are not tried.
+    """
+    for name, decoder in _candidates():
+        samples = decoder.feed(heard, 1)
+        garbage = sum(notice.code == "garbage" for notice in samples.notices)
+        known = np.isfinite(samples.position_mm).any() or samples.channels is not None or name == "umd"
+        if len(samples) >= LEAST_SAMPLES and garbage <= 1 and known:
+            return name
+    return ""
+
+
+def _candidates() -> Iterator[tuple[str, Decoder]]:
+    """Yield those that check most first: a checksum, then a grammar."""
+    yield "lasertex", LasertexDecoder(LasertexSettings())
+    yield "fourdof", FourdofDecoder(FourdofSettings())
+    yield "fourdof", FourdofDecoder(FourdofSettings(encoding="ascii"))
+    yield "qudis", QudisDecoder(QudisSettings())
+    yield "ids3010", Ids3010Decoder(Ids3010Settings())
+    yield "umd", UmdDecoder(UmdSettings())
+    yield "nd", NdDecoder(NdSettings())
