@@ -72,7 +72,7 @@ def test_template_validates_with_everything_switched_on() -> None:
 
 def test_template_documents_every_field() -> None:
     keys = set(re.findall(r"^#?([a-z_]+) = ", template(), flags=re.MULTILINE))
-    keys |= {part for section in re.findall(r"^#?\[+([a-z_.]+)\]", template(), flags=re.MULTILINE) for part in section.split(".")}
+    keys |= {part for section in re.findall(r"^#?\[+([a-z0-9_.]+)\]", template(), flags=re.MULTILINE) for part in section.split(".")}
     assert field_paths(Survey) - keys == {"token"}  # of older files: refused
 
 
