@@ -12,7 +12,7 @@ BUILD := --quiet --wheel --build-constraint tools/build.txt --require-hashes
 RELEASE ?= release
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test matrix explore mutants soak bench honesty format rooms release clean
+.PHONY: help demo test matrix explore mutants soak bench honesty format rooms release deb docs clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -64,6 +64,16 @@ release: $(VENV)/.ready ## wheel, locked requirements, SBOM, licences and hashes
 	$(VENV)/bin/python tools/licences uv.lock > $(RELEASE)/LICENCES.md
 	cp LICENSE $(RELEASE)/
 	cd $(RELEASE) && sha256sum * > SHA256SUMS
+
+deb: $(VENV)/.ready ## packages for Debian 12 on amd64 and arm64, into release/
+	rm -rf $(RELEASE)/wheel && mkdir -p $(RELEASE)/wheel
+	$(UV) build $(BUILD) --out-dir $(RELEASE)/wheel
+	for architecture in amd64 arm64; do tools/deb $(RELEASE)/wheel/*.whl $$architecture $(RELEASE) || exit 1; done
+
+docs: $(VENV)/.ready ## the documentation as a site, into .setup/site/; a link that leads nowhere ends it
+	tools/docs .setup/docs
+	UV_PROJECT_ENVIRONMENT=.setup/docs-venv $(UV) sync --frozen --quiet --only-group docs --no-install-project --python $(PYTHON)
+	.setup/docs-venv/bin/mkdocs --quiet build --strict
 
 clean: ## all that this Makefile made
 	rm -rf $(VENV) $(TEST_VENV) $(MUTANTS_VENV) .mutants .tools .setup dist build $(RELEASE)

@@ -67,12 +67,37 @@ _STOP = {
     "setup": TEXT, "outward": FLAG, "stop": INTEGER, "position_mm": NUMBERS, "axis": TEXT, "stop_count": INTEGER,
     "reading_mm": NUMBER, "u_um": NUMBER, "scatter_um": NUMBER, "slope_um_s": NUMBER, "samples": INTEGER, "rejected": INTEGER,
     "window_from_mono_ns": TEXT, "window_to_mono_ns": TEXT, "time_s": NUMBER,
+    "nominal_mm": NUMBER, "deviation_um": NUMBER,
     "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "doubt_codes": TEXTS, "held": TEXTS, "refused": TEXT,
     "recovered": FLAG, "channels": NUMBERS, "u_channels": NUMBERS, "material_temperature_c": NUMBER, "air_temperature_c": NUMBER,
     "air_pressure_hpa": NUMBER, "relative_humidity_percent": NUMBER,
 }  # fmt: skip
 _SIGNALS = {name: FLAG if name in SWITCHED else INTEGER if name in COUNTED else NUMBER for name in SIGNAL_NAMES}
 _PLACE = {"setup": TEXT, "pass": INTEGER, "stop": INTEGER, "size_um": NUMBER}
+_POINT: Schema = {"type": "object", "properties": dict.fromkeys("xyz", NUMBER)}
+_COLOR: Schema = {"type": "object", "properties": dict.fromkeys("rgba", NUMBER)}
+_POSE: Schema = {
+    "type": "object",
+    "properties": {"position": _POINT, "orientation": {"type": "object", "properties": dict.fromkeys("xyzw", NUMBER)}},
+}
+_LINES: Schema = {
+    "type": "object",
+    "properties": {
+        "type": INTEGER, "pose": _POSE, "thickness": NUMBER, "scale_invariant": FLAG,
+        "points": {"type": "array", "items": _POINT}, "color": _COLOR, "indices": INTEGERS,
+    },
+}  # fmt: skip
+_SPHERE: Schema = {"type": "object", "properties": {"pose": _POSE, "size": _POINT, "color": _COLOR}}
+_ENTITY: Schema = {
+    "type": "object",
+    "properties": {
+        "timestamp": TIME, "frame_id": TEXT, "id": TEXT, "frame_locked": FLAG,
+        "lines": {"type": "array", "items": _LINES}, "spheres": {"type": "array", "items": _SPHERE},
+    },
+}  # fmt: skip
+_DELETION: Schema = {"type": "object", "properties": {"timestamp": TIME, "type": INTEGER, "id": TEXT}}
+_SCENE = {"deletions": {"type": "array", "items": _DELETION}, "entities": {"type": "array", "items": _ENTITY}}
+"""What we use of foxglove.SceneUpdate (docs.foxglove.dev, message schemas)."""
 _FOXGLOVE_LOG = {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER}
 
 RAW_TOPICS: dict[Stream, str] = {"laser": "/laser/raw", "head": "/head/raw"}
@@ -85,6 +110,9 @@ STOP_TOPIC = "/machine/stop"
 PHASE_TOPIC = "/sync/state"
 FINDING_TOPIC = "/sync/finding"
 LOG_TOPIC = "/log"
+VOLUME_TOPIC = "/volume"
+DECODED_TOPICS: dict[Stream, str] = {"laser": "/laser/decoded", "head": "/head/decoded"}
+"""Every sample, in the files that ``stepdiag decode`` writes; a log itself holds the bytes."""
 
 CHANNELS: tuple[Channel, ...] = (
     *(Channel(topic, "stepdiag.Bytes", _BYTES) for topic in RAW_TOPICS.values()),
@@ -99,8 +127,17 @@ CHANNELS: tuple[Channel, ...] = (
         FINDING_TOPIC, "stepdiag.Finding", {**_STAMP, "severity": INTEGER, "severity_text": TEXT, "code": TEXT, "text": TEXT, **_PLACE}
     ),
     Channel(LOG_TOPIC, "foxglove.Log", _FOXGLOVE_LOG),
+    Channel(VOLUME_TOPIC, "foxglove.SceneUpdate", _SCENE),
 )
 """Every channel of a log, in the order of their channel ids from 1."""
+
+DECODED_CHANNELS: dict[Stream, Channel] = {
+    stream: Channel(
+        topic, "stepdiag.Decoded",
+        {**_STAMP, "counter": INTEGER, "position_mm": NUMBER, "beam": NUMBER, "flags": INTEGER, "channels": NUMBERS},
+    )
+    for stream, topic in DECODED_TOPICS.items()
+}  # fmt: skip
 
 LOG_LEVELS = {"debug": 1, "info": 2, "warning": 3, "error": 4, "critical": 5}
 """Levels of foxglove.Log."""
@@ -116,9 +153,15 @@ def signals_note(time_ns: int, signals: Signals) -> Note:
     return Note(SIGNALS_TOPIC, time_ns, {name: getattr(signals, name) for name in SIGNAL_NAMES})
 
 
-def stop_note(stop: CapturedStop) -> Note:
-    """Return a captured stop, timed by the end of its window; the recorder syncs the file when it takes it."""
+def stop_note(stop: CapturedStop, travel_mm: float | None = None, deviation_um: float | None = None) -> Note:
+    """Return a captured stop, timed by the end of its window; the recorder syncs the file when it takes it.
+
+    ``travel_mm`` is what the laser has read since the first stop of the pass, ``deviation_um`` by how much that is off the geometry; None
+    where the count does not reach back.
+    """
     fields = msgspec.structs.asdict(stop)
+    if travel_mm is not None and deviation_um is not None:
+        fields |= {"nominal_mm": round(travel_mm - deviation_um * 1e-3, 6), "deviation_um": deviation_um}
     for end in ("from", "to"):
         fields[f"window_{end}_mono_ns"] = str(fields.pop(f"window_{end}_ns"))
     return Note(STOP_TOPIC, stop.window_to_ns, fields)

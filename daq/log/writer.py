@@ -15,7 +15,7 @@ import msgspec
 from mcap.writer import CompressionType, Writer
 
 from stepdiag.daq.log.codec import LogClock, Numbered, encode, joins, time_of, topic_of, whole_us
-from stepdiag.daq.log.topics import CHANNELS, LOG_TOPIC, Note
+from stepdiag.daq.log.topics import CHANNELS, LOG_TOPIC, VOLUME_TOPIC, Note
 from stepdiag.daq.records.events import Chunk, Event
 
 LOG_VERSION = 1
@@ -104,7 +104,11 @@ class LogWriter:
         """Write a note; fields that are None are left out."""
         stamp = self._clock.stamp(note.time_ns)
         fields = {name: value for name, value in note.fields.items() if value is not None}
-        times = {"timestamp": stamp} if note.topic == LOG_TOPIC else {"time": stamp, "t_mono_ns": str(note.time_ns)}
+        times = {"time": stamp, "t_mono_ns": str(note.time_ns)}
+        if note.topic == LOG_TOPIC:
+            times = {"timestamp": stamp}
+        elif note.topic == VOLUME_TOPIC:
+            times, fields = {}, {**fields, "entities": [{"timestamp": stamp, **entity} for entity in fields["entities"]]}
         self._message(note.topic, note.time_ns, note.time_ns, self._encode({**times, **fields}))
 
     def flush(self) -> None:

@@ -18,6 +18,7 @@ from stepdiag.daq.capture.route import base_setup
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.log.codec import time_of
+from stepdiag.daq.log.scene import scene_note
 from stepdiag.daq.log.topics import Note, finding_note, log_note, sample_note, signals_note, stop_note
 from stepdiag.daq.log.writer import ExitStatus, LogHeader
 from stepdiag.daq.passes.deviations import RecentStops
@@ -118,6 +119,7 @@ class Session:
         self.book.add_all(begun.stops)
         self.book.news()
         self._stops = list(begun.stops)
+        self._drawn: list[CapturedStop] = []
         self.findings = list(begun.findings)
         self.unsolved = begun.verdicts.tell(self.book)
         """Why the survey cannot be solved although every pass is in; empty where that is not so."""
@@ -246,6 +248,7 @@ class Session:
 
     def _begin_log(self, now_ns: int) -> None:
         self._logs += 1
+        self._drawn = []
         events, self._before, self._before_bytes = list(self._before), deque(), 0
         offset = self._wall_offset_ns()
         self._stops_offset_ns = offset if self._stops_offset_ns is None else self._stops_offset_ns
@@ -300,7 +303,8 @@ class Session:
             self._stops.append(outcome)
             self.book.add(outcome)
             self.unsolved = ""
-            self._sink.promise(stop_note(outcome), lambda: self._on_outcome(outcome))
+            self._sink.promise(stop_note(outcome, *self.book.deviation(outcome)), lambda: self._on_outcome(outcome))
+            self._draw(outcome)
             for remark in self.book.news():
                 self._heed(remark)
             return
@@ -310,6 +314,13 @@ class Session:
             if self.recording:
                 self._sink.note(finding_note(self._noted_signals_ns, outcome))
         self._on_outcome(outcome)
+
+    def _draw(self, stop: CapturedStop) -> None:
+        """Leave the scene after a stop in the log."""
+        self._drawn.append(stop)
+        walk = self.capture.walk if self.capture is not None else None
+        if walk is not None:
+            self._sink.note(scene_note(self.survey.volume, walk.route.stops_mm.tolist(), self._drawn))
 
     def _of_pass(self, found: Finding) -> Finding:
         """Return a finding of the recording with the number of the pass that it belongs to."""

@@ -167,6 +167,12 @@ class StreamBuffer:
             unusable=int(np.count_nonzero(inside & ~usable)),
         )
 
+    def drained(self) -> list[tuple[NDArray[np.float64], Samples]]:
+        """Return all samples that are remembered with their times in ns, and forget them: for who decodes a whole log."""
+        self._settle()
+        batches, self._batches, self._kept = self._batches, deque(), 0
+        return [(self._times(batch, clock), batch) for batch, clock in batches]
+
     def flags(self, from_ns: float, to_ns: float) -> NDArray[np.uint16]:
         """Return the flags of all samples taken in the closed span of time, usable or not, shape (n,)."""
         parts = [

@@ -7,6 +7,8 @@ FIELDS = ("lattice", "etalon")
 PROGRAMS = ("siemens", "fanuc", "heidenhain", "linuxcnc")
 """The controls that programs are written for."""
 LANGUAGES = ("en", "de")
+STREAMS = ("laser", "head")
+DECODED = ("csv", "parquet", "mcap")
 
 
 def tables(begun: str) -> list[str]:
@@ -27,6 +29,16 @@ def programs(begun: str) -> list[str]:
 def languages(begun: str) -> list[str]:
     """Return the languages whose name begins so."""
     return _beginning(LANGUAGES, begun)
+
+
+def streams(begun: str) -> list[str]:
+    """Return the streams of a log whose name begins so."""
+    return _beginning(STREAMS, begun)
+
+
+def decoded_formats(begun: str) -> list[str]:
+    """Return what ``decode`` can write whose name begins so."""
+    return _beginning(DECODED, begun)
 
 
 def _beginning(names: tuple[str, ...], begun: str) -> list[str]:

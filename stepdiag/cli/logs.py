@@ -1,15 +1,20 @@
-"""``stepdiag info`` and ``stepdiag recover``: what is in a log, and mending one that was cut off."""
+"""``stepdiag info``, ``recover`` and ``decode``: what is in a log, mending one that was cut off, and every sample of it."""
 
 import json
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from stepdiag.cli.completion import STREAMS, decoded_formats, streams
+from stepdiag.solver.errors import UsageError
 from stepdiag.terminal.printable import printable
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from stepdiag.daq.log.recovery import LogInfo, Recovery
+    from stepdiag.daq.records.events import Stream
 
 LogFile = Annotated[Path, typer.Argument(help="A log (*.mcap, or *.mcap.part where it was cut off).")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
@@ -20,6 +25,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
     app.command("info")(info)
     app.command("recover")(recover)
+    app.command("decode")(decode)
 
 
 def info(log: LogFile, as_json: AsJson = False) -> None:
@@ -47,6 +53,47 @@ def recover(
     must_be_there(log)
     done = mend(log, out)
     typer.echo(json.dumps(_recovery_json(done), indent=2, ensure_ascii=False) if as_json else _recovery_text(done))
+
+
+def decode(
+    log: LogFile,
+    to: Annotated[str, typer.Option(help="csv, parquet or mcap.", autocompletion=decoded_formats)] = "csv",
+    out: Annotated[Path | None, typer.Option("--out", help="The file to write; default beside the log.")] = None,
+    stream: Annotated[str, typer.Option(help="laser or head", autocompletion=streams)] = "laser",
+) -> None:
+    """Write every sample of a log at full rate.
+
+    Decoded again from the raw bytes, with the times of the sample clock; mcap holds the stops and findings of the log too.
+    """
+    from stepdiag.daq.log.contents import must_be_there, open_log
+    from stepdiag.daq.log.decoded import decoded
+    from stepdiag.daq.log.decoded_files import FORMATS
+    from stepdiag.terminal.progress import working
+
+    if stream not in STREAMS:
+        raise UsageError("--stream", expected=" or ".join(STREAMS), found=stream)
+    if to not in FORMATS:
+        raise UsageError("--to", expected=", ".join(FORMATS), found=to)
+    must_be_there(log)
+    target = out or log.with_name(f"{log.name.partition('.')[0]}-{stream}.{to}")
+    if target.exists():
+        raise UsageError(str(target), expected="a new file", found="one that is there", remedy="name another one with --out")
+    source, chosen = open_log(log), cast("Stream", stream)
+    with working("decoding"):
+        count = _written(target, lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen)))
+    typer.echo(f"{target} written: {count} samples of the {stream}")
+
+
+def _written(target: Path, write: "Callable[[Path], int]") -> int:
+    """Have a file written under another name and give it its own when it is whole."""
+    part = target.with_name(f".{target.name}.part")
+    part.unlink(missing_ok=True)
+    try:
+        count = write(part)
+        part.rename(target)
+    finally:
+        part.unlink(missing_ok=True)
+    return count
 
 
 def _as_json(found: "LogInfo") -> dict[str, object]:

@@ -8,6 +8,7 @@ import pytest
 
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.log.scene import MOST_DRAWN, scene_note
 from stepdiag.daq.log.topics import (
     CHANNELS,
     LINK_STATES,
@@ -23,6 +24,7 @@ from stepdiag.daq.log.topics import (
 )
 from stepdiag.daq.records.status import Phase
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Volume
 from testkit.schema_dialect import dialect_faults
 
 SCHEMAS: dict[str, dict[str, Any]] = {channel.topic: json.loads(channel.schema) for channel in CHANNELS}
@@ -31,10 +33,12 @@ STOP = CapturedStop(
     slope_um_s=0.0, samples=300, rejected=1, window_from_ns=5, window_to_ns=7, time_s=1.7e9, beam=0.9, channels=(1.0,), u_channels=(0.1,),
     material_temperature_c=20.1, air_temperature_c=20.2, air_pressure_hpa=1000.0, relative_humidity_percent=40.0,
 )  # fmt: skip
+VOLUME = Volume(origin_mm=(0.0, -10.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=4)
 NOTES = [
     sample_note(1, 1.5, 0.9, 0),
     signals_note(2, Signals(stopped=True, running=True, alarm=False, heartbeat=1, stop_count=2, setup=1, x_mm=1.0, y_mm=2.0, z_mm=3.0)),
-    stop_note(STOP),
+    stop_note(STOP, 3.7, -1.25),
+    scene_note(VOLUME, [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0)], [STOP]),
     phase_note(4, "dwelling", "stop 3"),
     finding_note(5, Finding(code="beam-lost", severity="error", text="words")),
     log_note(6, "info", "words", "daq"),
@@ -92,3 +96,22 @@ def test_states_are_number_and_text() -> None:
     phases: list[Phase] = ["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
     assert [phase_note(0, phase).fields["state"] for phase in phases] == list(range(len(PHASES)))
     assert LINK_STATES == ("connecting", "connected", "silent", "lost")
+
+
+def test_a_stop_says_where_it_should_read_and_by_how_much_it_is_off() -> None:
+    fields = stop_note(STOP, 3.7, -1.25).fields
+    assert (fields["nominal_mm"], fields["deviation_um"]) == (3.70125, -1.25)
+    assert "deviation_um" not in stop_note(STOP).fields, "a count that does not reach back says nothing of it"
+
+
+def test_the_scene_holds_box_route_and_stops_in_metres() -> None:
+    """Twelve edges of the volume, the route, a sphere for each stop, doubtful ones in another colour; a long pass stays small."""
+    doubted = msgspec.structs.replace(STOP, stop=4, position_mm=(500.0, 390.0, 300.0), doubtful="unsteady")
+    (entity,) = scene_note(VOLUME, [(0.0, -10.0, 0.0), (500.0, 390.0, 300.0)], [STOP, doubted]).fields["entities"]
+    box, route = entity["lines"]
+    assert (box["type"], len(box["points"]), route["type"], len(route["points"])) == (2, 24, 0, 2)
+    assert [max(point[axis] for point in box["points"]) for axis in "xyz"] == [0.5, 0.39, 0.3]
+    assert [one["pose"]["position"] for one in entity["spheres"]] == [{"x": 0.001, "y": 0.002, "z": 0.003}, {"x": 0.5, "y": 0.39, "z": 0.3}]
+    assert entity["spheres"][0]["color"] != entity["spheres"][1]["color"]
+    long = scene_note(VOLUME, [(float(at), 0.0, 0.0) for at in range(2000)], [STOP] * 2000).fields["entities"][0]
+    assert (len(long["lines"][1]["points"]), len(long["spheres"])) == (2, MOST_DRAWN)

@@ -1,0 +1,91 @@
+"""A log's laser or head at full rate: every sample decoded again from the raw bytes, with its time, in columns."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import get_args
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.daq.log.contents import Log
+from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.daq.survey.formats import head_decoder, laser_decoder
+from stepdiag.daq.timing.stream import StreamBuffer
+from stepdiag.solver.errors import DataError, UsageError
+
+AT_ONCE_NS = 30_000_000_000
+"""Samples are handed out in blocks of so long a time: enough for the clock under them, little in memory."""
+COLUMNS = ("time_ns", "mono_ns", "counter", "position_mm", "beam", "flags")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Decoded:
+    """Samples in the order of their arrival; every column has shape (count,), ``channels`` (count, k) for a 4-DOF head.
+
+    ``time_ns`` is nanoseconds since 1970, ``mono_ns`` the host's monotonic clock: both from the sample clock, not from the arrivals.
+    """
+
+    time_ns: NDArray[np.int64]
+    mono_ns: NDArray[np.int64]
+    counter: NDArray[np.int64]
+    position_mm: NDArray[np.float64]
+    beam: NDArray[np.float64]
+    flags: NDArray[np.uint16]
+    channels: NDArray[np.float64] | None
+
+    def columns(self) -> dict[str, NDArray[np.int64] | NDArray[np.float64] | NDArray[np.uint16]]:
+        """Return the columns by name; a head's channels are ``channel_1``, ``channel_2`` and so on."""
+        found = {name: getattr(self, name) for name in COLUMNS}
+        if self.channels is not None:
+            found |= {f"channel_{number}": column for number, column in enumerate(self.channels.T, start=1)}
+        return found
+
+
+def decoded(log: Log, stream: Stream = "laser") -> Iterator[Decoded]:
+    """Yield the samples of one stream of a log, block by block.
+
+    Raises UsageError for a stream that its survey does not have, DataError where the log holds not one sample of it.
+    """
+    survey = parse_survey(log.header.survey_text, f"{log.path.name}: survey.toml")
+    if stream == "head" and survey.head is None:
+        raise UsageError("--stream", expected="laser: this survey has no 4-DOF head", found=stream)
+    decoder = laser_decoder(survey) if stream == "laser" else head_decoder(survey)
+    buffer, begun_ns, any_yet = StreamBuffer(decoder), None, False
+    for event in log.events():
+        match event:
+            case Chunk() if event.stream == stream:
+                buffer.feed(event.data, event.arrival_ns)
+                begun_ns = begun_ns or event.arrival_ns
+                if event.arrival_ns - begun_ns >= AT_ONCE_NS:
+                    begun_ns = event.arrival_ns
+                    yield from (found := _blocks(buffer, log))
+                    any_yet = any_yet or bool(found)
+            case LinkEvent() if event.link == stream:
+                buffer.interrupted()
+            case _:
+                pass
+    yield from (found := _blocks(buffer, log))
+    if not (any_yet or found):
+        raise DataError(log.path.name, expected=f"samples of the {stream}", found="none", remedy=f"streams: {', '.join(get_args(Stream))}")
+
+
+def _blocks(buffer: StreamBuffer, log: Log) -> list[Decoded]:
+    """Return what is in a buffer as one block, or none."""
+    drained = buffer.drained()
+    if not drained:
+        return []
+    mono = np.round(np.concatenate([times for times, _ in drained])).astype(np.int64)
+    batches = [batch for _, batch in drained]
+    channels = [batch.channels for batch in batches if batch.channels is not None]
+    return [
+        Decoded(
+            time_ns=mono + log.header.wall_offset_ns,
+            mono_ns=mono,
+            counter=np.concatenate([batch.counter for batch in batches]),
+            position_mm=np.concatenate([batch.position_mm for batch in batches]),
+            beam=np.concatenate([batch.beam for batch in batches]),
+            flags=np.concatenate([batch.flags for batch in batches]),
+            channels=np.concatenate(channels) if channels else None,
+        )
+    ]

@@ -1,0 +1,100 @@
+"""A log at full rate: every sample once, at its own time, whatever the blocks and whatever the file."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pyarrow.parquet as parquet
+import pytest
+from mcap.reader import make_reader
+
+from stepdiag.daq.log import decoded as module
+from stepdiag.daq.log.contents import open_log
+from stepdiag.daq.log.decoded import decoded
+from stepdiag.solver.errors import DataError, UsageError
+from testkit.cli import stepdiag
+from testkit.recording import START_NS, WALL_OFFSET_NS, LogHeader, recording, with_notes, write_log
+
+SURVEY = """[survey]
+name = "s"
+machine = "m"
+[volume]
+size_mm = [100.0, 100.0, 100.0]
+increments = 2
+[laser]
+format = "umd"
+port = "p"
+[laser.umd]
+phase_bits = 8
+"""
+SECONDS = 3
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("log") / "0001.mcap"
+    header = LogHeader(survey_text=SURVEY, wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS)
+    write_log(path, with_notes(recording(SECONDS, lines_per_chunk=5)), header=header)
+    return path
+
+
+def test_every_sample_stands_at_its_own_time(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Evenly spaced though they come in fives with jitter, at the wall time of the log; the same where they are handed out in blocks."""
+    (whole,) = decoded(open_log(log))
+    assert whole.counter.tolist() == list(range(1000 * SECONDS))
+    assert np.diff(whole.time_ns) == pytest.approx(1e6, abs=30e3)
+    assert whole.time_ns[0] == pytest.approx(START_NS + WALL_OFFSET_NS, abs=2e6)
+    assert (whole.time_ns - whole.mono_ns == WALL_OFFSET_NS).all()
+    monkeypatch.setattr(module, "AT_ONCE_NS", 500_000_000)
+    blocks = list(decoded(open_log(log)))
+    assert len(blocks) > 3
+    assert np.concatenate([block.position_mm for block in blocks]).tolist() == whole.position_mm.tolist()
+    assert np.concatenate([block.time_ns for block in blocks]) == pytest.approx(whole.time_ns, abs=100e3)
+
+
+@pytest.mark.parametrize("kind", ["csv", "parquet", "mcap"])
+def test_every_form_holds_the_same_samples(log: Path, tmp_path: Path, kind: str) -> None:
+    (whole,) = decoded(open_log(log))
+    target = tmp_path / f"out.{kind}"
+    assert "3000 samples" in stepdiag("decode", log, "--to", kind, "--out", target).out
+    if kind == "csv":
+        with target.open(newline="") as file:
+            rows = list(csv.DictReader(file))
+        times, positions = [int(row["time_ns"]) for row in rows], [float(row["position_mm"]) for row in rows]
+    elif kind == "parquet":
+        table = parquet.read_table(target)
+        times, positions = table["time_ns"].to_pylist(), table["position_mm"].to_pylist()
+        assert table.schema.metadata[b"stream"] == b"laser"
+    else:
+        with target.open("rb") as file:
+            messages = [(channel.topic, json.loads(message.data)) for _, channel, message in make_reader(file).iter_messages()]
+        samples = [each for topic, each in messages if topic == "/laser/decoded"]
+        times = [each["time"]["sec"] * 10**9 + each["time"]["nsec"] for each in samples]
+        positions = [each["position_mm"] for each in samples]
+        assert {topic for topic, _ in messages} == {"/laser/decoded", "/laser/sample"}, "notes are taken along, raw bytes are not"
+    assert positions == whole.position_mm.tolist()
+    assert times == whole.time_ns.tolist()
+    assert list(tmp_path.iterdir()) == [target]
+
+
+def test_what_cannot_be_decoded_is_refused_and_leaves_nothing(log: Path, tmp_path: Path) -> None:
+    """A form or stream that is none, a file that is there, a head that the survey has not, a log without a sample."""
+    empty = tmp_path / "0002.mcap"
+    write_log(empty, [], header=LogHeader(survey_text=SURVEY, wall_offset_ns=0, start_ns=START_NS))
+    there = tmp_path / "there.csv"
+    there.write_text("mine", encoding="utf-8")
+    for code, arguments in (
+        (2, (log, "--to", "xlsx")),
+        (2, (log, "--stream", "plc")),
+        (2, (log, "--stream", "head")),
+        (2, (log, "--out", there)),
+        (3, (empty, "--out", tmp_path / "none.csv")),
+    ):
+        assert stepdiag("decode", *arguments).code == code, arguments
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["0002.mcap", "there.csv"]
+    assert there.read_text(encoding="utf-8") == "mine"
+    with pytest.raises(UsageError, match="4-DOF head"):
+        list(decoded(open_log(log), "head"))
+    with pytest.raises(DataError, match="samples of the laser"):
+        list(decoded(open_log(empty)))

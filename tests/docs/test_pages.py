@@ -1,0 +1,74 @@
+"""The documentation as it is read: its Python runs, its links lead somewhere, its tables say what the program has."""
+
+import re
+import shutil
+from itertools import chain
+from pathlib import Path
+
+import pytest
+
+from stepdiag.cli.completion import PROGRAMS, TABLES
+from testkit.surveys import DATA
+
+CHECKOUT = Path(__file__).parents[2]
+DOCS = CHECKOUT / "docs"
+PAGES = [*sorted(DOCS.rglob("*.md")), *(CHECKOUT / name for name in ("README.md", "CONTRIBUTING.md", "SECURITY.md", "CHANGELOG.md"))]
+LINK = re.compile(r"\]\(([^)\s]+)\)")
+READINGS = DATA / "golden_stepdiag_rigidbody_FXYZ.csv"
+
+
+def python_in(page: str) -> list[str]:
+    return re.findall(r"```python\n(.*?)```", (DOCS / page).read_text(encoding="utf-8"), flags=re.DOTALL)
+
+
+@pytest.fixture
+def beside_readings(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    shutil.copyfile(READINGS, tmp_path / "readings.csv")
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def test_readings_in_and_result_out_in_five_lines(beside_readings: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    (code,) = python_in("api.md")
+    assert len([line for line in code.splitlines() if line]) <= 5
+    exec(code, {})
+    assert re.fullmatch(r"Y leans -?\d+\.\d urad to X\n", capsys.readouterr().out)
+    assert (beside_readings / "result.json").stat().st_size > 1000
+
+
+def test_the_example_runs_from_its_first_line_to_its_last(beside_readings: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    names: dict[str, object] = {}
+    for block in python_in("example.md"):
+        exec(block, names)
+    said = capsys.readouterr().out
+    assert len(re.findall(r"^[CBA]0[YZ]: .*\(k = 2\)$", said, flags=re.MULTILINE)) == 3
+    assert len(re.findall(r"^E[XYZ]{2}: .* U = ", said, flags=re.MULTILINE)) == 9
+    assert "True" in said.splitlines()
+    assert "without_rigid_motion" in said
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_every_link_leads_somewhere(page: Path) -> None:
+    text = re.sub(r"```.*?```|`[^`]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
+    inside = [link for link in LINK.findall(text) if "://" not in link and not link.startswith("mailto:")]
+    for link in inside:
+        path, _, anchor = link.partition("#")
+        target = (page.parent / path).resolve() if path else page
+        assert target.exists(), link
+        if anchor:
+            headings = re.findall(r"^#+ (.+)$", target.read_text(encoding="utf-8"), flags=re.MULTILINE)
+            assert anchor in {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}, link
+
+
+def test_the_site_shows_every_page() -> None:
+    site = (CHECKOUT / "mkdocs.yml").read_text(encoding="utf-8")
+    listed = re.findall(r": ([\w/-]+\.md)$|- (decisions/[\w-]+\.md)$", site, flags=re.MULTILINE)
+    assert {str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")} <= set(chain(*listed))
+
+
+def test_the_readme_names_every_control() -> None:
+    readme = (CHECKOUT / "README.md").read_text(encoding="utf-8").lower()
+    rows = readme.partition("| control | tables")[2].partition("\n\n")[0].splitlines()
+    missing = [name for name in TABLES if name != "neutral" and not any(name in row for row in rows)]
+    assert missing == []
+    assert {name for name in TABLES if any(name in row and "| yes" in row for row in rows)} == set(PROGRAMS)
