@@ -18,6 +18,7 @@ from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
 from stepdiag.daq.links.address import network_line
+from stepdiag.daq.links.lateness import Lateness
 from stepdiag.daq.links.modbus_errors import RefusedRequestError, lost, refusal, silence, stale, unreachable, unusable
 from stepdiag.daq.records.events import ModbusBlock, ReadRange, Table
 from stepdiag.daq.timing.host_clock import stamp_ns
@@ -80,7 +81,8 @@ class ModbusLink:
     was asked for, and after anything but a right answer the line is brought back in step before the next request.
     """
 
-    def __init__(self, settings: ModbusSettings, ranges: Sequence[ReadRange], client: Client) -> None:
+    def __init__(self, settings: ModbusSettings, ranges: Sequence[ReadRange], client: Client, lateness: Lateness) -> None:
+        self.lateness = lateness
         self._settings = settings
         self._ranges = tuple(ranges)
         self._client = client
@@ -117,7 +119,7 @@ class ModbusLink:
                 self._in_step = True
                 raise refusal(self._settings.address, f"writing holding register {address}", answer.exception_code)
             if answer.function_code != _WRITE_REGISTERS:
-                raise stale(self._settings.address)
+                raise stale(self._settings.address, self.lateness.words)
             self._in_step = True
 
     def close(self) -> None:
@@ -133,7 +135,7 @@ class ModbusLink:
             return b""
         data = _wire_bytes(wanted, answer)
         if data is None:
-            raise stale(self._settings.address)
+            raise stale(self._settings.address, self.lateness.words)
         self._in_step = True
         return data
 
@@ -147,11 +149,15 @@ class ModbusLink:
         """
         self._in_step = isinstance(self._settings, TcpSettings)
         try:
-            return await request()  # without a connection the call itself raises
+            answer = await request()  # without a connection the call itself raises
         except (ModbusException, OSError) as error:
+            self.lateness.given_up()
             if self._client.connected:
-                raise silence(self._settings.address, self._settings.timeout_s, serial=isinstance(self._settings, RtuSettings)) from error
+                serial = isinstance(self._settings, RtuSettings)
+                raise silence(self._settings.address, self._settings.timeout_s, serial=serial, late=self.lateness.words) from error
             raise lost(self._settings.address) from error
+        self.lateness.answered()
+        return answer
 
     async def _get_in_step(self) -> None:
         """Make sure that the next answer belongs to the next request.
@@ -167,13 +173,16 @@ class ModbusLink:
             probe = _probe(self._ranges)
             answer = await self._read_range(probe)
             self._in_step = answer.isError() or _wire_bytes(probe, answer) is not None
+            if not self._in_step:
+                self.lateness.was_of_an_earlier()
         if not self._in_step:
-            raise stale(self._settings.address)
+            raise stale(self._settings.address, self.lateness.words)
 
 
 async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> ModbusLink:
     """Connect to the machine, whose ``ranges`` are going to be read. Raises LostConnectionError where there is nobody or no port."""
-    client = _client(settings)
+    lateness = Lateness(numbered=isinstance(settings, TcpSettings))
+    client = _client(settings, lateness)
     try:
         connected = await client.connect()
     except (OSError, termios.error) as error:
@@ -182,13 +191,15 @@ async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> Mo
     if not connected:
         client.close()
         raise unreachable(settings.address, settings.timeout_s)
-    return ModbusLink(settings, ranges, client)
+    return ModbusLink(settings, ranges, client, lateness)
 
 
-def _client(settings: ModbusSettings) -> Client:
+def _client(settings: ModbusSettings, lateness: Lateness) -> Client:
     """Return a client that neither retries nor reconnects by itself: the reconnector does."""
     if isinstance(settings, TcpSettings):
-        return AsyncModbusTcpClient(settings.host, port=settings.port, timeout=settings.timeout_s, retries=0, reconnect_delay=0)
+        return AsyncModbusTcpClient(
+            settings.host, port=settings.port, timeout=settings.timeout_s, retries=0, reconnect_delay=0, trace_packet=lateness.trace
+        )
     line = network_line(settings.port)
     if line is not None:
         return AsyncModbusTcpClient(
@@ -202,6 +213,7 @@ def _client(settings: ModbusSettings) -> Client:
         timeout=settings.timeout_s,
         retries=0,
         reconnect_delay=0,
+        trace_packet=lateness.trace,
     )
 
 

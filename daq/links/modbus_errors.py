@@ -54,8 +54,10 @@ def refusal(device: str, what: str, code: int) -> RefusedRequestError:
     return RefusedRequestError(device, expected=f"an answer to {what}", found=f"exception {code} ({name})", remedy=remedy)
 
 
-def silence(device: str, timeout_s: float, *, serial: bool) -> SilentDeviceError:
-    """Return the error for an answer that did not come."""
+def silence(device: str, timeout_s: float, *, serial: bool, late: str = "") -> SilentDeviceError:
+    """Return the error for an answer that did not come; ``late`` says that answers do come, after that time."""
+    if late:
+        return SilentDeviceError(device, expected=f"an answer within {timeout_s:g} s", found="none yet", remedy=late)
     check = "baud rate, parity, wiring and unit id" if serial else "that the control's Modbus program runs, and the unit id"
     return SilentDeviceError(device, expected=f"an answer within {timeout_s:g} s", found="silence", remedy=f"check {check} (plc.unit)")
 
@@ -77,7 +79,7 @@ def lost(device: str) -> LostConnectionError:
     return LostConnectionError(device, expected="a lasting connection", found="it ended", remedy="the program reconnects by itself")
 
 
-def stale(device: str) -> StaleAnswerError:
-    """Return the error for an answer that belongs to another request."""
-    remedy = "the device answers later than plc.timeout_s: raise it, or lower the load of the device"
+def stale(device: str, late: str = "") -> StaleAnswerError:
+    """Return the error for an answer that belongs to another request; ``late`` says by how much answers are late."""
+    remedy = late or "the device answers later than plc.timeout_s: raise it, or lower the load of the device"
     return StaleAnswerError(device, expected="the answer to this request", found="the answer to an earlier one", remedy=remedy)

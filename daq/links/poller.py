@@ -13,6 +13,7 @@ from stepdiag.daq.records.events import ModbusBlock, ReadRange
 _log = structlog.get_logger(__name__)
 
 SILENT_POLLS_TO_RECONNECT = 3
+LATER = 1.5
 REFUSED_WAIT_S = 1.0
 """A device that refuses everything is asked again at this pace: its program may still be starting."""
 
@@ -39,6 +40,7 @@ class ModbusPoller:
         self._on_written = on_written
         self._pending: tuple[int, int] | None = None
         self._rest: asyncio.Future[None] | None = None
+        self._late_s = 0.0
 
     async def session(self, report: Report) -> None:
         """Connect and poll until the device is lost or silent three times in a row. Raises DeviceError."""
@@ -73,7 +75,14 @@ class ModbusPoller:
             else:
                 failures = 0
                 report("connected", _describe(link, self._settings))
+                self._say_late(link)
             due += self._period_s * max(1, -((due - clock()) // self._period_s))
+
+    def _say_late(self, link: ModbusLink) -> None:
+        """Say, once for each time they have become later by half, that answers come after they were given up."""
+        if link.lateness.after_s > LATER * self._late_s:
+            self._late_s = link.lateness.after_s
+            _log.warning("answers-late", link="machine", detail=f"{self._settings.address}: {link.lateness.words}")
 
     async def _until(self, due: float, link: ModbusLink) -> None:
         """Sleep until a poll is due; write meanwhile what is wanted."""
@@ -112,5 +121,5 @@ def _end(rest: asyncio.Future[None] | None) -> None:
 
 
 def _describe(link: ModbusLink, settings: ModbusSettings) -> str:
-    """Return the address, and what is refused of the block."""
-    return "; ".join([settings.address, *(str(error) for error in link.refusals.values())])
+    """Return the address, what is refused of the block, and how late it answers."""
+    return "; ".join([settings.address, *(str(error) for error in link.refusals.values()), *filter(None, (link.lateness.words,))])

@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 
 import pytest
 from mcap.reader import make_reader
@@ -80,6 +81,8 @@ def test_a_plc_that_answers_after_its_time_out(tmp_path, options):
     book, said, _ = run_with(tmp_path, [at("ppp", 2, "plc-late", duration_s=0.3, value=0.4)], **options)
     assert all(each.whole for each in book.passes), [each.why_incomplete() for each in book.passes]
     assert "link-silent" in codes_of(said)
+    late = [each["detail"] for each in said if each["event"] == "answers-late"]
+    assert re.search(r"raise plc.timeout_s above 0\.[4-9]", late[0]), late
 
 
 @on_a_steady_computer

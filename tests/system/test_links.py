@@ -83,7 +83,7 @@ def test_a_bare_client_hands_out_old_answers_for_ever_after_one_that_came_late(p
 
 def test_an_answer_that_came_late_is_never_taken_for_the_next(pty):
     """The same slave: every block was looked up after it was asked for."""
-    machine = Machine()
+    machine, late_s = Machine(), []
 
     async def run():
         link = await open_link(settings(pty), [BLOCK])
@@ -94,11 +94,13 @@ def test_an_answer_that_came_late_is_never_taken_for_the_next(pty):
             await asyncio.sleep(BEAT_S)
             blocks.append(await link.read())
         link.close()
+        late_s.append(link.lateness.after_s)
         return blocks
 
     with rtu_slave(pty, machine.answer, delays()):
         blocks = asyncio.run(run())
     assert max(machine.age_ms(block) for block in blocks) <= 1
+    assert late_s[0] > TIMEOUT_S, "how late it was is known, for plc.timeout_s"
 
 
 def test_an_answer_later_than_any_wait_is_known_by_its_length(pty, monkeypatch):

@@ -1,0 +1,56 @@
+"""How late a device answers: seen from the bytes that come when nobody waits for them any more."""
+
+import time
+from collections.abc import Callable
+
+TRANSACTIONS_KEPT = 64
+
+
+class Lateness:
+    """Watches what is sent and received. ``after_s`` is how long after its request the latest answer came that had been given up, else 0.
+
+    Answers over TCP carry the number of their request (``numbered``). On a serial line whatever comes while nobody waits belongs to the
+    request before; an answer to a later one shows in its length that it is of an earlier (`ModbusLink`).
+    """
+
+    def __init__(self, *, numbered: bool, clock: Callable[[], float] = time.monotonic) -> None:
+        self._numbered = numbered
+        self._clock = clock
+        self._asked_s: dict[bytes, float] = {}
+        self._sent_s = self._missed_s = self._heard_s = 0.0
+        self._awaited: bytes | None = None
+        self.after_s = 0.0
+
+    def trace(self, sending: bool, data: bytes) -> bytes:
+        """Look at bytes that go out or have come in; they are given back as they are."""
+        now, number = self._clock(), data[:2] if self._numbered else b""
+        if sending:
+            self._sent_s, self._awaited = now, number
+            self._asked_s = dict([*self._asked_s.items(), (number, now)][-TRANSACTIONS_KEPT:])
+        else:
+            self._heard_s = now
+            if number != self._awaited and number in self._asked_s:
+                self.after_s = max(self.after_s, now - self._asked_s[number])
+        return data
+
+    def given_up(self) -> None:
+        """Take note that the last request was not answered in time."""
+        self._missed_s, self._awaited = self._sent_s, None
+
+    def answered(self) -> None:
+        """Take note that the last request was answered."""
+        self._awaited = None
+
+    def was_of_an_earlier(self) -> None:
+        """Take note that what came last was the answer to a request that had been given up."""
+        if self._missed_s:
+            self.after_s = max(self.after_s, self._heard_s - self._missed_s)
+
+    @property
+    def words(self) -> str:
+        """Return what to do about late answers; empty while none was seen."""
+        return (
+            f"answers come up to {self.after_s:.2f} s after the request: raise plc.timeout_s above {self.after_s:.2f} s"
+            if self.after_s
+            else ""
+        )
