@@ -3,13 +3,15 @@
 from dataclasses import replace
 
 import msgspec
+import numpy as np
 
 from stepdiag.daq.capture.dwell import Dwell
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.position import PositionCheck
-from stepdiag.daq.capture.stop import CapturedStop, Placing, Taken, certain_windows, make_head_stop, make_stop, plateau_window
+from stepdiag.daq.capture.route import agrees
+from stepdiag.daq.capture.stop import CapturedStop, Placing, Taken, certain_windows, make_head_stop, make_stop, marked, plateau_window
 from stepdiag.daq.capture.walk import BREAKS_COUNT, Walk
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
@@ -29,6 +31,8 @@ class StopTaker:
         self._before = start.breaks
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
+        self._believed: list[tuple[Dwell, list[Taken]]] = []
+        """The stops since the count was lost, while they may be the first of a pass begun anew."""
 
     def take(self, walk: Walk, turn: CapturedStop | None, dwell: Dwell, placing: Placing, outcomes: list[Outcome]) -> None:
         """Take the stop of a dwell, and those before it that Modbus missed. ``turn`` is the stop that a return pass may begin with."""
@@ -37,7 +41,11 @@ class StopTaker:
             return
         taken = certain_windows(placing, dwell, self._rules)
         if by_laser:
-            index, odd = walk.locate_by_laser(dwell.signals, _reading_mm(taken), lost=not self.reaches_back(taken, dwell))
+            lost = not self.reaches_back(taken, dwell)
+            if not lost and (reading_mm := _reading_mm(taken)) is not None:
+                self._think_again(walk, reading_mm, outcomes)
+            index, odd = walk.locate_by_laser(dwell.signals, _reading_mm(taken), lost=lost)
+            self._believed = [*([] if lost else self._believed), (dwell, taken)] if walk.unsure and taken else []
         else:
             index, odd = walk.locate(dwell.signals)
         outcomes.extend(odd)
@@ -50,6 +58,23 @@ class StopTaker:
         outcomes += self._positions.judge(walk, index, dwell.signals)
         self._place(walk, index, dwell, taken, outcomes)
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
+
+    def _think_again(self, walk: Walk, reading_mm: float, outcomes: list[Outcome]) -> None:
+        """Take the stops since the count was lost for the first ones of the pass, where the steps say that it was begun anew.
+
+        Where a pass that goes on has the same steps, as in a cube, nobody can tell.
+        """
+        believed = self._believed
+        readings = [*(windows[0].window.mean_mm for _, windows in believed), reading_mm]
+        steps = [walk.route.step_mm(stop, stop + 1) for stop in range(len(walk.route) - 1)]
+        anew = 1 < len(readings) <= len(walk.route) and all(map(agrees, np.diff(readings), steps))
+        if not anew or walk.goes_on(reading_mm):
+            return
+        outcomes.append(walk.begin_anew())
+        self._believed = []
+        self._before = (Break(0, "the pass was begun anew", watched=True),)
+        for index, (dwell, windows) in enumerate(believed):
+            self._place(walk, index, dwell, windows, outcomes)
 
     def _place(self, walk: Walk, index: int, dwell: Dwell, taken: list[Taken], outcomes: list[Outcome]) -> None:
         if self._head is not None and walk.route.setup in FOURDOF_RUNS:
@@ -104,6 +129,7 @@ class StopTaker:
     def _commit(self, walk: Walk, stop: CapturedStop, outcomes: list[Outcome], *, again: bool = False) -> None:
         """Judge a stop and add it. ``again``: it was measured before the break too, at the same standstill."""
         broken, unwatched = self._breaks_up_to(stop.window_to_ns)
+        stop = marked(stop, "place-unknown", walk.unsure) if walk.unsure else stop
         code, words = walk.judge(stop.stop, stop.reading_mm) if stop.reading_mm is not None else ("", "")
         if again:
             outcomes.append(_joined(walk, stop.stop, broken, unwatched))

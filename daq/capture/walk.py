@@ -29,6 +29,8 @@ class Walk:
         self.route = route
         self.laser = LaserPlaces(route, known or {})
         self._stuck_said = False
+        self.unsure = ""
+        """Why the stops are only believed to be those that come next; empty where position or laser say it."""
         self.expected = expected
         self.last: CapturedStop | None = None
         self._last_stop = expected - 1
@@ -98,11 +100,26 @@ class Walk:
         return by_laser, self._compared(by_laser, by_count, counted, odd)
 
     def _unplaced(self, by_count: int, odd: list[Finding], *, lost: bool) -> tuple[int, list[Finding]]:
-        """Return the stop where the laser cannot tell: the program goes on, but one that was left in the middle may have begun anew."""
+        """Return the stop where the laser cannot tell: the program goes on, but one that was left in the middle may have begun anew.
+
+        Within a log nobody tells the two apart but by the steps that follow: such stops are doubted.
+        """
         if self.last is None and self.expected > 0 and lost:
             text = "the laser's count was lost and the machine does not say where it stands: taken for the beginning of the whole pass"
             return 0, [*odd, self.finding("place-unknown", "warning", 0, text)]
+        if lost and self.expected > 0:
+            self.unsure = "the laser's count was lost and the machine does not say where it stands: taken for the stop that comes next"
         return by_count, odd
+
+    def goes_on(self, reading_mm: float) -> bool:
+        """Tell whether a reading is a step away from the last stop, as the next one must be."""
+        return self._last_reading_mm is not None and not self.ended and not self.judge(self.expected, reading_mm)[0]
+
+    def begin_anew(self) -> Finding:
+        """Go back to before the first stop; return what is to be said of it."""
+        self.expected, self.last, self._last_stop, self._last_reading_mm, self.unsure = 0, None, -1, None, ""
+        self.laser.lost()
+        return self.finding("stop-again", "info", 0, "the steps are those from the first stop on: the pass was begun anew")
 
     def _nowhere(self, by_count: int, odd: list[Finding], counted: int | None, reading_mm: float) -> tuple[int | None, list[Finding]]:
         """Return the stop where the laser reads what no stop reads: its count went wrong, or the machine stands between two stops."""

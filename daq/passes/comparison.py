@@ -2,6 +2,7 @@
 
 from collections import Counter
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
@@ -68,15 +69,22 @@ class _Readings:
         self.u_um: Vector = np.array([stop.u_um for stop, _ in chosen])[::along]
         axes = [each.route.axis_to(index) for index in range(1, len(each.route))]
         self.axes = axes[::along]
+        self.nominal_mm: Vector = np.diff(nominal[::along])
 
     def odd(self) -> Step | None:
         """Return the step that is unlike the others of its axis, with the index of its stop in this pass."""
-        step = odd_step(np.diff(self.off_um), np.hypot(self.u_um[1:], self.u_um[:-1]), self.axes)
-        return None if step is None else self.in_pass(step.stop, step.size_um if self.outward else -step.size_um, step.noise_um)
+        step = odd_step(np.diff(self.off_um), np.hypot(self.u_um[1:], self.u_um[:-1]), self.axes, self.nominal_mm)
+        if step is None:
+            return None
+        other = None if step.instead is None else self._stop_in_pass(step.instead)
+        return replace(self.in_pass(step.stop, step.size_um if self.outward else -step.size_um, step.noise_um), instead=other)
 
     def in_pass(self, place: int, size_um: float, noise_um: float) -> Step:
         """Return a step between the outward stops ``place - 1`` and ``place`` as this pass comes upon it."""
-        return Step(place if self.outward else len(self.off_um) - place, size_um, noise_um)
+        return Step(self._stop_in_pass(place), size_um, noise_um)
+
+    def _stop_in_pass(self, place: int) -> int:
+        return place if self.outward else len(self.off_um) - place
 
     def own_um(self, place: int) -> float:
         """Return how far this pass's own step there is from the others of its axis, in the sense in which it drives."""
@@ -105,9 +113,10 @@ def _size_um(each: _Readings, along_outward_um: float) -> float:
 def _doubt(each: Pass, step: Step, other: Pass | None) -> Doubt:
     seen = f"against {other.name}, pass {other.number}" if other is not None else "unlike the other steps of its axis"
     place = f"{each.name}, stop {step.stop} of {len(each.route) - 1}"
-    text = (
-        f"{place}: count slip of {step.size_um:+.1f} um on the way to this stop ({seen}; the other steps scatter by {step.noise_um:.1f} um)"
-    )
+    others = f"the other steps scatter by {step.noise_um:.1f} um"
+    if step.instead is not None:
+        others = f"or of {-step.size_um:+.1f} um on the way to stop {step.instead}: there are only these two"
+    text = f"{place}: count slip of {step.size_um:+.1f} um on the way to this stop ({seen}; {others})"
     return Doubt(
         setup=each.route.setup,
         pass_number=each.number,

@@ -63,7 +63,7 @@ class PassBook:
         """Keep the readings of the unbroken count by place: they tell the next log where the machine stands."""
         if anew or self._last is None or self._last.setup != stop.setup:
             self._known = {}
-        if stop.reading_mm is not None and not stop.refused:
+        if stop.reading_mm is not None and not stop.refused and not _believed_only(stop):
             self._known[stop.stop if stop.outward else len(current.route) - 1 - stop.stop] = stop.reading_mm
 
     def news(self) -> tuple[Finding, ...]:
@@ -163,6 +163,8 @@ class PassBook:
         if last is None or last.setup != setup:
             return PassHint(wanted=wanted, outward=outward)
         current, known = self._find(setup, outward=last.outward), dict(self._known)
+        if _believed_only(last):
+            return PassHint(wanted=wanted, outward=last.outward)
         if current is not None and last.stop + 1 < len(current.route):
             following = last.stop + 1
             return PassHint(wanted=wanted, outward=last.outward, next_stop=following, last_reading_mm=last.reading_mm, known=known)
@@ -207,6 +209,11 @@ class PassBook:
         """Return the number of a new pass: odd outward, even back; without return passes 1, 3, 5."""
         same = sum(1 for each in self.of(stop.setup) if each.route.outward == stop.outward)
         return 2 * same + (1 if stop.outward else 2)
+
+
+def _believed_only(stop: CapturedStop) -> bool:
+    """Tell whether nobody knows that a stop is the one it is taken for: nothing can be placed by it."""
+    return "place-unknown" in stop.doubt_codes
 
 
 def _slipped(each: Pass, stop: CapturedStop, slip_um: float) -> Finding:

@@ -24,15 +24,21 @@ FLOOR_UM = 0.15
 ALONE_UM = 10.0
 ALONE_STEPS = 5
 """A pass that nothing can be compared with is judged by its own steps of one axis: so many of them, and only what is so large."""
+FEW_UM, FEW_UM_M = 50.0, 500.0
+"""Fewer steps have no scatter to be judged by: two of one axis that differ by more than this, and so much a metre of step, are no axis."""
 
 
 @dataclass(frozen=True, slots=True)
 class Step:
-    """A step on the way to the stop with this index, in um, and the robust noise of the other steps."""
+    """A step on the way to the stop with this index, in um, and the robust noise of the other steps.
+
+    ``instead`` is the stop on the way to which it may have been as well, with the opposite sign; None where there is none.
+    """
 
     stop: int
     size_um: float
     noise_um: float
+    instead: int | None = None
 
 
 def step_in(values_um: Vector, u_um: Vector) -> Step | None:
@@ -43,18 +49,30 @@ def step_in(values_um: Vector, u_um: Vector) -> Step | None:
     return _outlier(np.diff(values_um), np.hypot(u_um[1:], u_um[:-1]), LEAST_UM)
 
 
-def odd_step(steps_um: Vector, u_um: Vector, axes: Sequence[str]) -> Step | None:
+def odd_step(steps_um: Vector, u_um: Vector, axes: Sequence[str], nominal_mm: Vector) -> Step | None:
     """Return the one step of a pass that is unlike the others of its axis, or None.
 
-    ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` the axis of each. Tilt of the mirror and scale of the axis make all
-    steps of an axis alike. None too where an axis makes too few steps to tell.
+    ``steps_um`` (n - 1,) are measured minus nominal steps, ``axes`` the axis and ``nominal_mm`` the nominal size of each. Tilt of the
+    mirror and scale of the axis make all steps of an axis alike. Of few steps only what no axis does is told; None too where an axis makes
+    a single one.
     """
     found = []
     for axis in dict.fromkeys(axes):
         own = np.array([index for index, each in enumerate(axes) if each == axis])
         if len(own) >= ALONE_STEPS and (step := _outlier(steps_um[own], u_um[own], ALONE_UM)) is not None:
             found.append(Step(int(own[step.stop - 1]) + 1, step.size_um, step.noise_um))
+        elif 1 < len(own) < ALONE_STEPS:
+            found += _unlike(own, steps_um[own], FEW_UM + FEW_UM_M * 1e-3 * float(np.max(np.abs(nominal_mm[own]))))
     return max(found, key=lambda step: abs(step.size_um), default=None)
+
+
+def _unlike(own: NDArray[np.int64], steps_um: Vector, least_um: float) -> list[Step]:
+    """Return the one of a few steps of an axis that is furthest from the others, where that is further than the least; else nothing."""
+    off = np.array([step - np.median(np.delete(steps_um, index)) for index, step in enumerate(steps_um)])
+    worst = len(off) - 1 - int(np.argmax(np.abs(off[::-1])))
+    if abs(off[worst]) <= least_um:
+        return []
+    return [Step(int(own[worst]) + 1, float(off[worst]), least_um, int(own[0]) + 1 if len(own) == 2 else None)]
 
 
 def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:

@@ -20,9 +20,9 @@ SIGNALS = pytest.mark.parametrize("signals", [STOPPED_ONLY, COUNTED], ids=["stop
 SIZES = pytest.mark.parametrize("size", [(300.0, 200.0, 100.0), (200.0, 200.0, 200.0)], ids=["box", "cube"])
 
 
-def drive(stops, *, signals, size=(300.0, 200.0, 100.0), back=False, **more):
+def drive(stops, *, signals, size=(300.0, 200.0, 100.0), back=False, n=3, **more):
     """Return the book and the codes of one log, or of several: each pass that ends begins the next log."""
-    survey = parse_survey(survey_text(signals=signals, size=size, back=back), "survey.toml")
+    survey = parse_survey(survey_text(signals=signals, size=size, back=back, n=n), "survey.toml")
     book, codes = PassBook(survey), []
     capture = Capture(survey, book.start(skip_open_dwell=False))
     for event in Timeline(stops, **more).events():
@@ -102,6 +102,33 @@ def test_a_quick_turn_is_another_standstill(signals):
     assert_as_driven(second, back)
     assert second.chosen()[0][0].reading_mm - first.chosen()[9][0].reading_mm == pytest.approx(-0.004, abs=6e-4)
     assert not set(codes) & {"stop-again", "between-stops", "reading-differs"}
+
+
+@SIGNALS
+@pytest.mark.parametrize("left_at", [3, 4])
+def test_a_pass_left_and_begun_anew_after_the_beam_was_cut_is_that_pass(signals, left_at):
+    """Nobody says where the machine stands, but the steps that follow are those of the beginning."""
+    truth = diagonal("ppp")
+    moved = [replace(stop, reading=stop.reading + 2.7) for stop in truth]
+    cut = 1.0 + 1.3 * (left_at + 1) - 0.4
+    book, codes = drive([*truth[: left_at + 1], *moved], signals=signals, beam_lost=[(cut, cut + 0.2)], lost_mm=0.0)
+    (only,) = book.passes
+    assert_as_driven(only, truth)
+    assert only.complete, only.why_incomplete()
+    assert "stop-again" in codes
+
+
+def test_where_nobody_can_tell_the_stops_are_doubted():
+    """A cube by `stopped` alone, left at the last stop but one, the beam cut, begun anew: its first stop reads as the last one would.
+
+    The pass once showed "complete" and was 404 mm wrong.
+    """
+    truth = diagonal("ppp", (200.0, 200.0, 200.0), 2)
+    cut = 1.0 + 1.3 * 6 - 0.4
+    book, codes = drive([*truth[:6], *truth], signals=STOPPED_ONLY, size=(200.0,) * 3, n=2, beam_lost=[(cut, cut + 0.2)], lost_mm=2.7)
+    assert not book.complete()
+    assert "place-unknown" in codes
+    assert "drive the whole pass again" in book.passes[0].why_incomplete()
 
 
 @SIGNALS

@@ -80,3 +80,28 @@ def test_what_a_machine_does_is_no_slip():
     smooth = [rng.normal(0, 5) + rng.normal(0, 3) * place / 31 + np.sin(place / 31 * rng.uniform(1, 6)) for _ in range(200)]
     found = [step_in(each + rng.normal(0, 0.42, 31), np.full(31, 0.05)) for each in smooth]
     assert sum(each is not None for each in found) <= 2
+
+
+@pytest.mark.parametrize("outward", [True, False])
+@pytest.mark.parametrize("at", [2, 3, 5, 6])
+def test_a_slip_of_a_pass_with_two_steps_an_axis_is_named_with_both_places(outward, at):
+    """n = 2, one way: the steps of an axis differ by 200 um, which no axis does. Which of them is at fault nobody can say."""
+    stops = [
+        msgspec.structs.replace(stop, reading_mm=stop.reading_mm + (0.2 if stop.stop >= at else 0.0))
+        for stop in stops_of(outward=outward, n=2)
+    ]
+    passes = PassBook(parse_survey(survey_text(n=2), "survey.toml"))
+    passes.add_all(stops)
+    only = passes.passes[0]
+    (doubt,) = [each for each in only.doubts() if each.code == "count-slip"]
+    both = {at, at - 3 if at > 3 else at + 3}
+    assert doubt.stop in both
+    assert {str(stop) for stop in both} <= set(doubt.text.replace(":", " ").replace(",", " ").split())
+    assert "there are only these two" in doubt.text
+
+
+def test_two_steps_of_one_axis_that_an_old_leadscrew_makes_are_no_slip():
+    stops = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm + (0.05 if stop.stop >= 5 else 0.0)) for stop in stops_of(n=2)]
+    passes = PassBook(parse_survey(survey_text(n=2), "survey.toml"))
+    passes.add_all(stops)
+    assert passes.doubts() == ()
