@@ -222,6 +222,18 @@ def fanuc_profile(*, straightness: bool = False) -> str:
     return _MACHINE.format(controller="fanuc", existing=own) + _AXES.format(x="X", y="Y", z="Z") + section
 
 
+def beckhoff_profile(chain: str) -> str:
+    """Return the profile of a Beckhoff or ISG with volumetric compensation and angles."""
+    section = f'\n[beckhoff]\nway = "volumetric"\naxis_numbers = {{ X = 1, Y = 2, Z = 3 }}\nchain = "{chain}"\n'
+    return _MACHINE.format(controller="beckhoff", existing="") + _AXES.format(x="X", y="Y", z="Z") + section
+
+
+def heidenhain_profile(chain: str) -> str:
+    """Return the profile of an iTNC 530 with KinematicsComp."""
+    section = f'\n[heidenhain]\ngeneration = "itnc530"\nchain = "{chain}"\n'
+    return _MACHINE.format(controller="heidenhain", existing="") + _AXES.format(x="X", y="Y", z="Z") + section
+
+
 def linuxcnc_profile() -> str:
     """Return the profile of a LinuxCNC with the kinematics component."""
     section = '\n[linuxcnc]\njoints = { X = [0], Y = [1], Z = [2] }\nway = "kinematics"\n'

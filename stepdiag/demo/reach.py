@@ -4,14 +4,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from stepdiag.demo.files import fanuc_profile, linuxcnc_profile, siemens_profile
+from stepdiag.demo.files import beckhoff_profile, fanuc_profile, heidenhain_profile, linuxcnc_profile, siemens_profile
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.solver.result.result import parse_result
 from stepdiag.virtual.control.compensation import Control
 
-ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large")
+ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", "column-widths-assumed")
 """Warnings of a first export on a machine that is as bad as the demo's."""
 
 
@@ -29,6 +29,8 @@ FORMS = (
     Form(name="Fanuc: and straightness (option)", control="fanuc", profile=fanuc_profile(straightness=True)),
     Form(name="Siemens 828D: eight CEC tables, some as products", control="siemens", profile=siemens_profile(products=True, held=8)),
     Form(name="Siemens 840D sl: products of CEC tables", control="siemens", profile=siemens_profile(products=True)),
+    Form(name="Beckhoff and ISG: columns of angles", control="beckhoff", profile=beckhoff_profile("FXYZ")),
+    Form(name="Heidenhain iTNC 530: KinematicsComp", control="heidenhain", profile=heidenhain_profile("FXYZ")),
     Form(name="the whole field: LinuxCNC kinematics, lattice", control="linuxcnc", profile=linuxcnc_profile()),
 )
 
@@ -46,4 +48,4 @@ def exported(folder: Path, result: Path) -> Iterator[tuple[Form, Sequence[Path]]
 
 
 def _acts(name: str) -> bool:
-    return "_RESTORE" not in name and name.endswith((".INI", ".TXT", "lattice.csv")) and name != "EXPORT_REPORT.txt"
+    return "_RESTORE" not in name and (name.endswith((".INI", ".TXT", ".csv", ".COM")) or name.startswith("kinematics_comp_lines"))

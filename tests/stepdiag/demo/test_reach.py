@@ -47,11 +47,11 @@ def reached(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
 
 def test_each_form_reaches_what_it_can_hold(reached: dict[str, Figures]) -> None:
     """From nothing over pitch tables, straightness lines, nine fitted tables and eight with products to the whole field."""
-    pitch, straight, few, products, whole = (reached[form.name].rms_um for form in FORMS)
+    pitch, straight, few, products, *columns, whole = (reached[form.name].rms_um for form in FORMS)
     nine, nothing = reached["siemens"].rms_um, reached["nothing"].rms_um
     assert nothing > pitch > straight > nine > products
     assert few < pitch
-    assert products < 1.3 * whole
+    assert max(products, *columns) < 1.3 * whole
     assert nine < 0.35 * nothing
     assert whole < 0.15 * nothing
 
