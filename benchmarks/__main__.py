@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks import bench_daemon, bench_ingest, bench_latency, bench_memory, bench_replay, bench_solver
+from benchmarks import bench_daemon, bench_ingest, bench_latency, bench_memory, bench_replay, bench_solver, whole_solve
 from benchmarks.table import Row, render
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -28,6 +28,7 @@ def parts(*, quick: bool) -> dict[str, Callable[[], list[Row]]]:
         "replay": lambda: bench_replay.rows(0.4 if quick else 4.0),
         "memory": lambda: bench_memory.rows(2.0 if quick else 24.0),
         "solver": bench_solver.rows,
+        "whole-solve": whole_solve.rows,
     }
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.solver.adjustment.counts import counts
 from stepdiag.solver.adjustment.robustness import (
     BETTER,
     MOST,
@@ -43,6 +44,8 @@ from stepdiag.solver.model.priors import angular_effect_um, has_stated_u, make_p
 TILT_ROUNDS = 2
 COMMON_ROUNDS = 2
 SIZE_ROUNDS = 4
+SETTLED = 0.02
+"""Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
 LEAST_NOISE = 1e-4
 """Of a variance, relative to the usual: readings a hundred times better than usual are not told apart from perfect ones."""
 MOST_TILT_MRAD = 200.0
@@ -226,7 +229,7 @@ class _Task:
 
     def _again(self, current: AnyFit) -> MixedFit:
         """Fit with the weights as they are now."""
-        return self._with_effects(fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse.null))
+        return self._with_effects(fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse))
 
     def _target_for(self, unknowns: Vector) -> Vector:
         """Return the deviations freed of what is of second order in the tilts just found, shape (m,).
@@ -271,9 +274,12 @@ class _Task:
     def _find_sizes(self, current: MixedFit) -> MixedFit:
         """Enlarge what reversal changes along an axis, and drift, to what the data show (variance components)."""
         for _ in range(SIZE_ROUNDS if self.sized else 0):
+            before = self.u.copy()
             for rows in self.sized:
                 scale = variance_scale(current, rows) or 1.0
                 self.u[rows] = np.maximum(self.u[rows] * scale, self.usual_u[rows])
+            if np.all(np.abs(self.u / before - 1.0) < SETTLED):
+                break
             current = self._again(current)
         return current
 
@@ -301,10 +307,11 @@ class _Task:
         It is looked for with effects no larger than usual, where it cannot hide in a size found large because of it; there it counts
         only if it explains the readings better than that large size does. What is left is looked for with the sizes found.
         """
-        usual = most_suspicious(self._with_usual_sizes(current), self.design.columns, self.layout)
+        every = counts(current.fixed, self.layout)
+        usual = most_suspicious(self._with_usual_sizes(current), self.design.columns, self.layout, every)
         if usual is not None and self._explains(usual, current):
             return usual
-        return most_suspicious(current, self.design.columns, self.layout)
+        return most_suspicious(current, self.design.columns, self.layout, every)
 
     def _with_usual_sizes(self, current: MixedFit) -> MixedFit:
         factor = np.minimum(1.0, 1.0 / self.sizes.factor)

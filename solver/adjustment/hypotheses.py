@@ -4,77 +4,77 @@ A hypothesis is a pattern on the readings. How large it would be, and how sure t
 new one (Baarda 1968, one further unknown at a time): ``size = (h' W r) / (h' W R h)`` with R what the fit leaves of a pattern.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.solver.adjustment.counts import Count, from_each_on, steps_of
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.mixed import MixedFit
-from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
 
 HIDDEN = 1e-6
 """A pattern of which the fit leaves less than this share is not told from what is unknown already."""
-LEAST_ROWS = 3
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Told:
-    """Of c patterns: ``shown`` (c,) = h' W r, ``seen`` (c, c) = h' W R h, ``told`` which the fit tells from its unknowns, and by how
-    much the unknowns fall for one unit of each, ``moved`` (count, c)."""
+    """Of c patterns: ``shown`` (c,) = h' W r, ``seen`` (c, c) = h' W R h, ``whole`` (c,) what would be seen if nothing were unknown, and
+    by how much the unknowns fall for one unit of each, ``moved`` (count, c)."""
 
     shown: Vector
     seen: Vector
-    told: NDArray[np.bool_]
+    whole: Vector
     moved: Vector
-
-    @property
-    def size(self) -> Vector:
-        """Return how large each pattern is by itself, shape (c,)."""
-        found: Vector = np.where(self.told, self.shown, 0.0) / np.where(self.told, np.diag(self.seen), 1.0)
-        return found
-
-    @property
-    def statistic(self) -> Vector:
-        """Return the square of size over uncertainty of each pattern by itself, shape (c,); 0 where it is not told."""
-        found: Vector = self.size * np.where(self.told, self.shown, 0.0)
-        return found
 
 
 def tell(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Told:
     """Return what a fit says about patterns (k, c) on some of its rows (k,); they are zero on all others."""
-    some = Rows(fit.rows.column[rows], fit.rows.value[rows], fit.rows.count).dense()
     weighted = fit.weight[rows, None] * pattern
-    right = some.T @ weighted
+    on_all = np.zeros((len(fit.weight), pattern.shape[1]))
+    on_all[rows] = weighted
+    right = fit.fixed.packed.transposed_times(on_all)
     taken = fit.inverse.solve(right)
     on_causes = fit.causes.left[rows].T @ pattern
     mixed = fit.root @ on_causes
-    whole = np.sum(weighted * pattern, axis=0)
     seen = pattern.T @ weighted - right.T @ taken - mixed.T @ mixed
     return Told(
         shown=weighted.T @ fit.residual[rows],
         seen=0.5 * (seen + seen.T),
-        told=np.diag(seen) > HIDDEN * np.maximum(whole, np.finfo(np.float64).tiny),
+        whole=np.sum(weighted * pattern, axis=0),
         moved=taken - fit.causes.taken @ (fit.amount_covariance @ on_causes),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Family:
-    """Hypotheses of one kind that are told together: patterns (k, c) on ``rows`` (k,); ``named`` (c,) are the readings, or for a scale
-    the setup, that each is named after. ``critical``: the square of size over uncertainty that is no chance; ``least``: a size below
-    which it is left alone; ``usual``: its standard deviation where it happens, ``free``: more than it ever is."""
+    """Hypotheses of one kind that are told together: c patterns on ``rows`` (k,), ``pattern`` gives those of some places, shape (k, p).
+
+    ``shown`` (c,), ``seen`` (c,) and ``whole`` (c,) as in `Told`. ``named`` (c,) are the readings, or for a scale the setup, that each is
+    named after. ``critical``: the square of size over uncertainty that is no chance; ``least``: a size below which it is left alone;
+    ``usual``: its standard deviation where it happens, ``free``: more than it ever is.
+    """
 
     kind: str
     rows: NDArray[np.int64]
-    pattern: Vector
     named: NDArray[np.int64]
+    shown: Vector
+    seen: Vector
+    whole: Vector
+    pattern: Callable[[NDArray[np.int64]], Vector]
     critical: float
     least: float
     usual: float = np.inf
     free: float = 1e3
+
+    @property
+    def size(self) -> Vector:
+        """Return how large each is by itself, shape (c,); 0 where the fit does not tell it from its unknowns."""
+        told = self.seen > HIDDEN * np.maximum(self.whole, np.finfo(np.float64).tiny)
+        found: Vector = np.where(told, self.shown, 0.0) / np.where(told, self.seen, 1.0)
+        return found
 
 
 STOP, STEP, SCALE, WARMING = "stop", "step", "scale", "warming"
@@ -87,44 +87,80 @@ LEAST_UM = 0.5
 LEAST_UM_M = 1.0
 
 
-def families(fit: MixedFit, layout: Layout) -> Iterator[Family]:
-    """Return every hypothesis of one unknown about the readings that are used."""
+def families(fit: MixedFit, layout: Layout, every: Sequence[Count]) -> Iterator[Family]:
+    """Return every hypothesis of one unknown about the readings that are used, ``every`` count of them among them."""
+    for count in every:
+        yield from _on_count(fit, count)
     used = np.flatnonzero(fit.weight[: len(layout)] > 0)
-    for rows in counts(layout, used):
-        yield Family(kind=STOP, rows=rows, pattern=np.eye(len(rows)), named=rows, critical=CRITICAL, least=LEAST_UM)
-        # a step before the second reading or the last is a wrong first or last one
-        pattern, named = steps_of(len(rows))[:, 1:-1], rows[2:-1]
-        yield Family(kind=STEP, rows=rows, pattern=pattern, named=named, critical=CRITICAL, least=LEAST_UM)
-    yield from _scales(layout, used)
-
-
-def counts(layout: Layout, used: NDArray[np.int64]) -> list[NDArray[np.int64]]:
-    """Return the used rows of every unbroken count, in the order of time; those of a handful of stops are no count to judge."""
-    each = [used[layout.offset_index[used] == number] for number in np.unique(layout.offset_index[used])]
-    return [rows for rows in each if len(rows) > LEAST_ROWS]
-
-
-def steps_of(count: int) -> Vector:
-    """Return the steps before each reading but the first, shape (count, count - 1): 1 from there on."""
-    lower: Vector = np.tril(np.ones((count, count)))[:, 1:]
-    return lower
-
-
-def _scales(layout: Layout, used: NDArray[np.int64]) -> Iterator[Family]:
-    """Return the scale of each setup, in um/m, and the growth of the machine with time, in um/m an hour and an hour squared."""
-    along_m = 1e-3 * np.sum((layout.position_mm - layout.volume.origin_mm) * layout.direction, axis=1)[used]
     setups = np.unique(layout.setup_index[used])
     if len(setups) < 2:
         return
-    scale = along_m[:, None] * (layout.setup_index[used, None] == setups)
-    yield Family(kind=SCALE, rows=used, pattern=scale, named=setups, critical=CRITICAL_OF_FEW, least=LEAST_UM_M, usual=5.0, free=30.0)
+    along_m = along_the_way_m(layout)[used]
+    each = along_m[:, None] * (layout.setup_index[used, None] == setups)
+    yield _over_all(fit, used, each, kind=SCALE, named=setups, usual=5.0, free=30.0)
     hours = layout.hours[used]
     if np.all(np.isfinite(hours)) and np.ptp(hours) > 0:
         late = (hours - hours.mean()) / np.ptp(hours)
         growth = along_m[:, None] * np.column_stack([late, late**2])
-        yield Family(
-            kind=WARMING, rows=used, pattern=growth, named=np.arange(2), critical=CRITICAL_OF_FEW, least=LEAST_UM_M, usual=20.0, free=100.0
-        )
+        yield _over_all(fit, used, growth, kind=WARMING, named=np.arange(2), usual=20.0, free=100.0)
+
+
+def along_the_way_m(layout: Layout) -> Vector:
+    """Return how far each reading lies along its setup's direction from the low corner, in m, shape (m,)."""
+    along: Vector = 1e-3 * np.sum((layout.position_mm - layout.volume.origin_mm) * layout.direction, axis=1)
+    return along
+
+
+def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
+    """Return the wrong stops and the steps of a count."""
+    rows, number = count.rows, len(count.rows)
+    weight = fit.weight[rows]
+    shown = weight * fit.residual[rows]
+    mixed = fit.causes.left[rows] @ fit.root.T
+    yield Family(
+        kind=STOP,
+        rows=rows,
+        named=rows,
+        shown=shown,
+        seen=count.stop - np.sum(mixed**2, axis=1),
+        whole=weight,
+        pattern=lambda places: (np.arange(number)[:, None] == places).astype(np.float64),
+        critical=CRITICAL,
+        least=LEAST_UM,
+    )
+    # a step before the second reading or the last is a wrong first or last one
+    inner = slice(2, -1)
+    yield Family(
+        kind=STEP,
+        rows=rows,
+        named=rows[inner],
+        shown=from_each_on(shown)[inner],
+        seen=(count.step - np.sum(from_each_on(mixed) ** 2, axis=1))[inner],
+        whole=from_each_on(weight)[inner],
+        pattern=lambda places: steps_of(number, places + 2),
+        critical=CRITICAL,
+        least=LEAST_UM,
+    )
+
+
+def _over_all(
+    fit: MixedFit, rows: NDArray[np.int64], pattern: Vector, *, kind: str, named: NDArray[np.int64], usual: float, free: float
+) -> Family:
+    """Return hypotheses in um/m over all readings."""
+    told = tell(fit, rows, pattern)
+    return Family(
+        kind=kind,
+        rows=rows,
+        named=named,
+        shown=told.shown,
+        seen=np.diag(told.seen),
+        whole=told.whole,
+        pattern=lambda places: pattern[:, places],
+        critical=CRITICAL_OF_FEW,
+        least=LEAST_UM_M,
+        usual=usual,
+        free=free,
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -158,26 +194,35 @@ def shown(fit: MixedFit, every: Sequence[Family], scale: float, least: float) ->
 
     ``scale`` is by how much the residuals are noisier than their weights say. All but the `MOST_SHOWN` best are left out.
     """
-    found = [(family, tell(fit, family.rows, family.pattern)) for family in every]
-    ranked = [
-        (float(told.statistic[place]) / scale**2, number, int(place))
-        for number, (family, told) in enumerate(found)
-        for place in np.flatnonzero((told.statistic > least * scale**2) & (np.abs(told.size) >= family.least))
-    ]
+    ranked = []
+    for number, family in enumerate(every):
+        size = family.size
+        statistic = size * family.shown / scale**2
+        places = np.flatnonzero((statistic > least) & (np.abs(size) >= family.least))
+        ranked += [(float(statistic[place]), number, int(place)) for place in places]
     ranked.sort(key=lambda one: -one[0])
-    return [_hypothesis(fit, *found[number], place, statistic) for statistic, number, place in ranked[:MOST_SHOWN]]
+    return _hypotheses(fit, [(every[number], place, statistic) for statistic, number, place in ranked[:MOST_SHOWN]])
 
 
-def _hypothesis(fit: MixedFit, family: Family, told: Told, place: int, statistic: float) -> Hypothesis:
-    return Hypothesis(
-        kind=family.kind,
-        named=int(family.named[place]),
-        rows=family.rows,
-        pattern=family.pattern[:, place],
-        size=float(told.size[place]),
-        statistic=statistic,
-        critical=family.critical,
-        unusual=float((told.size[place] / family.usual) ** 2),
-        free=family.free,
-        without=fit.unknowns - told.size[place] * told.moved[:, place],
-    )
+def _hypotheses(fit: MixedFit, found: Sequence[tuple[Family, int, float]]) -> list[Hypothesis]:
+    """Return hypotheses by family and place in it, with what each makes of the unknowns."""
+    patterns = [family.pattern(np.array([place]))[:, 0] for family, place, _ in found]
+    on_all = np.zeros((len(fit.weight), len(found)))
+    for column, ((family, _, _), pattern) in enumerate(zip(found, patterns, strict=True)):
+        on_all[family.rows, column] = pattern
+    moved = tell(fit, np.arange(len(fit.weight)), on_all).moved if found else on_all
+    return [
+        Hypothesis(
+            kind=family.kind,
+            named=int(family.named[place]),
+            rows=family.rows,
+            pattern=patterns[column],
+            size=float(family.size[place]),
+            statistic=statistic,
+            critical=family.critical,
+            unusual=float((family.size[place] / family.usual) ** 2),
+            free=family.free,
+            without=fit.unknowns - family.size[place] * moved[:, column],
+        )
+        for column, (family, place, statistic) in enumerate(found)
+    ]

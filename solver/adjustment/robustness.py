@@ -6,15 +6,16 @@ contradiction is large, all are named, and nobody may compensate a machine by su
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.adjustment.hypotheses import SCALE, STEP, STOP, WARMING, Hypothesis, counts, families, shown
+from stepdiag.solver.adjustment.counts import Count
+from stepdiag.solver.adjustment.hypotheses import SCALE, STEP, STOP, WARMING, Family, Hypothesis, families, shown
 from stepdiag.solver.adjustment.smoothness import roughness
-from stepdiag.solver.adjustment.wander import Wander, most_wandering
+from stepdiag.solver.adjustment.wander import Wander, wandering
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.mixed import MixedFit
@@ -39,32 +40,43 @@ EXPANSION_UM_M_C = 11.7
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Suspicion:
-    """A contradiction: what may be the cause, one hypothesis where that is decided; or a pass that wanders.
+    """A contradiction: what may be the cause, one hypothesis where that is decided; or a pass that wanders, the likeliest first.
 
     ``smoother``: what the machine's smoothness says for the likeliest (twice the logarithm of the likelihood).
     """
 
     hypotheses: Sequence[Hypothesis] = ()
-    wander: Wander | None = None
+    wanders: Sequence[Wander] = ()
     smoother: float = 0.0
 
     @property
     def decided(self) -> bool:
         """Tell whether the readings say what it was."""
-        return len(self.hypotheses) < 2
+        return len(self.hypotheses) + len(self.wanders) < 2
 
 
-def most_suspicious(fit: MixedFit, columns: Columns, layout: Layout) -> Suspicion | None:
-    """Return the worst contradiction among the readings, None where all agree within their noise."""
+def most_suspicious(fit: MixedFit, columns: Columns, layout: Layout, every: Sequence[Count]) -> Suspicion | None:
+    """Return the worst contradiction among the readings, None where all agree within their noise; ``every`` count of theirs."""
     rows = np.flatnonzero((fit.redundancy[: len(layout)] > CHECKED) & (fit.weight[: len(layout)] > 0))
     if not len(rows):
         return None
-    scale = max(robust_scale(fit, rows) or 1.0, 1.0)
-    found = _likeliest(fit, columns, shown(fit, list(families(fit, layout)), scale, LEAST_SHOWN))
-    wander = most_wandering(fit, counts(layout, np.flatnonzero(fit.weight[: len(layout)] > 0)), scale)
-    if wander is not None and (found is None or wander.gain > max(one.statistic for one in found.hypotheses) + AS_GOOD):
-        return Suspicion(wander=wander)
+    each = list(families(fit, layout, every))
+    scale = _noise_left(fit, rows, each)
+    found = _likeliest(fit, columns, shown(fit, each, scale, LEAST_SHOWN))
+    wanders = wandering(fit, every, scale)
+    if wanders and (found is None or wanders[0].gain > max(one.statistic for one in found.hypotheses) + AS_GOOD):
+        return Suspicion(wanders=wanders)
     return found
+
+
+def _noise_left(fit: MixedFit, rows: NDArray[np.int64], every: Sequence[Family]) -> float:
+    """Return by how much the residuals are noisier than their weights say, 1 at least.
+
+    Where few readings check each other, one wrong one is in all their residuals: what the best hypothesis leaves is no noise then either.
+    """
+    best = max((float(np.max(family.size * family.shown, initial=0.0)) for family in every), default=0.0)
+    left = float(np.sqrt(max(fit.chi_square - best, 0.0) / max(fit.freedom - 1, 1)))
+    return max(min(robust_scale(fit, rows) or 1.0, left), 1.0)
 
 
 def _likeliest(fit: MixedFit, columns: Columns, every: Sequence[Hypothesis]) -> Suspicion | None:
@@ -94,8 +106,9 @@ def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
 def effects_for(layout: Layout, suspicion: Suspicion) -> list[Effect]:
     """Return what the adjustment has to leave open from now on: a decided cause entirely, a possible one by its size."""
     text = name_suspicion(layout, suspicion).text
-    if suspicion.wander is not None:
-        return [Effect(name="wandering pass", text=text, pattern_um=suspicion.wander.pattern(len(layout)))]
+    if suspicion.wanders:
+        patterns = [wander.pattern(len(layout)) for wander in suspicion.wanders]
+        return [Effect(name="wandering pass", text=text, pattern_um=np.hstack(patterns))]
     found = [one for one in suspicion.hypotheses if one.kind != STOP]
     sizes = [one.free if suspicion.decided else abs(one.size) for one in found]
     return [
@@ -106,16 +119,16 @@ def effects_for(layout: Layout, suspicion: Suspicion) -> list[Effect]:
 
 def trial_of(layout: Layout, suspicion: Suspicion) -> Effect:
     """Return the likeliest explanation as an effect of which nothing is known beforehand."""
-    if suspicion.wander is not None:
-        return effects_for(layout, suspicion)[0]
+    if suspicion.wanders:
+        return effects_for(layout, replace(suspicion, wanders=suspicion.wanders[:1]))[0]
     best = suspicion.hypotheses[0]
     return Effect(name="suspicion", text="", pattern_um=best.free * best.on(len(layout))[:, None])
 
 
 def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
     """Return the finding that names what was found."""
-    if suspicion.wander is not None:
-        return _name_wander(layout, suspicion.wander)
+    if suspicion.wanders:
+        return _name_wander(layout, suspicion.wanders)
     if suspicion.decided:
         return _name_decided(layout, suspicion.hypotheses[0])
     kinds = {one.kind for one in suspicion.hypotheses}
@@ -159,18 +172,24 @@ def _words(layout: Layout, one: Hypothesis) -> str:
     return f"the machine grew by {one.size:+.3g} um/m during the survey (about {one.size / EXPANSION_UM_M_C:+.2g} K{bent})"
 
 
-def _name_wander(layout: Layout, wander: Wander) -> Finding:
+def _name_wander(layout: Layout, wanders: Sequence[Wander]) -> Finding:
     """Return the finding on a pass that wanders: another drive of the same setup outweighs it, else the survey is not to be used."""
-    first, last = (int(wander.rows[place]) for place in (0, -1))
-    setup = layout.setups[int(layout.setup_index[first])].name
-    passes = dict.fromkeys(str(layout.passes[int(number)]) for number in layout.pass_index[wander.rows])
-    again = _driven_again(layout, wander.rows)
-    size = wander.step_um * np.sqrt(len(wander.rows) - 1)
-    stops = f"stops {layout.stop[first]} to {layout.stop[last]}"
-    text = f"{' and '.join(passes)} wanders by about {size:.2g} um against the other readings, {stops}"
-    if again:
+    if len(wanders) > 1:
+        named = " or ".join(_wander_words(layout, wander) for wander in wanders)
+        text = f"{named}: one of them wanders and the data do not say which; drive these setups again before anything is compensated"
+        return Finding(code="pass-wanders", severity="error", text=text)
+    setup = layout.setups[int(layout.setup_index[wanders[0].rows[0]])].name
+    text = f"{_wander_words(layout, wanders[0])} wanders against the other readings"
+    if _driven_again(layout, wanders[0].rows):
         return Finding(code="pass-wanders", severity="warning", text=f"{text}; it counts little, setup {setup} was driven again")
     return Finding(code="pass-wanders", severity="error", text=f"{text}; nothing else checks it: drive setup {setup} again")
+
+
+def _wander_words(layout: Layout, wander: Wander) -> str:
+    first, last = (int(wander.rows[place]) for place in (0, -1))
+    passes = dict.fromkeys(str(layout.passes[int(number)]) for number in layout.pass_index[wander.rows])
+    size = wander.step_um * np.sqrt(len(wander.rows) - 1)
+    return f"{' and '.join(passes)} (stops {layout.stop[first]} to {layout.stop[last]}, about {size:.2g} um)"
 
 
 def _driven_again(layout: Layout, rows: NDArray[np.int64]) -> bool:

@@ -5,6 +5,7 @@ their neighbours only: a block tridiagonal matrix. What is coupled to everything
 Elimination costs n small blocks instead of (18 n)^3.
 """
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,9 +58,11 @@ class Elimination:
     def solve(self, right: Vector) -> Vector:
         """Return the inverse times ``right`` (count, k)."""
         border = self.blocks.border
-        inner = self.inner_solve(right[: border.start])
-        outer = self.border_inverse @ (right[border] - self.border_solution.T @ right[: border.start])
-        return np.vstack([inner - self.border_solution @ outer, outer])
+        solution = np.empty_like(right)
+        solution[: border.start] = self.inner_solve(right[: border.start])
+        solution[border] = self.border_inverse @ (right[border] - self.border_solution.T @ right[: border.start])
+        solution[: border.start] -= self.border_solution @ solution[border]
+        return solution
 
     def inner_solve(self, right: Vector) -> Vector:
         """Return the inverse of the blocks alone times ``right``, shape (places before the border, k)."""
@@ -74,42 +77,102 @@ class Elimination:
                 solution[here] -= self.multiplier[index].T @ solution[self.blocks.block(index + 1)]
         return solution
 
-    def diagonal(self) -> Vector:
-        """Return the diagonal of the inverse, shape (count,), by the recursion from the last block back."""
-        solution, inverse = self.border_solution, self.border_inverse
-        variance = np.concatenate([np.einsum("ij,ij->i", solution @ inverse, solution), np.diag(inverse)])
+    def near(self) -> Iterator[tuple[int, Vector, Vector]]:
+        """Yield from the last block back: its number, its part of the inverse of the blocks alone, and the part between it and the block
+        before, shapes (own, own) and (own, before) (Takahashi's recursion)."""
         following = np.zeros((0, 0))
         for index in range(self.blocks.count - 1, -1, -1):
-            following = self.pivot_inverse[index] + (
-                self.multiplier[index].T @ following @ self.multiplier[index] if following.size else 0.0
-            )
-            variance[self.blocks.block(index)] += np.diag(following)
+            here = self.pivot_inverse[index]
+            if following.size:
+                here = here + self.multiplier[index].T @ following @ self.multiplier[index]
+            yield index, here, -here @ self.multiplier[index - 1] if index else np.zeros((len(here), 0))
+            following = here
+
+    def around(self) -> Iterator[tuple[int, Vector]]:
+        """Yield from the last block back: its number and the inverse for the block before it, itself and the border; at last -1, border.
+
+        It is all of the inverse that rows need which touch no more.
+        """
+        borders = -self.border_solution @ self.border_inverse
+        inside = between = np.zeros((0, 0))
+        for index, here, before in self.near():
+            if index + 1 < self.blocks.count:
+                yield index + 1, self._around(index + 1, here, inside, between, borders)
+            inside, between = here, before
+        if self.blocks.count:
+            yield 0, self._around(0, np.zeros((0, 0)), inside, between, borders)
+        yield -1, self.border_inverse
+
+    def _around(self, index: int, before: Vector, here: Vector, between: Vector, borders: Vector) -> Vector:
+        edges = self.blocks.edges
+        near = slice(int(edges[max(index - 1, 0)]), int(edges[index + 1]))
+        inner = np.block([[before, between.T], [between, here]]) - borders[near] @ self.border_solution[near].T
+        return np.block([[inner, borders[near]], [borders[near].T, self.border_inverse]])
+
+    def diagonal(self) -> Vector:
+        """Return the diagonal of the inverse, shape (count,)."""
+        solution, inverse = self.border_solution, self.border_inverse
+        variance = np.concatenate([np.einsum("ij,ij->i", solution @ inverse, solution), np.diag(inverse)])
+        for index, here, _ in self.near():
+            variance[self.blocks.block(index)] += np.diag(here)
         return variance
 
-    def border_columns(self) -> Vector:
-        """Return the columns of the inverse that belong to the border, shape (count, border)."""
-        return np.vstack([-self.border_solution @ self.border_inverse, self.border_inverse])
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Normal:
+    """A symmetric matrix whose blocks touch only their neighbours and the border, in the order of ``blocks``.
 
-def eliminate(matrix: Vector, blocks: Blocks) -> Elimination:
-    """Eliminate a symmetric positive definite matrix whose blocks touch only their neighbours and the border.
-
-    The columns of ``matrix`` stand in the order of ``blocks``. Raises ``numpy.linalg.LinAlgError`` for a singular one.
+    ``own`` are the blocks of the diagonal, ``lower`` those between each and the one before it (none before the first), ``coupling`` is
+    (places before the border, border), ``border`` (border, border).
     """
+
+    blocks: Blocks
+    own: list[Vector]
+    lower: list[Vector]
+    coupling: Vector
+    border: Vector
+
+    @property
+    def diagonal(self) -> Vector:
+        """Return the diagonal, shape (count,)."""
+        return np.concatenate([np.diag(block) for block in [*self.own, self.border]])
+
+    def scaled(self, scale: Vector) -> "Normal":
+        """Return the matrix with rows and columns multiplied by ``scale`` (count,)."""
+        each = [scale[self.blocks.block(index)] for index in range(self.blocks.count)]
+        inner, border = scale[: self.blocks.border.start], scale[self.blocks.border]
+        return Normal(
+            self.blocks,
+            [block * size[:, None] * size for block, size in zip(self.own, each, strict=True)],
+            [block * size[:, None] * before for block, size, before in zip(self.lower, each[1:], each, strict=False)],
+            self.coupling * inner[:, None] * border,
+            self.border * border[:, None] * border,
+        )
+
+    def raised(self, by: Vector) -> "Normal":
+        """Return the matrix with ``by`` (count,) added to its diagonal."""
+        own = [block + np.diag(by[self.blocks.block(index)]) for index, block in enumerate(self.own)]
+        return Normal(self.blocks, own, self.lower, self.coupling, self.border + np.diag(by[self.blocks.border]))
+
+    def held(self, places: NDArray[np.int64]) -> "Normal":
+        """Return the matrix with some unknowns held: their rows and columns are those of the unit matrix."""
+        free = np.ones(len(self.blocks.place))
+        free[places] = 0.0
+        return self.scaled(free).raised(1.0 - free)
+
+
+def eliminate(matrix: Normal) -> Elimination:
+    """Eliminate a symmetric positive definite matrix. Raises ``numpy.linalg.LinAlgError`` for a singular one."""
     pivots: list[Vector] = []
     multipliers: list[Vector] = []
-    for index in range(blocks.count):
-        here = blocks.block(index)
-        pivot: Vector = matrix[here, here]
+    for index, own in enumerate(matrix.own):
+        pivot = own
         if index:
-            before = blocks.block(index - 1)
-            multipliers.append(matrix[here, before] @ pivots[-1])
-            pivot = pivot - multipliers[-1] @ matrix[before, here]
+            multipliers.append(matrix.lower[index - 1] @ pivots[-1])
+            pivot = pivot - multipliers[-1] @ matrix.lower[index - 1].T
         inverted: Vector = np.linalg.inv(pivot).astype(np.float64, copy=False)
         pivots.append(inverted)
-    border = blocks.border
-    partial = Elimination(blocks, pivots, multipliers, np.zeros((border.start, 0)), np.zeros((0, 0)))
-    coupling = matrix[: border.start, border]
-    solution = partial.inner_solve(coupling)
-    inverse = np.linalg.inv(matrix[border, border] - coupling.T @ solution)
-    return Elimination(blocks, pivots, multipliers, solution, 0.5 * (inverse + inverse.T))
+    partial = Elimination(matrix.blocks, pivots, multipliers, np.zeros((len(matrix.coupling), 0)), np.zeros((0, 0)))
+    solution = partial.inner_solve(matrix.coupling)
+    inverse = np.linalg.inv(matrix.border - matrix.coupling.T @ solution)
+    return Elimination(matrix.blocks, pivots, multipliers, solution, 0.5 * (inverse + inverse.T))

@@ -8,10 +8,8 @@ import numpy as np
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.elimination import Blocks
 from stepdiag.solver.linear.least_squares import Inverse, invert
+from stepdiag.solver.linear.packed import Packed
 from stepdiag.solver.linear.rows import Rows
-
-_PIECE = 512
-"""Rows whose leverages are worked out together: what they need grows with their number times that of the unknowns."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -30,14 +28,12 @@ class Fit:
 
         A row of weight 0 is predicted by the others entirely: 1.
         """
-        share = np.ones(len(self.rows))
-        for start in range(0, len(share), _PIECE):
-            piece = slice(start, start + _PIECE)
-            some = Rows(self.rows.column[piece], self.rows.value[piece], self.rows.count)
-            spread = self.inverse.solve(some.dense().T)
-            picked = spread[some.column, np.arange(len(some))[:, None]]
-            share[piece] -= self.weight[piece] * np.einsum("ik,ik->i", some.value, picked)
-        return np.clip(share, 0.0, 1.0)
+        return np.clip(1.0 - self.weight * self.inverse.squares(), 0.0, 1.0)
+
+    @property
+    def packed(self) -> Packed:
+        """Return the rows in pieces: for products with many columns."""
+        return self.inverse.packed
 
     @property
     def freedom(self) -> int:
@@ -50,9 +46,12 @@ class Fit:
         return float(np.sum(self.weight * self.residual**2))
 
 
-def fit(rows: Rows, blocks: Blocks, target: Vector, weight: Vector, null: Vector | None = None) -> Fit:
-    """Fit the unknowns; one step of iterative refinement restores what squaring the rows costs in precision."""
-    inverse = invert(rows, weight, blocks, null)
+def fit(rows: Rows, blocks: Blocks, target: Vector, weight: Vector, like: Inverse | None = None) -> Fit:
+    """Fit the unknowns; one step of iterative refinement restores what squaring the rows costs in precision.
+
+    ``like`` as in `solver.linear.least_squares.invert`.
+    """
+    inverse = invert(rows, weight, blocks, like)
     return refit(rows, target, weight, inverse)
 
 

@@ -6,7 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.linear.elimination import Blocks, Elimination, eliminate
+from stepdiag.solver.linear.elimination import Blocks, Elimination, Normal, eliminate
+from stepdiag.solver.linear.packed import Packed, pack
 from stepdiag.solver.linear.rows import Rows
 
 NULL_TOLERANCE = 1e-7
@@ -24,6 +25,7 @@ class Inverse:
     rows do see has the same value and variance whichever are held.
     """
 
+    packed: Packed
     null: Vector
     fixed: NDArray[np.int64]
     scale: Vector
@@ -37,11 +39,11 @@ class Inverse:
     def solve(self, right: Vector) -> Vector:
         """Return C @ right, shape (count,) or (count, k)."""
         place = self.elimination.blocks.place
-        ordered = np.zeros((len(place), 1 if right.ndim == 1 else right.shape[1]))
-        scaled = self.scale[:, None] * right.reshape(len(place), -1)
-        scaled[self.fixed] = 0.0
-        ordered[place] = scaled
-        solved: Vector = self.scale[:, None] * self.elimination.solve(ordered)[place]
+        scale = self.scale.copy()
+        scale[self.fixed] = 0.0
+        ordered = np.empty((len(place), 1 if right.ndim == 1 else right.shape[1]))
+        ordered[place] = scale[:, None] * right.reshape(len(place), -1)
+        solved: Vector = scale[:, None] * self.elimination.solve(ordered)[place]
         return solved[:, 0] if right.ndim == 1 else solved
 
     def variance(self) -> Vector:
@@ -51,6 +53,12 @@ class Inverse:
         scaled: Vector = diagonal * self.scale**2
         return scaled
 
+    def squares(self) -> Vector:
+        """Return a' C a for every row a, shape (m,)."""
+        scale = self.scale.copy()
+        scale[self.fixed] = 0.0
+        return self.packed.squares(self.elimination, scale)
+
     def sees(self, combinations: Rows) -> NDArray[np.bool_]:
         """Tell for each row of ``combinations``, a linear function of the unknowns, whether the data determine it, shape (q,)."""
         length = np.sqrt(np.sum((combinations.value * self.scale[combinations.column]) ** 2, axis=1))
@@ -59,20 +67,21 @@ class Inverse:
         return seen
 
 
-def invert(rows: Rows, weight: Vector, blocks: Blocks, null: Vector | None = None) -> Inverse:
+def invert(rows: Rows, weight: Vector, blocks: Blocks, like: Inverse | None = None) -> Inverse:
     """Return a generalised inverse of A.T diag(weight) A.
 
-    ``null`` may carry over the null space of the same rows under other (positive) weights, which does not depend on them.
+    ``like`` is one of the same rows under other (positive) weights: the null space does not depend on them.
     """
-    system = _scaled(rows.renumbered(blocks.place), weight, blocks)
-    if null is None:
+    system = _scaled(pack(rows, blocks) if like is None else like.packed, weight)
+    if like is None:
         basis, held, elimination = _null_space(system)
     else:
-        basis = np.linalg.qr(null[np.argsort(blocks.place)] / system.scale[:, None])[0]
+        basis = np.linalg.qr(like.null[np.argsort(blocks.place)] / system.scale[:, None])[0]
         held = _pivots(basis)
-        elimination = system.hold(held)
+        elimination = eliminate(system.normal.held(held))
     place = blocks.place
     return Inverse(
+        packed=system.packed,
         null=(basis * system.scale[:, None])[place],
         fixed=np.argsort(place)[held],
         scale=system.scale[place],
@@ -82,17 +91,30 @@ def invert(rows: Rows, weight: Vector, blocks: Blocks, null: Vector | None = Non
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _System:
-    """Rows in block order, weighted, with columns scaled to unit length, and their normal matrix."""
+    """Weighted rows and their normal matrix in block order, with columns scaled to unit length."""
 
-    rows: Rows
-    root_weight: Vector
-    normal: Vector
+    packed: Packed
+    weight: Vector
+    normal: Normal
     scale: Vector
-    blocks: Blocks
+
+    def image(self, block: Vector) -> Vector:
+        """Return the weighted rows times ``block`` (count, k), which stands in the order of the blocks, shape (m, k)."""
+        in_own_order = (block * self.scale[:, None])[self.packed.blocks.place]
+        weighted: Vector = np.sqrt(self.weight)[:, None] * self.packed.times(in_own_order)
+        return weighted
+
+    def columns(self, places: NDArray[np.int64]) -> Vector:
+        """Return columns of the normal matrix, shape (count, k)."""
+        unit = np.zeros((len(self.scale), len(places)))
+        unit[places, np.arange(len(places))] = 1.0
+        ordered = np.empty_like(unit)
+        ordered[self.packed.blocks.place] = self.packed.transposed_times(np.sqrt(self.weight)[:, None] * self.image(unit))
+        return self.scale[:, None] * ordered
 
     def unseen(self, block: Vector, tolerance: float) -> Vector:
         """Return an orthonormal basis of what the rows do not see of the span of orthonormal ``block`` (count, k), k > 0."""
-        image = self.root_weight[:, None] * self.rows.times(block * self.scale[:, None])
+        image = self.image(block)
         if np.linalg.norm(image) < tolerance:
             return block
         _, singular, right = np.linalg.svd(np.linalg.qr(image, mode="r"))
@@ -100,21 +122,12 @@ class _System:
         basis: Vector = block @ right.T[:, lengths < tolerance]
         return basis
 
-    def hold(self, held: NDArray[np.int64]) -> Elimination:
-        """Eliminate with the unknowns ``held`` kept at zero."""
-        matrix = self.normal.copy()
-        matrix[held, :] = 0.0
-        matrix[:, held] = 0.0
-        matrix[held, held] = 1.0
-        return eliminate(matrix, self.blocks)
 
-
-def _scaled(rows: Rows, weight: Vector, blocks: Blocks) -> _System:
-    normal = rows.normal(weight)
-    diagonal = np.diag(normal)
+def _scaled(packed: Packed, weight: Vector) -> _System:
+    normal = packed.normal(weight)
+    diagonal = normal.diagonal
     scale = 1.0 / np.sqrt(np.where(diagonal > 0, diagonal, 1.0))
-    normal *= scale[:, None] * scale
-    return _System(rows, np.sqrt(weight), normal, scale, blocks)
+    return _System(packed, weight, normal.scaled(scale), scale)
 
 
 def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination]:
@@ -124,31 +137,30 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     to full precision; the rows themselves then judge which are null, which squaring them could not.
     """
     held = _pivots(_candidates(system))
-    elimination = system.hold(held)
+    elimination = eliminate(system.normal.held(held))
     if not len(held):
         return np.zeros((len(system.scale), 0)), held, elimination
-    coupling = system.normal[:, held]
+    coupling = system.columns(held)
     coupling[held] = 0.0
     exact = -elimination.solve(coupling)
     exact[held] = np.eye(len(held))
     basis = system.unseen(np.linalg.qr(exact)[0], NULL_TOLERANCE)
     if basis.shape[1] < len(held):
         held = _pivots(basis)
-        elimination = system.hold(held)
+        elimination = eliminate(system.normal.held(held))
     return basis, held, elimination
 
 
 def _candidates(system: _System) -> Vector:
     """Return an orthonormal basis of directions that the rows hardly see, by inverse iteration on a growing block."""
     count = len(system.scale)
-    shifted = system.normal.copy()
-    shifted[np.diag_indices(count)] += _SHIFT
-    nearly = eliminate(shifted, system.blocks)
+    nearly = eliminate(system.normal.raised(np.full(count, _SHIFT)))
     size = min(_FIRST_BLOCK, count)
     draw = np.random.default_rng(0)
     while True:
         block = np.linalg.qr(nearly.solve(draw.standard_normal((count, size))))[0]
-        square, mix = np.linalg.eigh(block.T @ (system.normal @ block))
+        image = system.image(block)
+        square, mix = np.linalg.eigh(image.T @ image)
         basis: Vector = block @ mix[:, square < _CANDIDATE**2]
         if basis.shape[1] < size or size == count:
             return basis

@@ -35,8 +35,8 @@ class Causes:
     def of(cls, fit: Fit, pattern: Vector) -> "Causes":
         """Return what a fit leaves of the patterns."""
         weighted = fit.weight[:, None] * pattern
-        taken = fit.inverse.solve(fit.rows.transposed_times(weighted))
-        left = weighted - fit.weight[:, None] * fit.rows.times(taken)
+        taken = fit.inverse.solve(fit.packed.transposed_times(weighted))
+        left = weighted - fit.weight[:, None] * fit.packed.times(taken)
         seen = pattern.T @ left
         return cls(pattern, taken, left, 0.5 * (seen + seen.T), pattern.T @ (fit.weight * fit.residual))
 
@@ -135,7 +135,7 @@ class MixedFit:
         """Return how the unknowns move per unit of target in the given rows, shape (count, rows)."""
         unit = np.zeros((len(self.rows), len(rows)))
         unit[rows, np.arange(len(rows))] = self.weight[rows]
-        direct: Vector = self.inverse.solve(self.rows.transposed_times(unit))
+        direct: Vector = self.inverse.solve(self.fixed.packed.transposed_times(unit))
         moved: Vector = direct - self.causes.taken @ (self.amount_covariance @ self.causes.left[rows].T)
         return moved
 

@@ -19,6 +19,8 @@ FAR = 10.0
 """So many times the usual limit stops an export."""
 REFUSED = 3.0
 """So many times the expectation of chi-square stops it, after every hypothesis has been looked at (`solver.adjustment.robustness`)."""
+AS_LITTLE = 2.0
+"""Passes without which chi-square for a degree of freedom differs by less than this factor are not told from each other."""
 ONE_STOP = 0.5
 """A stop that makes so much of its pass's contradiction is at fault itself."""
 
@@ -32,20 +34,34 @@ def _chi_square(found: Adjustment) -> list[Finding]:
     chi_square, expected = found.chi_square, float(found.fit.freedom)
     if found.fit.freedom < 1 or chi_square <= REFUSED * expected:
         return []
-    setup, number, stop = _most_probable(found)
-    place = f"pass {number} of {setup}" if stop is None else f"stop {stop} of pass {number} of {setup}"
+    passes = _most_probable(found)
+    setup, number, stop = _place(found, passes[0])
+    if len(passes) > 1:
+        place = " or ".join(f"pass {key.number} of {key.setup}" for key in (found.layout.passes[index] for index in passes))
+        words = f"{place}: one of them is most probably at fault, the data do not say which: drive them again"
+        setup, number, stop = "", None, None
+    else:
+        place = f"pass {number} of {setup}" if stop is None else f"stop {stop} of pass {number} of {setup}"
+        words = f"{place} is most probably at fault: drive it again"
     text = (
         f"the readings contradict each other {chi_square / expected:.3g} times more than noise, drift and angular errors explain "
-        f"(chi-square {chi_square:.4g}, {expected:.4g} expected); {place} is most probably at fault: drive it again"
+        f"(chi-square {chi_square:.4g}, {expected:.4g} expected); {words}"
     )
     return [Finding(code="chi-square-far", severity="error", text=text, setup=setup, pass_number=number, stop=stop)]
 
 
-def _most_probable(found: Adjustment) -> tuple[str, int, int | None]:
-    """Return setup and pass without which the others contradict each other least, and its stop where one stands out."""
+def _most_probable(found: Adjustment) -> list[int]:
+    """Return the pass without which the others contradict each other least, and those without which they hardly do more."""
     layout = found.layout
-    left = [_without(found, layout.pass_index == index) for index in range(len(layout.passes))]
-    worst = int(np.argmin(left))
+    left = np.array([_without(found, layout.pass_index == index) for index in range(len(layout.passes))])
+    order = np.argsort(left, kind="stable")
+    limit = max(AS_LITTLE * float(left[order[0]]), 1.0)
+    return [int(index) for index in order if left[index] <= limit]
+
+
+def _place(found: Adjustment, worst: int) -> tuple[str, int | None, int | None]:
+    """Return setup and number of a pass, and its stop where one stands out."""
+    layout = found.layout
     mine = np.flatnonzero(layout.pass_index == worst)
     squares = found.fit.weight[mine] * found.residual_um[mine] ** 2
     stands_out = np.max(squares) > ONE_STOP * np.sum(squares)

@@ -23,6 +23,9 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM, Layout
 from stepdiag.solver.readings.readings import PassKey
 
+FEW_UNKNOWNS = 128
+"""So many are eliminated at once: blocks would cost more calls than they save."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
@@ -238,6 +241,8 @@ def _drift_entries(layout: Layout, columns: Columns, pairs: list[tuple[str, int,
 def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
     """Return the block of every unknown, -1 for the border: nuisances, end nodes, and nodes where an axis stands during a pass."""
     group = np.full(columns.count, -1, dtype=np.int64)
+    if columns.count <= FEW_UNKNOWNS:
+        return group
     node = np.arange(1, columns.nodes + 1)
     folded = np.minimum(node, columns.nodes - node) - 1
     for part in columns.parts:

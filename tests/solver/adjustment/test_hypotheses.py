@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from stepdiag.solver.adjustment.adjustment import adjust
+from stepdiag.solver.adjustment.counts import counts, steps_of
 from stepdiag.solver.adjustment.diagnostics import scale_misclosure, setup_findings, setup_reports
-from stepdiag.solver.adjustment.hypotheses import tell
+from stepdiag.solver.adjustment.hypotheses import families, tell
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.model.layout import lay_out
@@ -90,6 +91,44 @@ def test_good_surveys_are_left_alone(angle_urad):
         assert not codes_of(adjusted(Bench(seed=seed, angle_urad=angle_urad).survey()))
 
 
+def all_findings(found):
+    reports = setup_reports(found)
+    return [*found.findings, *setup_findings(found, reports), *contradictions(found, reports)]
+
+
+@pytest.mark.parametrize("setup", [*DIAGONALS, "linear-y"])
+def test_a_step_that_hardly_anything_checks_is_named_and_refused(setup):
+    """Two increments, one way: seven degrees of freedom, and the step is in all residuals."""
+    readings = Bench(seed=1, increments=2).survey()
+    for stop in range(1, 3 if setup == "linear-y" else 7, 2):
+        later = np.array([name == setup and at >= stop for name, at in zip(readings.setup, readings.stop, strict=True)])
+        found = all_findings(adjusted(replace(readings, reading_mm=readings.reading_mm + 0.2 * later)))
+        assert any(finding.severity == "error" for finding in found)
+        assert any(f"{setup}," in finding.text for finding in found)
+
+
+def test_a_walk_that_all_diagonals_could_have_made_is_named_with_each_and_refused():
+    readings = Bench(seed=3).survey()
+    rng, wrong = np.random.default_rng(3), np.array(readings.setup) == "ppn"
+    reading = readings.reading_mm.copy()
+    reading[wrong] += 1e-3 * np.append(0.0, np.cumsum(rng.normal(scale=1.2, size=wrong.sum() - 1)))
+    errors = [finding for finding in adjusted(replace(readings, reading_mm=reading)).findings if finding.severity == "error"]
+    assert errors
+    assert all("ppn" in finding.text for finding in errors)
+
+
+def test_ten_ppm_on_one_diagonal_are_named_with_every_setup_that_could_have_them():
+    readings = Bench(seed=101).survey()
+    longer = np.where(np.array(readings.setup) == "npp", 1 + 10e-6, 1.0)
+    errors = [
+        finding
+        for finding in all_findings(adjusted(replace(readings, reading_mm=readings.reading_mm * longer)))
+        if finding.severity == "error"
+    ]
+    assert errors
+    assert all("npp" in finding.text for finding in errors)
+
+
 def warmed(readings, um_m):
     """Return the readings of a machine whose axes grow evenly by ``um_m`` from the first stop of the survey to the last."""
     ordered = readings.select(np.concatenate(list(readings.passes().values())))
@@ -145,8 +184,21 @@ def test_a_hypothesis_is_the_least_squares_fit_with_one_more_unknown():
     for place in range(2):
         columns = root @ np.column_stack([fit.rows.dense(), whole[:, place]])
         inverse = np.linalg.pinv(columns.T @ columns)
-        assert told.size[place] == pytest.approx((inverse @ columns.T @ root @ target)[-1], rel=1e-6, abs=1e-9)
+        assert told.shown[place] / told.seen[place, place] == pytest.approx((inverse @ columns.T @ root @ target)[-1], rel=1e-6, abs=1e-9)
         assert 1.0 / told.seen[place, place] == pytest.approx(inverse[-1, -1], rel=1e-6)
+
+
+def test_what_is_left_of_a_count_is_what_each_pattern_tells_by_itself():
+    found = adjusted(Bench(seed=1, increments=3).survey(passes=(1, 2), joined=True))
+    for count in counts(found.fit.fixed, found.layout)[::3]:
+        size = len(count.rows)
+        for family in list(families(found.fit, found.layout, [count]))[:2]:
+            places = np.arange(len(family.named))
+            alone = tell(found.fit, count.rows, family.pattern(places))
+            assert family.seen == pytest.approx(np.diag(alone.seen), abs=1e-7)
+            assert family.shown == pytest.approx(alone.shown)
+        steps = steps_of(size, np.arange(1, size))
+        assert count.walk @ count.walk.T == pytest.approx(steps @ steps.T)
 
 
 def test_a_jump_is_rougher_than_a_bend():

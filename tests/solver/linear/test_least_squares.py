@@ -1,24 +1,35 @@
 """Sparse rows, elimination in blocks and the computed null space, against dense decompositions."""
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.solver.geometry.volume import Volume
-from stepdiag.solver.linear.elimination import eliminate, order_blocks
+from stepdiag.solver.linear.elimination import Normal, eliminate, order_blocks
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.least_squares import invert
+from stepdiag.solver.linear.packed import pack
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.reported import reported, variance
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
-from testkit.surveys import DIAGONALS
+from testkit.surveys import DIAGONALS, Bench
 
 
 def random_rows(rng, count, width, columns, *, used):
     return Rows(rng.integers(0, used, (count, width)), rng.normal(size=(count, width)), columns)
+
+
+def in_blocks(matrix, blocks):
+    """Return the parts of a matrix in block order that elimination uses."""
+    at = [blocks.block(index) for index in range(blocks.count)]
+    own = [matrix[here, here] for here in at]
+    lower = [matrix[here, before] for before, here in pairwise(at)]
+    return Normal(blocks, own, lower, matrix[: blocks.border.start, blocks.border], matrix[blocks.border, blocks.border])
 
 
 @given(st.integers(0, 10_000), st.integers(0, 4), st.integers(4, 30))
@@ -55,8 +66,7 @@ def test_of_a_deficient_system_the_inverse_is_the_dense_one_with_the_same_unknow
     dense = np.column_stack([free, free[:, 0] - 2 * free[:, 1], 3 * free[:, 2]])
     rows = Rows(np.tile(np.arange(6), (20, 1)), dense, 6)
     blocks, weight = order_blocks(np.full(6, -1)), rng.uniform(0.5, 2.0, 20)
-    null = invert(rows, np.ones(20), blocks).null if carried else None
-    inverse = invert(rows, weight, blocks, null)
+    inverse = invert(rows, weight, blocks, invert(rows, np.ones(20), blocks) if carried else None)
     assert inverse.rank == 4
     free_columns = np.setdiff1d(np.arange(6), inverse.fixed)
     exact = np.zeros((6, 6))
@@ -78,9 +88,34 @@ def test_elimination_in_blocks_is_the_dense_inverse():
     matrix = np.where(coupled, full, 0.0) + 5 * count * np.eye(count)
     ordered = np.empty_like(matrix)
     ordered[np.ix_(blocks.place, blocks.place)] = matrix
-    found = eliminate(ordered, blocks)
+    found = eliminate(in_blocks(ordered, blocks))
     assert found.solve(np.eye(count)) == pytest.approx(np.linalg.inv(ordered), abs=1e-12)
     assert found.diagonal() == pytest.approx(np.diag(np.linalg.inv(ordered)), abs=1e-12)
+    for block, inverse in found.around():
+        near = [*range(int(blocks.edges[max(block - 1, 0)]), int(blocks.edges[block + 1])), *range(*blocks.border.indices(count))]
+        if block < 0:
+            near = [*range(*blocks.border.indices(count))]
+        assert inverse == pytest.approx(np.linalg.inv(ordered)[np.ix_(near, near)], abs=1e-12)
+
+
+def test_rows_in_pieces_are_the_same_matrix():
+    design = build_design(lay_out(Bench(seed=3, increments=7).survey(passes=(1, 2), joined=True)), "FXYZ", Model(reversal=True, play=True))
+    packed, dense, rng = pack(design.rows, design.blocks), design.rows.dense(), np.random.default_rng(1)
+    unknowns, readings, weight = rng.normal(size=(len(dense.T), 5)), rng.normal(size=(len(dense), 4)), rng.uniform(0.5, 2.0, len(dense))
+    assert packed.times(unknowns) == pytest.approx(dense @ unknowns)
+    assert packed.transposed_times(readings) == pytest.approx(dense.T @ readings)
+    order = np.argsort(design.blocks.place)
+    expected = in_blocks((dense.T @ (weight[:, None] * dense))[np.ix_(order, order)], design.blocks)
+    found = packed.normal(weight)
+    assert found.diagonal == pytest.approx(expected.diagonal)
+    for one, other in zip([*found.own, *found.lower, found.coupling], [*expected.own, *expected.lower, expected.coupling], strict=True):
+        assert one == pytest.approx(other, abs=1e-9)
+
+
+def test_rows_that_reach_further_than_the_next_block_are_refused():
+    rows = Rows(np.array([[0, 1], [1, 2], [0, 2]]), np.ones((3, 2)), 3)
+    with pytest.raises(ValueError, match="neighbours"):
+        pack(rows, order_blocks(np.arange(3)))
 
 
 def test_redundancy_is_what_a_change_of_one_reading_leaves_in_its_residual():

@@ -1,0 +1,113 @@
+"""Rows sorted by the blocks they touch: each lot is a small dense matrix, and everything of them is small products.
+
+A row of a survey touches one block of unknowns, the one before it and the border. Thousands of stops become n dense pieces of some dozen
+columns, on which the processor is ten times as fast as on single entries.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.elimination import Blocks, Elimination, Normal
+from stepdiag.solver.linear.rows import Rows
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Piece:
+    """Rows ``row`` (r,) that touch block ``block`` (-1: the border only), the one before it and the border: ``value`` (r, c) in
+    the unknowns ``column`` (c,)."""
+
+    block: int
+    row: NDArray[np.int64]
+    column: NDArray[np.int64]
+    value: Vector
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Packed:
+    """The same matrix as ``rows``, in pieces."""
+
+    rows: Rows
+    blocks: Blocks
+    pieces: tuple[Piece, ...]
+
+    def times(self, unknowns: Vector) -> Vector:
+        """Return A @ unknowns, shape (m, k) for (count, k)."""
+        total = np.zeros((len(self.rows), unknowns.shape[1]))
+        for piece in self.pieces:
+            total[piece.row] = piece.value @ unknowns[piece.column]
+        return total
+
+    def transposed_times(self, readings: Vector) -> Vector:
+        """Return A.T @ readings, shape (count, k) for (m, k)."""
+        total = np.zeros((self.rows.count, readings.shape[1]))
+        for piece in self.pieces:
+            total[piece.column] += piece.value.T @ readings[piece.row]
+        return total
+
+    def normal(self, weight: Vector) -> Normal:
+        """Return A.T diag(weight) A in the order of the blocks."""
+        blocks, edges = self.blocks, self.blocks.edges
+        sizes = np.diff(edges)
+        start = blocks.border.start
+        width = len(blocks.place) - start
+        own = [np.zeros((size, size)) for size in sizes]
+        lower = [np.zeros((size, before)) for size, before in zip(sizes[1:], sizes, strict=False)]
+        coupling, border = np.zeros((start, width)), np.zeros((width, width))
+        for piece in self.pieces:
+            local = piece.value.T @ (weight[piece.row, None] * piece.value)
+            inner = len(local) - width
+            border += local[inner:, inner:]
+            if piece.block < 0:
+                continue
+            here = int(sizes[piece.block])
+            before = inner - here
+            own[piece.block] += local[before:inner, before:inner]
+            coupling[edges[piece.block] - before : edges[piece.block + 1]] += local[:inner, inner:]
+            if before:
+                own[piece.block - 1] += local[:before, :before]
+                lower[piece.block - 1] += local[before:inner, :before]
+        return Normal(blocks, own, lower, coupling, border)
+
+    def squares(self, elimination: Elimination, scale: Vector) -> Vector:
+        """Return a' S C S a for every row a, shape (m,), with C the inverse behind the elimination and S diagonal, ``scale`` (count,)."""
+        total = np.zeros(len(self.rows))
+        by_block = {piece.block: piece for piece in self.pieces}
+        for block, inverse in elimination.around():
+            if block in by_block:
+                piece = by_block[block]
+                scaled = piece.value * scale[piece.column]
+                total[piece.row] = np.einsum("ij,ij->i", scaled @ inverse, scaled)
+        return total
+
+
+def pack(rows: Rows, blocks: Blocks) -> Packed:
+    """Return rows in pieces. Raises ``ValueError`` for a row that touches blocks which are no neighbours."""
+    order = np.argsort(blocks.place)
+    edges, border = blocks.edges, order[blocks.border]
+    group = np.full(rows.count, -1)
+    for index in range(blocks.count):
+        group[order[blocks.block(index)]] = index
+    highest = np.max(np.where(rows.value != 0, group[rows.column], -1), axis=1, initial=-1)
+    pieces = []
+    for block in np.unique(highest).tolist():
+        row = np.flatnonzero(highest == block)
+        inner = order[edges[max(block - 1, 0)] : edges[block + 1]] if block >= 0 else order[:0]
+        column = np.concatenate([inner, border])
+        pieces.append(Piece(block, row, column, _dense(rows, row, column)))
+    return Packed(rows, blocks, tuple(pieces))
+
+
+def _dense(rows: Rows, row: NDArray[np.int64], column: NDArray[np.int64]) -> Vector:
+    """Return some rows in some columns, which must be all that they touch, shape (rows, columns)."""
+    local = np.full(rows.count, -1)
+    local[column] = np.arange(len(column))
+    used = rows.value[row] != 0
+    place, value = local[rows.column[row]][used], rows.value[row][used]
+    if np.any(place < 0):
+        raise ValueError("rows that touch blocks which are no neighbours")
+    flat = np.repeat(np.arange(len(row)), used.sum(axis=1)) * len(column) + place
+    dense: Vector = np.bincount(flat, weights=value, minlength=len(row) * len(column)).astype(np.float64, copy=False)
+    return dense.reshape(len(row), len(column))
