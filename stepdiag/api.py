@@ -30,7 +30,7 @@ from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.verify import Verification, controller_for, verify_files
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import Angles, parse_angles
-from stepdiag.solver.readings.readings import Readings, make_readings, parse_readings, render_readings
+from stepdiag.solver.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
 from stepdiag.solver.result.result import Result, parse_result
 
 __all__ = [
@@ -63,7 +63,7 @@ def load_readings(path: Path | str) -> Readings:
 
     Raises ``UsageError`` for a file that cannot be read, ``DataError`` with row and field for one that is no table of readings.
     """
-    return parse_readings(read_text(Path(path)), Path(path).name)
+    return in_mm(parse_readings(read_text(Path(path)), Path(path).name), Path(path).name)
 
 
 def load_angles(path: Path | str) -> Angles:

@@ -10,7 +10,7 @@ from stepdiag.daq.survey.formats import laser_settings
 from stepdiag.daq.survey.models import LineSection, Plc, Survey
 from stepdiag.exporters.files.settings import refuse, unknown_key
 from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
+from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS, reads_like_metres
 
 _SETUP_NAMES = (*BODY_DIAGONALS, *LINEAR_RUNS, *FOURDOF_RUNS)
 _INPUT_NAME = re.compile(r"[A-Za-z]\w{0,31}\Z", re.ASCII)
@@ -22,9 +22,14 @@ _BITS_PER_CHARACTER = 11
 
 def check(survey: Survey, source: str) -> None:
     """Raise UsageError for the first contradiction in the file, in the order of its sections."""
-    for rule in (_plan, _machine, _laser, _head, _plc, _dwell, _page):
+    for rule in (_volume, _plan, _machine, _laser, _head, _plc, _dwell, _page):
         for refusal in rule(survey, source):
             raise refusal
+
+
+def _volume(survey: Survey, source: str) -> Iterator[UsageError]:
+    if reads_like_metres(survey.box.size_mm):
+        yield refuse(source, "volume.size_mm", "lengths in mm", list(survey.box.size_mm), "this reads like metres: times 1000")
 
 
 def _plan(survey: Survey, source: str) -> Iterator[UsageError]:

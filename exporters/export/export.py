@@ -26,6 +26,7 @@ from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run
 from stepdiag.exporters.safety.compensation import remarks as compensation_remarks
 from stepdiag.exporters.safety.compensation import require_agreement, require_answer
 from stepdiag.exporters.safety.gate import gate_findings, require_clean
+from stepdiag.exporters.safety.identity import require_same_machine
 from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.safety.restore import restore_files
@@ -66,6 +67,7 @@ def export(
         return export_etalon(result, out_dir)
     control = controller_named(controller)
     settled = _settled(profile, control, result, step_mm)
+    require_same_machine(result, settled)
     require_agreement(result, settled)
     require_levers(result, settled)
     if isinstance(settled.options, LinuxCncOptions) and settled.options.way == "kinematics":

@@ -17,6 +17,7 @@ from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.safety.checks import limit_findings
 from stepdiag.exporters.safety.compensation import require_agreement, stated_in
+from stepdiag.exporters.safety.identity import require_same_machine
 from stepdiag.exporters.safety.judgement import Judgement, judge, judge_field
 from stepdiag.exporters.safety.lattice_judgement import judge_lattice
 from stepdiag.exporters.safety.levers import require_levers
@@ -148,6 +149,7 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
         expected = "the profile of the machine: a compensation was active while measuring, and what it did is in machine.existing"
         raise UsageError("--profile", expected=expected, found="none")
     if profile is not None:
+        require_same_machine(result, profile)
         require_agreement(result, profile)
         require_levers(result, profile)
     if len(files) == 1 and lattice.recognises(files[0]):

@@ -1,5 +1,6 @@
 """The measured volume, its diagonals and the ordered stops of a pass (contract 1; Wang 2000, sections II and III.E)."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -22,6 +23,7 @@ SETUP_NUMBERS = {
 MOST_INCREMENTS = 500
 """Of one axis: out and back along four diagonals that is a survey of thirteen hours. The solver takes a minute and 2.4 GB for it, and both
 grow with the second to third power."""
+SHORTEST_MACHINE_MM = 10.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -41,6 +43,11 @@ class Volume:
         """Return the target positions of one axis (0, 1, 2), shape (increments + 1,), ascending."""
         low = self.origin_mm[axis]
         return low + self.size_mm[axis] * np.arange(self.increments + 1) / self.increments
+
+
+def reads_like_metres(size_mm: Iterable[float]) -> bool:
+    """Tell whether lengths that should be in mm are so small that somebody wrote metres: no machine tool has less than a centimetre."""
+    return max(size_mm) < SHORTEST_MACHINE_MM
 
 
 def travel_signs(diagonal: str) -> NDArray[np.int64]:

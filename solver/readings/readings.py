@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.geometry.setups import setup_of
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.geometry.volume import Vector, reads_like_metres
 from stepdiag.solver.readings.csv_table import number_in, read_table, whole_number_in
 
 REQUIRED = ("setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "reading_mm")
@@ -150,6 +150,16 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
     _refuse_gaps(readings, passes, source)
     _refuse_half_zeros(readings, passes, source)
     return readings.select(np.concatenate(list(passes.values())))
+
+
+def in_mm(readings: Readings, source: str) -> Readings:
+    """Return readings from elsewhere as they are. Raises ``DataError`` where their volume is so small that somebody wrote metres."""
+    size_mm = np.ptp(readings.position_mm, axis=0)
+    if reads_like_metres(size_mm.tolist()):
+        found = " x ".join(f"{each:g}" for each in size_mm)
+        remedy = "this reads like metres: times 1000"
+        raise DataError(f"{source}: x_mm, y_mm, z_mm", expected="positions in mm", found=f"a volume of {found}", remedy=remedy)
+    return readings
 
 
 class _Row(NamedTuple):

@@ -11,9 +11,11 @@ from stepdiag.cli.completion import languages
 from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
+    from stepdiag.conclusion import Conclusion
     from stepdiag.report.certificate import AsLeft
     from stepdiag.report.exported import Exported
     from stepdiag.solver.result.result import Result
+    from stepdiag.texts.texts import Language
 
 
 def register(app: typer.Typer) -> None:
@@ -48,11 +50,8 @@ def report(
     from stepdiag.report.exported import exported_in
     from stepdiag.report.output import write_report
     from stepdiag.solver.readings.readings import parse_readings
-    from stepdiag.texts.texts import LANGUAGES
 
-    chosen = next((known for known in LANGUAGES if known == language), None)
-    if chosen is None:
-        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=language)
+    chosen = _language(language)
     found = read_result(result)
     exported = [exported_in(found, files, profile)] if files else []
     built = build_report(
@@ -79,8 +78,13 @@ def _as_left(before: "Result", exported: "list[Exported]", path: Path) -> "AsLef
 
     after = read_result(path)
     same_machine(before, after)
-    predicted = conclude(before, [one.concluded for one in exported if one.concluded is not None]).reach.rms_after
-    return as_left(path.name, conclude(after), predicted)
+    return as_left(path.name, conclude(after), _concluded(before, exported).reach.rms_after)
+
+
+def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
+    from stepdiag.conclusion import conclude
+
+    return conclude(before, [one.concluded for one in exported if one.concluded is not None])
 
 
 def read_result(path: Path) -> "Result":
@@ -93,26 +97,88 @@ def read_result(path: Path) -> "Result":
 
 def compare(
     results: Annotated[list[Path], typer.Argument(help="two results of one machine, earlier first; more for a trend")],
+    loaded: Annotated[
+        list[Path] | None,
+        typer.Option("--loaded", help="What was loaded in between: an export's folder or files; may be repeated."),
+    ] = None,
+    profile: Annotated[Path | None, typer.Option(help="The machine's profile the files were written with.")] = None,
+    out: Annotated[Path | None, typer.Option(help="FILE.html: the certificate's last page, predicted against measured.")] = None,
+    letterhead: Annotated[Path | None, typer.Option(help="Settings (TOML) with company, address and logo.")] = None,
+    pdf: Annotated[bool, typer.Option("--pdf", help="Also print that page as PDF (needs chromium).")] = False,
+    language: Annotated[str, typer.Option(help="en or de", autocompletion=languages)] = "en",
     as_json: Annotated[bool, typer.Option("--json", help="for programs")] = False,
 ) -> None:
     """Say what changed between results of one machine.
 
-    And whether it is more than the uncertainty; from three results on, the trend.
+    Whether it is more than the uncertainty, and with --loaded whether the prediction came true; from three results on, the trend.
     """
     from stepdiag.comparing import compare as comparing
+    from stepdiag.report.exported import exported_in
 
     if len(results) < 2:
         raise UsageError("compare", expected="at least two results", found=str(len(results)))
     read = [read_result(path) for path in results]
     comparison = comparing.compare(read[0], read[-1])
     trends = comparing.trend(read) if len(read) > 2 else ()
+    exported = [exported_in(read[0], loaded, profile)] if loaded else []
+    left = _as_left(read[0], exported, results[-1]) if exported or out is not None else None
+    if out is not None and left is not None:
+        _write_as_left(read[0], read[-1], left, exported, out, letterhead=letterhead, pdf=pdf, language=language)
     if as_json:
         changes = [{**asdict(change), "difference": change.difference} for change in comparison.changes]
         volumetric = {"before_um": comparison.rms_before_um, "after_um": comparison.rms_after_um, "improvement": comparison.improvement}
-        document = {"changes": changes, "volumetric_rms": volumetric, "trend": [asdict(one) for one in trends]}
+        told = {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
+        document = {"changes": changes, "volumetric_rms": volumetric, "trend": [asdict(one) for one in trends], **told}
         typer.echo(json.dumps(document, indent=2))
-    else:
-        _print(comparison, trends, [path.name for path in results])
+        return
+    _print(comparison, trends, [path.name for path in results])
+    if left is not None:
+        _print_left(left, _concluded(read[0], exported))
+
+
+def _write_as_left(
+    before: "Result", after: "Result", left: "AsLeft", exported: "list[Exported]", out: Path, *,
+    letterhead: Path | None, pdf: bool, language: str,
+) -> None:  # fmt: skip
+    from stepdiag.report.as_left import build_as_left
+    from stepdiag.report.certificate import read_letterhead
+    from stepdiag.report.output import write_report
+
+    if out.suffix.lower() not in {".html", ".htm"}:
+        raise UsageError("--out", expected="a file FILE.html", found=str(out))
+    page = build_as_left(
+        before, after, left, _concluded(before, exported), exported=exported, language=_language(language),
+        letterhead=read_letterhead(letterhead) if letterhead is not None else None,
+    )  # fmt: skip
+    for path in write_report(page, out, pdf=pdf):
+        typer.echo(f"as left: {path}", err=True)
+
+
+def _language(wanted: str) -> "Language":
+    from stepdiag.texts.texts import LANGUAGES
+
+    chosen = next((known for known in LANGUAGES if known == wanted), None)
+    if chosen is None:
+        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=wanted)
+    return chosen
+
+
+def _left_json(left: "AsLeft", concluded: "Conclusion") -> dict[str, Any]:
+    predicted = concluded.reach.rms_after
+    return {"predicted_rms": None if predicted is None else asdict(predicted), "measured_rms": asdict(left.rms), "kept": left.kept}
+
+
+def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
+    """Say predicted against measured, and what follows."""
+    from stepdiag.report.certificate import interval_words
+
+    verdict = {
+        True: "the prediction came true",
+        False: "it did not come true: look for the cause first",
+        None: "whether it came true cannot be told",
+    }
+    typer.echo(f"predicted: {interval_words(concluded.reach.rms_after)} um (rms, k = 2)")
+    typer.echo(f"as left:   {interval_words(left.rms)} um (rms, k = 2): {verdict[left.kept]}")
 
 
 def _print(comparison: Any, trends: Any, names: list[str]) -> None:

@@ -85,13 +85,13 @@ def _solve_csv(path: Path, method: str, chain: str, angles: Path | None, uncerta
     from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.methods.solve import solve as solve_readings
     from stepdiag.solver.model.angles import parse_angles
-    from stepdiag.solver.readings.readings import parse_readings
+    from stepdiag.solver.readings.readings import in_mm, parse_readings
 
     if monte_carlo and not 1000 <= monte_carlo <= MOST_TRIALS:
         raise UsageError("--monte-carlo", expected=f"1000 to {MOST_TRIALS} surveys", found=str(monte_carlo))
     known = parse_angles(read_text(angles), angles.name) if angles is not None else None
     assumed = parse_uncertainty(read_text(uncertainty), uncertainty.name) if uncertainty is not None else None
-    readings = parse_readings(read_text(path), path.name)
+    readings = in_mm(parse_readings(read_text(path), path.name), path.name)
     return solve_readings(readings, chain=chain, method=method, angles=known, assumed=assumed, source=path.name, monte_carlo=monte_carlo)
 
 

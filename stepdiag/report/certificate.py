@@ -82,14 +82,15 @@ def facts_table(result: Result, words: Mapping[str, str]) -> Table:
 def effect_table(conclusion: Conclusion, as_left: "AsLeft | None", words: Mapping[str, str]) -> Table:
     """Return the volume as found, predicted and as left, rms and largest vector, in um at k = 2."""
     reach = conclusion.reach
-    rows = [(words["as_found"], _cell(reach.rms_before), _cell(reach.largest_before))]
-    rows.append((words["predicted"], _cell(reach.rms_after), _cell(reach.largest_after)))
-    left = (_cell(as_left.rms), _cell(as_left.largest)) if as_left is not None else (words["not_yet"], words["not_yet"])
+    rows = [(words["as_found"], interval_words(reach.rms_before), interval_words(reach.largest_before))]
+    rows.append((words["predicted"], interval_words(reach.rms_after), interval_words(reach.largest_after)))
+    left = (interval_words(as_left.rms), interval_words(as_left.largest)) if as_left is not None else (words["not_yet"], words["not_yet"])
     rows.append((words["as_left"], *left))
     return Table(header=(words["field"], f"{words['rms']} / µm", f"{words['maximum']} / µm"), rows=rows)
 
 
-def _cell(found: Interval | None) -> str:
+def interval_words(found: Interval | None) -> str:
+    """Return an interval in um as a person reads it; a dash where there is none."""
     if found is None:
         return shown(None)
     low, high = found.shown()

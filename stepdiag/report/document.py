@@ -80,16 +80,16 @@ def build_report(
         "assumptions": sections.assumptions_table(result),
         "history": sections.history_table(result, words),
     }
-    html = _template().render(
-        **_page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
+    html = template("template.html").render(
+        **page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
         concluded=words_of(conclusion_document(known), language), titles=titles_of(language), predicted=correction is not None,
         letterhead=letterhead or Letterhead(), left=left, said=lambda text: translated(text, language) if language != "en" else text,
     )  # fmt: skip
-    return Report(html=_localised(html, language), figures=tuple(figure for group in figures.values() for figure in group))
+    return Report(html=localised_document(html, language), figures=tuple(figure for group in figures.values() for figure in group))
 
 
-def _localised(html: str, language: Language) -> str:
+def localised_document(html: str, language: Language) -> str:
     """Return the document with the numbers between its tags as the language writes them; styles, scripts and hashes stay as they are."""
     if language == "en":
         return html
@@ -101,7 +101,7 @@ def _standards(result: Result, layout: Layout | None) -> object:
     return result.extra.get("standards") or (standard_figures.standards_report(layout) if layout is not None else {})
 
 
-def _page_parts() -> dict[str, str]:
+def page_parts() -> dict[str, str]:
     """Return the document's one style sheet and one script, and the hashes by which its own policy admits them."""
     style, script = _part("report.css"), _part("report.js")
     return {"style": style, "style_hash": _source_hash(style), "script": script, "script_hash": _source_hash(script)}
@@ -127,9 +127,9 @@ def _data_link(text: str) -> str:
     return "data:text/csv;charset=utf-8;base64," + base64.b64encode(text.encode()).decode()
 
 
-def _template() -> jinja2.Template:
-    """Return the template; everything is escaped but what this package drew itself."""
+def template(name: str) -> jinja2.Template:
+    """Return a template of this room; everything is escaped but what this package drew itself."""
     environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["data_link"] = _data_link
     environment.filters["shown"] = sections.shown
-    return environment.from_string(_part("template.html"))
+    return environment.from_string(_part(name))

@@ -4,9 +4,12 @@ import doctest
 from dataclasses import replace
 
 import numpy as np
+import pytest
 
 from stepdiag import api
 from stepdiag.daq.records.events import Chunk
+from stepdiag.solver.errors import DataError
+from testkit.cli import stepdiag
 from testkit.recording import HEADER, START_NS, write_log
 from testkit.surveys import DATA
 from testkit.timeline import survey_text
@@ -47,6 +50,15 @@ def test_from_readings_to_files_and_their_effect(tmp_path):
     assert report.files
     found = api.verify(result, [tmp_path / "files" / name for name in report.files if name.endswith(".csv")])
     assert found.controller == "neutral"
+
+
+def test_readings_in_metres_are_refused(tmp_path):
+    """A file of other software with positions in metres: said by name, from Python and from the command line."""
+    rows = ["setup,pass,stop,x_mm,y_mm,z_mm,reading_mm", *(f"ppp,1,{n},{n / 10},{n / 10},{n / 10},{n / 10}" for n in range(4))]
+    (tmp_path / "metres.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    with pytest.raises(DataError, match=r"metres\.csv: x_mm, y_mm, z_mm: expected positions in mm, found a volume of 0\.3 x 0\.3 x 0\.3"):
+        api.load_readings(tmp_path / "metres.csv")
+    assert stepdiag("solve", tmp_path / "metres.csv").code == 3
 
 
 def test_a_log_is_every_sample_of_its_raw_bytes(tmp_path):

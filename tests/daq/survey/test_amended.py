@@ -10,8 +10,9 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import BeamOffset, Plan
 from stepdiag.daq.survey.template import template
 from stepdiag.solver.errors import UsageError
+from testkit.survey_files import SMALLEST
 
-BARE = '[survey]\nname = "a"\nmachine = "m"\n[volume]\nsize_mm = [1.0, 1.0, 1.0]\nincrements = 2\n[laser]\nformat = "umd"\nport = "p"\n'
+BARE = SMALLEST.lstrip()
 SPREAD = f"""{BARE}[plan]
 setups = [
   "ppp", # first

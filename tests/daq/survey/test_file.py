@@ -209,6 +209,14 @@ def test_the_table_of_the_chosen_format_is_asked_for() -> None:
         parse_survey(SMALLEST.replace('"umd"', '"line"'), "survey.toml")
 
 
+def test_a_volume_that_reads_like_metres_is_refused() -> None:
+    """0.5 x 0.4 x 0.3: a table in metres would be a thousand times too short."""
+    metres = SMALLEST.replace("size_mm = [500, 400, 300]", "size_mm = [0.5, 0.4, 0.3]")
+    assert metres != SMALLEST
+    with pytest.raises(UsageError, match=r"volume\.size_mm: expected lengths in mm.*reads like metres"):
+        parse_survey(metres, "s")
+
+
 def test_a_toml_error_names_its_line() -> None:
     assert "at line 11" in refusal("[plc\n")
 

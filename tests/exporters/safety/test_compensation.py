@@ -72,7 +72,7 @@ def errs_um(control: SiemensControl) -> float:
 def measured(truly: str, said: Statement) -> Result:
     """What a survey finds on the worn machine with the first tables on or off, and what its survey file says of it."""
     errors = WORN if truly == "on" else summed(MACHINE, WORN)
-    return replace(made_result(errors), extra={"survey": {"machine": "m", **(said.as_json() if said.state else {})}})
+    return replace(made_result(errors), extra={"survey": {"machine": "test machine", **(said.as_json() if said.state else {})}})
 
 
 def loaded(files: tuple[ControlFile, ...]) -> SiemensControl:

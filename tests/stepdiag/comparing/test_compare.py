@@ -13,6 +13,7 @@ from stepdiag.comparing.compare import compare, coverage_factor, trend
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.result.result import Function, Quantity, Result
+from testkit.cli import stepdiag
 from testkit.madeup import made_up_result
 
 
@@ -130,3 +131,44 @@ def test_the_command_prints_a_table_and_json(tmp_path: Path) -> None:
     eyx = next(change for change in document["changes"] if change["name"] == "EYX")
     assert eyx["significant"] is True
     assert len(document["trend"][0]["values"]) == 3
+
+
+def halved(result: Result) -> Result:
+    """Return the machine after half of everything was taken away."""
+    return replace(
+        result,
+        errors={name: replace(function, value=function.value / 2) for name, function in result.errors.items()},
+        squareness={name: Quantity(value=q.value / 2, u=q.u) for name, q in result.squareness.items()},
+    )
+
+
+@pytest.mark.parametrize("language", ["en", "de"])
+def test_predicted_and_measured_make_the_last_page(tmp_path: Path, language: str) -> None:
+    """The files that were loaded say what was promised; the survey after them says what came of it, each with its U."""
+    before = made_up_result(reversal=False)
+    for name, result in (("before", before), ("after", halved(before))):
+        (tmp_path / f"{name}.json").write_text(result.to_json(), encoding="utf-8")
+    told = stepdiag("export", tmp_path / "before.json", "--controller", "lattice", "--step-mm", 100, "--out", tmp_path / "files")
+    assert told.code == 0, told
+    both = (tmp_path / "before.json", tmp_path / "after.json", "--loaded", tmp_path / "files")
+    said = stepdiag("compare", *both, "--out", tmp_path / "left.html", "--language", language)
+    assert "predicted:" in said.out
+    assert "as left:" in said.out
+    found = json.loads(stepdiag("compare", *both, "--json").out)["as_left"]
+    assert found["kept"] is None, "a made-up result says nothing of how sure its volume is"
+    assert 0 < found["predicted_rms"]["value_um"] < found["measured_rms"]["value_um"]
+    page = (tmp_path / "left.html").read_text(encoding="utf-8")
+    assert ("cannot be told" if language == "en" else "lässt sich nicht sagen") in page
+    assert "lattice.csv" in page
+    assert "<h1>" in page
+
+
+def test_the_last_page_refuses_another_machine(tmp_path: Path) -> None:
+    before = replace(made_up_result(), extra={"survey": {"machine": "mill"}})
+    after = replace(made_up_result(), extra={"survey": {"machine": "lathe"}})
+    (tmp_path / "before.json").write_text(before.to_json(), encoding="utf-8")
+    (tmp_path / "after.json").write_text(after.to_json(), encoding="utf-8")
+    told = stepdiag("compare", tmp_path / "before.json", tmp_path / "after.json", "--out", tmp_path / "left.html")
+    assert told.code == 3
+    assert "mill" in told.refusal
+    assert not (tmp_path / "left.html").exists()

@@ -1,0 +1,31 @@
+"""A result and a profile are of one machine, by the names that people gave."""
+
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.solver.errors import SafetyError
+from stepdiag.solver.result.result import Result
+
+UNANSWERED = frozenset({"", "machine", "?"})
+"""What stands in a survey file whose machine nobody has named yet."""
+
+
+def require_same_machine(result: Result, profile: Profile) -> None:
+    """Raise ``SafetyError`` where result and profile name different machines: a table of one is never right for another.
+
+    Case and spaces do not matter; a result that names no machine, and a profile that nobody wrote, say nothing.
+    """
+    survey = result.extra.get("survey")
+    measured = survey.get("machine") if isinstance(survey, dict) else None
+    if profile.assumed or not isinstance(measured, str) or measured.strip().lower() in UNANSWERED:
+        return
+    if _plain(measured) != _plain(profile.machine.name):
+        raise SafetyError(
+            f"{profile.source}: machine.name",
+            code="other-machine",
+            expected=f"{measured!r}, the machine that was measured (survey.machine in {result.source})",
+            found=repr(profile.machine.name),
+            remedy="use the profile of that machine; where both names mean one machine, write the same name in both",
+        )
+
+
+def _plain(name: str) -> str:
+    return "".join(name.lower().split())

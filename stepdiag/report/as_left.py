@@ -1,0 +1,44 @@
+"""The certificate's last page: the machine measured again after loading, predicted against measured with U."""
+
+from collections.abc import Mapping, Sequence
+
+from stepdiag.conclusion import Conclusion
+from stepdiag.report import certificate
+from stepdiag.report.certificate import AsLeft, Letterhead
+from stepdiag.report.document import Report, localised_document, page_parts, template
+from stepdiag.report.exported import Exported
+from stepdiag.report.sections import Table, shown
+from stepdiag.solver.result.result import Quantity, Result
+from stepdiag.texts.sentences import translated
+from stepdiag.texts.texts import Language, catalogue
+
+
+def build_as_left(
+    before: Result,
+    after: Result,
+    left: AsLeft,
+    concluded: Conclusion,
+    *,
+    exported: Sequence[Exported] = (),
+    letterhead: Letterhead | None = None,
+    language: Language = "en",
+) -> Report:
+    """Return the page; ``concluded`` is what was said of the machine before, ``exported`` are the files that were loaded."""
+    words = {**catalogue("common", language), **catalogue("report", language)}
+    html = template("as_left.html").render(
+        **page_parts(), language=language, words=words, source=before.source, result=after, left=left, exported=exported,
+        facts=certificate.facts_table(after, words), effect=certificate.effect_table(concluded, left, words),
+        changes=_changes(before, after, words), letterhead=letterhead or Letterhead(),
+        said=lambda text: translated(text, language) if language != "en" else text,
+    )  # fmt: skip
+    return Report(html=localised_document(html, language), figures=())
+
+
+def _changes(before: Result, after: Result, words: Mapping[str, str]) -> Table:
+    """Return squareness and scale before and after, each with its U (k = 2)."""
+    rows = [(name, _with_u(q), _with_u(after.squareness[name]), q.unit) for name, q in before.squareness.items()]
+    return Table(header=(words["name"], words["as_found"], words["as_left"], words["unit"]), rows=rows)
+
+
+def _with_u(found: Quantity) -> str:
+    return shown(found.value) if found.u is None or found.value is None else f"{shown(found.value)} ± {shown(2 * found.u)}"
