@@ -136,7 +136,8 @@ class Fanuc:
         return (
             "Punch out parameters and pitch data first (SYSTEM > PARAM > PUNCH, SYSTEM > PITCH > PUNCH) and keep them.",
             "Copy the files in binary; on the memory card only the new file should lie, many files can hide it.",
-            "EDIT or emergency stop, parameter write enable 1 (alarm 100 comes), I/O channel 4, SYSTEM > PITCH > (OPRT) > READ.",
+            "EDIT or emergency stop, parameter write enable 1 (alarm 100 comes), I/O channel 4, SYSTEM > PITCH > (OPRT) > READ;",
+            "a file of parameters the same way under SYSTEM > PARAM.",
             "See that 3620-3624 are as in the report and that the ranges of the axes do not overlap; 8135#0 (NPE) must be 0 on 0i-D.",
             "Parameter write enable 0, power off and on, reference return of every axis: only then the table acts.",
             "1851 (backlash) stays as it is unless the report says otherwise.",

@@ -73,7 +73,8 @@ def _state(case: Case) -> Iterator[Finding]:
     yield _note("reference-axes-first", "reference (home) every axis before the tables are switched on, and again after the restart")
     if not case.profile.existing:
         yield _note(
-            "restore-is-zero", "no table of the control was given: the restore files hold zeros, not what was in the control before"
+            "restore-is-zero",
+            "no table of the control was given: the restore files take the new tables out, they bring nothing of before back",
         )
 
 
