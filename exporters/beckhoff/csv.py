@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
+from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end
 from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.tables.angular import COLUMN, Angle, angle_tables, column_urad
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
@@ -24,6 +24,8 @@ _COMPONENT = re.compile(r"^E[XYZ][XYZ]\Z")
 _ANGLE = re.compile(r"^E[ABC][XYZ]\Z")
 _POSITION_ERROR = re.compile(r"^[XYZABC]0[XYZABC]\Z")
 _WIDTH = 12
+_MARK, _END = b"// values and positions in mm", b"// end"
+"""Our first and last comment: the format itself has no end."""
 RAD_DECIMALS = 9
 """Places of an angle in rad: a nanoradian."""
 _FINER = 2
@@ -54,7 +56,7 @@ def render(tables: Sequence[Table], decimals: int, notes: Sequence[str], squaren
     slopes_rad = {name: _slope_rad(curves[SHIFTS[name]], name) for name in squareness if SHIFTS[name] in curves}
     where = f"{', '.join(slopes_rad)} as columns" if slopes_rad else "squareness is within the straightness components"
     lines = [f"// {note}" for note in notes]
-    lines.append(f"// values and positions in mm{', angles in rad' if angles else ''}, ISO 230-1, actual minus commanded; {where}")
+    lines.append(f"{_MARK.decode('ascii')}{', angles in rad' if angles else ''}, ISO 230-1, actual minus commanded; {where}")
     if slopes_rad:
         lines += [_row(list(slopes_rad)), _row([fixed(value, RAD_DECIMALS) for value in slopes_rad.values()])]
     places = decimals + _FINER if slopes_rad else decimals
@@ -70,7 +72,7 @@ def render(tables: Sequence[Table], decimals: int, notes: Sequence[str], squaren
             cells = [fixed(value[index], places) for value in block.values()]
             cells += [fixed(value[index], RAD_DECIMALS) for value in turns.values()]
             lines.append(_row([shortest(float(at)), *cells]))
-    return ascii_lines(lines)
+    return ascii_lines([*lines, _END.decode("ascii")])
 
 
 def _slope_rad(table: Table, name: str) -> float:
@@ -108,6 +110,7 @@ def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
 
     Raises ``DataError`` with file and line, also for angles where the profile states no chain.
     """
+    require_end(file, _MARK, _END)
     squareness: dict[str, float] = {}
     tables: list[Table] = []
     for block in _blocks(file):

@@ -37,6 +37,7 @@ from stepdiag.exporters.tables.controller import Controller, Multiplying, Plan
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.solver.errors import SafetyError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import Result
@@ -119,7 +120,7 @@ def _step(step_mm: float | None, profile: Profile | None) -> float:
 def _planned(result: Result, control: Controller, profile: Profile, today: date) -> tuple[Case, Plan]:
     """Return everything that the checks look at, and the plan."""
     require_chain(result, profile)
-    previous = control.parse(profile.existing, profile) if profile.existing else ()
+    previous = tables_in(control, profile.existing, profile) if profile.existing else ()
     active = [table for table in previous if table.multiplier is not None] if profile.machine.measured_with == "on" else []
     fit = fitted(result, profile.machine.functions, profile.machine.squareness_into, profile.zone, active)
     curves = fit.curves

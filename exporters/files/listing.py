@@ -37,6 +37,14 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
         yield where, line
 
 
+def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
+    """Raise ``DataError`` for a file of ours, told by ``mark``, that does not end with the line ``end``: the rest of it is lost."""
+    if mark in file.data and not file.data.rstrip().endswith(end):
+        raise DataError(
+            file.name, expected=f"{end.decode('ascii')} as its last line", found="no end", remedy="it is cut off: take it again"
+        )
+
+
 def finite(text: str, where: str) -> float:
     """Return the number in ``text``. Raises ``DataError`` naming ``where`` for anything else, infinity and NaN included."""
     try:

@@ -131,7 +131,10 @@ class Heidenhain:
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables that the active line of the .CMA file calls; without one, each .COM belongs to the axis in its name."""
-        tables_of = {plain_name(file.name).upper(): file for file in files if file.name.upper().endswith(".COM")}
+        coms = [file for file in files if file.name.upper().endswith(".COM")]
+        tables_of = {plain_name(file.name).upper(): file for file in coms}
+        if len(tables_of) < len(coms):
+            raise DataError("files", expected="each table once", found=", ".join(file.name for file in coms))
         assignments = [file for file in files if file.name.upper().endswith(".CMA")]
         if not tables_of:
             raise DataError("files", expected="a .COM table", found=", ".join(file.name for file in files) or "nothing")

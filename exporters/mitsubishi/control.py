@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, whole
+from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end, whole
 from stepdiag.exporters.files.numbers import shortest
 from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
 from stepdiag.exporters.tables.controller import Limits, Plan
@@ -28,6 +28,8 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 
 KIND = "relative"
+_MARK, _END = b"lowest point at", b"; end"
+"""What our lists say of each pair, and their last line: keyed parameters have no end of their own."""
 _NAME = "mitsubishi_parameters.txt"
 _FIRST_DATA, _LAST_DATA = 4101, 5124
 _LEAST, _MOST = -128, 127
@@ -91,7 +93,7 @@ class Mitsubishi:
         lines = [*(f"; {note}" for note in notes), f"#4000 {counting}"]
         for table in tables:
             lines += _lines(table, profile)
-        return (ControlFile(name=_NAME, data=ascii_lines(lines, "\r\n")),)
+        return (ControlFile(name=_NAME, data=ascii_lines([*lines, _END.decode("ascii")], "\r\n")),)
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of such a list."""
@@ -220,7 +222,7 @@ def _lines(table: Table, profile: Profile) -> list[str]:
         ("spcdv", shortest(float(table.position_mm[1] - table.position_mm[0]))),
     )
     return [
-        f"; {table.label}, lowest point at {shortest(float(table.position_mm[0]))} mm",
+        f"; {table.label}, {_MARK.decode('ascii')} {shortest(float(table.position_mm[0]))} mm",
         *(f"#{base + 1 + index} {value}" for index, (_, value) in enumerate(head)),
         *(f"#{first + index} {value}" for index, value in enumerate(data)),
     ]
@@ -234,6 +236,7 @@ def _shifted(units: Sequence[int], origin: int, table: Table) -> list[int]:
 
 
 def _read(file: ControlFile, profile: Profile) -> Iterator[Table]:
+    require_end(file, _MARK, _END)
     values: dict[int, tuple[str, str]] = {}
     for where, line in read_lines(file):
         said = line.partition(";")[0].split()

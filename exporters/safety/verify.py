@@ -26,6 +26,7 @@ from stepdiag.exporters.tables.angular import require_chain
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
@@ -157,8 +158,8 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
     controller = controller_of(files)
     reading = profile or quick_profile(controller, result.volume, float(result.volume.step_mm[0]))
     require_chain(result, reading)
-    tables = controller.parse(files, reading)
-    replaced = controller.parse(reading.existing, reading) if reading.machine.measured_with == "on" else ()
+    tables = tables_in(controller, files, reading)
+    replaced = tables_in(controller, reading.existing, reading) if reading.machine.measured_with == "on" else ()
     return Verification(
         controller=controller.name,
         assumed=reading.assumed,

@@ -13,7 +13,7 @@ import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, restore
-from stepdiag.exporters.siemens.ini import data_file
+from stepdiag.exporters.siemens.ini import data_file, is_program, require_full_effect
 from stepdiag.exporters.siemens.loader import Load
 from stepdiag.exporters.siemens.products import KIND, Budget, chosen, joined, numbered, product_table
 from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM, Limits, Plan
@@ -145,6 +145,7 @@ class Siemens:
             if not tables:
                 raise DataError(file.name, expected="an EEC or CEC table", found="none", remedy="give the data files of the control")
             for table in tables:
+                _require_full_effect(file, table, profile)
                 key = (table.kind, str(sorted(table.place.items())))
                 if key in found and not _same(found[key][0], table):
                     raise DataError(file.name, expected=f"the same {table.label} as in {found[key][1]}", found="another")
@@ -253,6 +254,19 @@ def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Findi
     if any(table.kind == cec.KIND for table in tables):
         text = f"CEC is written {options.cec_sense}: the manual does not state its sense, a builder's program shows it; make the sign test"
         yield Finding(code="sense-derived", severity="info", text=text)
+
+
+def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> None:
+    """Raise ``DataError`` for a table that its own part program switches off or weighs; zeros are the same either way."""
+    if not is_program(file) or not table.value_um.any():
+        return
+    if table.kind == eec.KIND:
+        switch = f"MA_ENC_COMP_ENABLE[{int(table.place['measuring system']) - 1},{table.place['axis']}]"
+        require_full_effect(file, table.label, (switch,), "")
+        return
+    number, axis = table.place["table"], profile.axis(table.output_axis).name
+    switches = (f"SN_CEC_TABLE_ENABLE[{number}]", f"MA_CEC_ENABLE[{axis}]")
+    require_full_effect(file, table.label, switches, f"SN_CEC_TABLE_WEIGHT[{number}]")
 
 
 def _same(one: Table, other: Table) -> bool:

@@ -6,7 +6,7 @@ holds the same assignments among statements; its loops zero surplus points and a
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from stepdiag.exporters.files.control_file import ControlFile
@@ -14,6 +14,10 @@ from stepdiag.exporters.files.listing import finite, read_lines
 from stepdiag.solver.errors import DataError
 
 _ASSIGNMENT = re.compile(r"^(?:N\d+\s*)?\$(?P<name>A[AN]_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*(?P<value>\S+)\Z")
+_SWITCH = re.compile(
+    r"^(?:N\d+\s*)?\$(?P<name>MA_ENC_COMP_ENABLE|MA_CEC_ENABLE|SN_CEC_TABLE_ENABLE|SN_CEC_TABLE_WEIGHT)\[(?P<index>[^\]]*)\]"
+    r"\s*=\s*(?P<value>\S+)\Z"
+)
 _FRAME = re.compile(r"^(%_N_\w+_INI|METRIC|CHANDATA\(\d+\))\Z")
 _END = re.compile(r"^(M17|M30|M02|M2)\Z")
 _COMPENSATION = ("AA_ENC_COMP", "AN_CEC")
@@ -77,6 +81,25 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
     if not ended:
         raise DataError(file.name, expected="M17 at the end", found="no end of file", remedy="the file is truncated: take it again")
     return found
+
+
+def require_full_effect(file: ControlFile, table: str, switches: Iterable[str], weight: str) -> None:
+    """Raise ``DataError`` where a part program leaves a table that says something switched off, or weighs it.
+
+    ``switches`` and ``weight`` are variables with their index, such as ``SN_CEC_TABLE_ENABLE[0]``; the last assignment counts.
+    """
+    last: dict[str, tuple[str, str]] = {}
+    for where, line in _lines(file):
+        if match := _SWITCH.match(line):
+            index = ",".join(part.strip() for part in match["index"].split(","))
+            last[f"{match['name']}[{index}]"] = (where, match["value"].upper())
+    for name in switches:
+        where, value = last.get(name, ("", "1"))
+        if value in ("0", "FALSE"):
+            raise DataError(where, expected=f"{table} switched on at the end", found=f"${name}={value}", remedy="take the tables that act")
+    where, value = last.get(weight, ("", "1"))
+    if finite(value, where) != 1.0:
+        raise DataError(where, expected=f"{table} with weight 1", found=f"${weight}={value}", remedy="bring its values to weight 1 first")
 
 
 def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:

@@ -11,7 +11,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
+from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.tables.averaging import straightness_remark
 from stepdiag.exporters.tables.controller import Limits, Plan
@@ -26,6 +26,9 @@ from stepdiag.solver.findings import Finding
 
 class NoOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
     """A section with nothing to ask beyond the axes."""
+
+
+_MARK, _END = b"; rows to key in, up to the line that says end", b"; end"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -121,10 +124,11 @@ class AxisList:
             )  # fmt: skip
         rows = zip(forward.position_mm, forward.value_um / 1000, reverse / 1000, strict=True)
         written = (";".join(fixed(number, self.decimals) for number in row) for row in rows)
-        lines = [*(f"; {note}" for note in notes), f"AXIS {axis}", self.heading, *written]
+        lines = [*(f"; {note}" for note in notes), _MARK.decode("ascii"), f"AXIS {axis}", self.heading, *written, _END.decode("ascii")]
         return ControlFile(name=file, data=ascii_lines(lines, "\r\n"))
 
     def _read(self, file: ControlFile, profile: Profile) -> Iterator[Table]:
+        require_end(file, _MARK, _END)
         lines = [(where, line) for where, line in read_lines(file) if line and not line.startswith(";")]
         if len(lines) < 4 or not lines[0][1].startswith("AXIS ") or lines[1][1] != self.heading or not file.data.endswith(b"\n"):
             raise DataError(file.name, expected=f"AXIS, {self.heading!r}, two or more rows and a line end", found=f"{len(lines)} lines")
