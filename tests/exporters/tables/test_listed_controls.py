@@ -105,7 +105,7 @@ class TestFagor:
     def test_rows(self):
         """8055i p. 328: position, amount of error in +, amount in -; zeros in - mean that + counts for both."""
         _, files = listed(FAGOR, profile("fagor"), {"EXX": EXAMPLE})
-        assert files[0].data.decode().split("\r\n")[:4] == [
+        assert files[0].data.decode().split("\r\n")[1:5] == [
             "AXIS AX1",
             "POSITION;ERROR +;ERROR -",
             "-200.0000;0.0040;0.0000",
@@ -141,7 +141,7 @@ class TestFagor:
             ((b"AXIS AX1", b"AX1"), r"expected AXIS"),
             ((b"-100.0000;", b"-300.0000;"), r"rising positions"),
             ((b"0.0010;0.0000", b"0.0010"), r"rows of three numbers"),
-            ((b"0.0010;0.0000", b"inf;0.0000"), r"line 4: expected a number, found 'inf'"),
+            ((b"0.0010;0.0000", b"inf;0.0000"), r"line 5: expected a number, found 'inf'"),
         ],
     )
     def test_a_damaged_list_is_named(self, change, message):
