@@ -136,7 +136,8 @@ class Capture:
         signals = self._decoder.decode(block)
         self.signals = signals
         if self.walk is not None and not self.ended:
-            outcomes.extend(self._alarm.look(self.walk, signals, block.recv_ns, waiting=bool(self._pending)))
+            waiting = bool(self._pending) or self._leaves(signals)
+            outcomes.extend(self._alarm.look(self.walk, signals, block.recv_ns, waiting=waiting))
         if self._pulse.take(signals, block):
             outcomes.append(self._still(block.recv_ns))
         if self._pulse.still:
@@ -154,6 +155,11 @@ class Capture:
                 closed = None
         if closed is not None and closed.from_ns != self._taken_from_ns:
             self._pending.add(closed)
+
+    def _leaves(self, signals: Signals) -> bool:
+        """Tell whether a poll ends a standstill that is not taken yet."""
+        dwell = self.tracker.open
+        return dwell is not None and not signals.stopped and dwell.from_ns != self._taken_from_ns
 
     def _still(self, now_ns: int) -> Finding:
         text = (

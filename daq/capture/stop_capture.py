@@ -32,7 +32,7 @@ class StopTaker:
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
         self._believed: list[tuple[Dwell, list[Taken]]] = []
-        """The stops since the count was lost, while they may be the first of a pass begun anew."""
+        """The standstills that nobody can place, while they may be the first stops of a pass begun anew."""
 
     def take(self, walk: Walk, turn: CapturedStop | None, dwell: Dwell, placing: Placing, outcomes: list[Outcome]) -> None:
         """Take the stop of a dwell, and those before it that Modbus missed. ``turn`` is the stop that a return pass may begin with."""
@@ -45,7 +45,9 @@ class StopTaker:
             if not lost and (reading_mm := _reading_mm(taken)) is not None:
                 self._think_again(walk, reading_mm, outcomes)
             index, odd = walk.locate_by_laser(dwell.signals, _reading_mm(taken), lost=lost)
-            self._believed = [*([] if lost else self._believed), (dwell, taken)] if walk.unsure and taken else []
+            if walk.apart:
+                self._before, walk.apart = (*self._before, Break(0, walk.apart, watched=True)), ""
+            self._believed = [*([] if lost else self._believed), (dwell, taken)] if (walk.unsure or walk.nowhere) and taken else []
         else:
             index, odd = walk.locate(dwell.signals)
         outcomes.extend(odd)
@@ -60,15 +62,15 @@ class StopTaker:
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
 
     def _think_again(self, walk: Walk, reading_mm: float, outcomes: list[Outcome]) -> None:
-        """Take the stops since the count was lost for the first ones of the pass, where the steps say that it was begun anew.
+        """Take the standstills that nobody could place for the first stops of the pass, where the steps say that it was begun anew.
 
-        Where a pass that goes on has the same steps, as in a cube, nobody can tell.
+        Where a pass that goes on has the same steps, as in a cube, only who went back by the unbroken count is known to have begun anew.
         """
         believed = self._believed
         readings = [*(windows[0].window.mean_mm for _, windows in believed), reading_mm]
         steps = [walk.route.step_mm(stop, stop + 1) for stop in range(len(walk.route) - 1)]
         anew = 1 < len(readings) <= len(walk.route) and all(map(agrees, np.diff(readings), steps))
-        if not anew or walk.goes_on(reading_mm):
+        if not anew or (walk.goes_on(readings) and not walk.retreated):
             return
         outcomes.append(walk.begin_anew())
         self._believed = []

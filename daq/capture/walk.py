@@ -1,16 +1,18 @@
 """Which stop of its pass a dwell is, and whether the laser agrees."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 from stepdiag.daq.capture.dwell import COUNT_MODULUS, count_steps
 from stepdiag.daq.capture.laser_place import LaserPlaces
-from stepdiag.daq.capture.route import Route, judge_step
+from stepdiag.daq.capture.route import Route, agrees, judge_step
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.solver.findings import Finding, Severity
 
 BREAKS_COUNT = {"laser-reset", "step-mismatch"}
 """A step of the wrong size that nothing explains is a lost count: what follows is right again, relative to itself."""
+BACKWARDS = -0.5
+"""Shares of a step: who goes back by more, to where no stop is, begins anew."""
 COUNTER_TRUSTED = 1000
 """A stop counter that seems to have gone on by more than this was set back: the PLC has started again."""
 
@@ -31,6 +33,10 @@ class Walk:
         self._stuck_said = False
         self.unsure = ""
         """Why the stops are only believed to be those that come next; empty where position or laser say it."""
+        self.nowhere = self.retreated = False
+        """The last standstill reads as no stop does; and by the laser's count it was come to as a program comes to its first stop."""
+        self.apart = ""
+        """Why the count of the stops before is not that of the stop that was placed last, though nothing happened to the laser."""
         self.expected = expected
         self.last: CapturedStop | None = None
         self._last_stop = expected - 1
@@ -88,12 +94,16 @@ class Walk:
         by_count, odd = self._by_count(signals.stop_count)
         by_count = min(by_count, len(self.route) - 1)
         counted = self._steps(signals.stop_count)
+        was_nowhere, self.nowhere = self.nowhere, False
         if lost:
             self.laser.lost()
+            self.retreated = False
         if reading_mm is None or not self.laser.known:
             return (None, []) if counted == 0 else self._unplaced(by_count, odd, lost=lost)
         by_laser = self.laser.stop_at(reading_mm)
-        if by_laser is None:
+        if by_laser is None or (self.expected == 1 and self._retreats(by_laser, reading_mm)):
+            self.nowhere = self.expected > 0
+            self.retreated = self.retreated if was_nowhere else self._retreats(by_count, reading_mm)
             return self._nowhere(by_count, odd, counted, reading_mm)
         if counted == 0 and by_laser == self._last_stop:
             return None, []
@@ -111,13 +121,26 @@ class Walk:
             self.unsure = "the laser's count was lost and the machine does not say where it stands: taken for the stop that comes next"
         return by_count, odd
 
-    def goes_on(self, reading_mm: float) -> bool:
-        """Tell whether a reading is a step away from the last stop, as the next one must be."""
-        return self._last_reading_mm is not None and not self.ended and not self.judge(self.expected, reading_mm)[0]
+    def _retreats(self, stop: int, reading_mm: float) -> bool:
+        """Tell whether a standstill is come to as the first stop of a pass is: backwards, or from where the machine stood before."""
+        if self._last_reading_mm is None:
+            return False
+        if self.expected == 1:
+            return self.judge(stop, reading_mm)[0] in BREAKS_COUNT
+        forward = (
+            (reading_mm - self._last_reading_mm) / self.route.step_mm(self._last_stop - 1, self._last_stop) if self._last_stop > 0 else 0.0
+        )
+        return forward < BACKWARDS
+
+    def goes_on(self, since: Sequence[float]) -> bool:
+        """Tell whether the last step of some readings is that to the stop that comes next."""
+        stop = self.expected + (len(since) - 1 if self.nowhere else 0)
+        return 0 < stop < len(self.route) and agrees(since[-1] - since[-2], self.route.step_mm(stop - 1, stop))
 
     def begin_anew(self) -> Finding:
         """Go back to before the first stop; return what is to be said of it."""
         self.expected, self.last, self._last_stop, self._last_reading_mm, self.unsure = 0, None, -1, None, ""
+        self.nowhere = self.retreated = False
         self.laser.lost()
         return self.finding("stop-again", "info", 0, "the steps are those from the first stop on: the pass was begun anew")
 
@@ -125,6 +148,7 @@ class Walk:
         """Return the stop where the laser reads what no stop reads: its count went wrong, or the machine stands between two stops."""
         if self.expected == 0:
             self.laser.lost()
+            self.apart = "the laser reads what no stop of the setup reads: taken for the first stop"
             return by_count, odd
         code, _ = self.judge(by_count, reading_mm)
         if counted != 0 and (counted is not None or (code and code not in BREAKS_COUNT)):

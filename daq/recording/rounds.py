@@ -5,6 +5,7 @@
 <directory>/<name>/0001/result.json readings.csv, exports/, report.html: what came of it
 """
 
+import errno
 import fcntl
 import os
 from dataclasses import dataclass
@@ -27,45 +28,72 @@ from stepdiag.daq.records.status import PredictionStatus
 from stepdiag.daq.records.survey_folder import PREDICTION, RESULT
 from stepdiag.daq.replay import begun_logs
 from stepdiag.exporters.files.files import read_bytes
-from stepdiag.solver.errors import DataError, StepdiagError, UsageError
+from stepdiag.solver.errors import DataError, DeviceError, StepdiagError, UsageError
 from stepdiag.solver.findings import Finding, Severity
 
 MAX_PREDICTION_BYTES = 4096
+LOCK = ".lock"
 
 _log = structlog.get_logger("rounds")
 
 
 @dataclass(slots=True)
 class FolderLock:
-    """Keeps a second daemon out of a survey's folder, for as long as this process lives."""
+    """Keeps a second daemon out of a survey's folder, for as long as this process lives; the descriptor is that of the lock's file."""
 
     descriptor: int
+    folder: Path
 
     @classmethod
     def take(cls, folder: Path) -> Self:
         """Return the lock of a folder, made if need be. Raises UsageError where another daemon holds it or it cannot be written."""
         try:
             folder.mkdir(parents=True, exist_ok=True)
-            descriptor = os.open(folder / ".lock", os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
+            descriptor = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o644)
         except OSError as error:
             raise UsageError(str(folder), expected="a folder that can be written", found=error.strerror or str(error)) from error
         try:
             fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError as error:
+            holder = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
             os.close(descriptor)
+            found = f"one that runs (process {holder})" if holder.isdecimal() else "one that runs"
             remedy = "end the other one, or give this survey another name or directory"
-            raise UsageError(str(folder), expected="no other daemon in this folder", found="one that runs", remedy=remedy) from error
-        return cls(descriptor)
+            raise UsageError(str(folder), expected="no other daemon in this folder", found=found, remedy=remedy) from error
+        _sign(descriptor, folder)
+        return cls(descriptor, folder)
+
+    def require_folder(self) -> None:
+        """Raise DeviceError where the folder is no more the one that was taken: unmounted, moved or removed while this process records."""
+        try:
+            there, found = (self.folder / LOCK).stat(), "another one, without this daemon's lock"
+        except OSError as error:
+            there, found = None, error.strerror or str(error)
+        mine = os.fstat(self.descriptor)
+        if there is None or (there.st_dev, there.st_ino) != (mine.st_dev, mine.st_ino):
+            remedy = "mount it again or put it back, then start again: `stepdiag status` says from where to drive again"
+            raise DeviceError(str(self.folder), expected="the survey's folder as it was at the start", found=found, remedy=remedy)
 
     def release(self) -> None:
         """Let go."""
         os.close(self.descriptor)
 
 
+def _sign(descriptor: int, folder: Path) -> None:
+    """Write who holds the lock into it, for whom it refuses. Raises UsageError where the folder takes nothing."""
+    try:
+        os.ftruncate(descriptor, 0)
+        os.pwrite(descriptor, f"{os.getpid()}\n".encode("ascii"), 0)
+    except OSError as error:
+        if error.errno != errno.ENOSPC:
+            os.close(descriptor)
+            raise UsageError(str(folder), expected="a folder that can be written", found=error.strerror or str(error)) from error
+
+
 def is_recording(folder: Path) -> bool:
     """Tell whether a daemon holds the folder now; nothing is made or changed."""
     try:
-        with (folder / ".lock").open("rb") as lock:
+        with (folder / LOCK).open("rb") as lock:
             fcntl.flock(lock, fcntl.LOCK_SH | fcntl.LOCK_NB)
     except BlockingIOError:
         return True

@@ -66,6 +66,7 @@ class Daemon:
         self._told = ""
         self._blocked = False
         self._working: Working
+        self._lock: FolderLock
         self._handshake: Handshake | None = None
         self._verdicts_mark: tuple[object, ...] = ()
         self._live_s = 0.0
@@ -77,7 +78,7 @@ class Daemon:
         Raises UsageError where another daemon holds the folder, RuntimeError where a worker died, DeviceError where the disk refused to the
         end.
         """
-        lock = FolderLock.take(self._folder)
+        lock = self._lock = FolderLock.take(self._folder)
         loop = self._loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.stop)
@@ -136,7 +137,9 @@ class Daemon:
             recorder=recorder,
             survey_links=survey_links,
             finisher=Finisher(self._commands, self._tally, self._solved),
-            supervisor=Supervisor(self._notifier, dead, self._remark, self._tally, self._folder, self.survey.recording.min_free_gb),
+            supervisor=Supervisor(
+                self._notifier, dead, self._remark, self._tally, self._lock.require_folder, self._folder, self.survey.recording.min_free_gb
+            ),
             tally=self._tally,
             programs=self._programs,
             alarms=self._alarms,

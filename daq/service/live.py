@@ -1,6 +1,7 @@
 """What the daemon waits for and hears right now, beside its lock, for `status`: a small file, written anew every second while it runs."""
 
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import msgspec
@@ -37,8 +38,9 @@ def write_live(folder: Path, status: LiveStatus) -> None:
 
 
 def forget_live(folder: Path) -> None:
-    """Remove the file: the daemon ends."""
-    (folder / FILE).unlink(missing_ok=True)
+    """Remove the file: the daemon ends. A disk that refuses leaves it there, and it is old soon."""
+    with suppress(OSError):
+        (folder / FILE).unlink(missing_ok=True)
 
 
 def live_in(folder: Path) -> LiveStatus | None:

@@ -22,6 +22,7 @@ class Supervisor:
     """Feeds the watchdog while nothing is dead.
 
     ``dead`` returns the workers that are, each with what is known of its end; ``remark`` leaves a line for a person in the open log.
+    ``require_folder`` raises DeviceError where the survey's folder is gone.
     """
 
     def __init__(
@@ -30,9 +31,11 @@ class Supervisor:
         dead: Callable[[], list[str]],
         remark: Callable[[str], None],
         tally: Tally,
+        require_folder: Callable[[], None],
         folder: Path,
         min_free_gb: float,
     ) -> None:
+        self._require_folder = require_folder
         self._notifier = notifier
         self._dead = dead
         self._remark = remark
@@ -44,13 +47,14 @@ class Supervisor:
         """What is to be said of the disk; empty while there is room."""
 
     async def watch(self) -> None:
-        """Look again and again. Raises RuntimeError where a worker is dead."""
+        """Look again and again. Raises RuntimeError where a worker is dead, DeviceError where the survey's folder is gone."""
         interval_s = min(LOOK_S, (self._notifier.watchdog_s or 2 * LOOK_S) / 2)
         while True:
             await asyncio.sleep(interval_s)
             dead = self._dead()
             if dead:
                 raise RuntimeError(f"not alive: {', '.join(dead)}")
+            self._require_folder()
             self._look_at_disk()
             self._look_at_clocks(interval_s)
             self._tally.fed_s = time.monotonic()

@@ -2,6 +2,7 @@
 
 import csv
 import json
+import re
 
 import pytest
 
@@ -83,20 +84,68 @@ STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n'
 COUNTED = STOPPED + "[plc.signals.setup]\naddress = 3\n[plc.signals.stop_count]\naddress = 1\n"
 
 
+CUBE = (200.0, 200.0, 200.0)
+DRIVEN_AGAIN = [
+    pytest.param(STOPPED, 4, {}, id="whole, stopped"),
+    pytest.param(COUNTED, 2, {}, id="from stop 2 on, stopped, setup, stop_count"),
+    pytest.param(STOPPED, 2, {"size": CUBE}, id="from stop 2 on, stopped, cube"),
+    pytest.param(COUNTED, 4, {"size": CUBE}, id="whole, stopped, setup, stop_count, cube"),
+]
+
+
 @on_a_steady_computer
-@pytest.mark.parametrize("signals", [STOPPED, COUNTED], ids=["stopped", "stopped, setup, stop_count"])
-def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals):
-    """Whole, from its first stop: the laser's unbroken count says where the machine is, and every reading is right."""
-    trouble = fault(kind="program-aborted", setup="ppp", stop=4, value=4.0, duration_s=10.0)
-    with hall(tmp_path, dwell=6.0, setups=("ppp",), signals=signals, faults=trouble, **COMPENSATED) as place:
+@pytest.mark.parametrize(("signals", "back_by", "box"), DRIVEN_AGAIN)
+def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, back_by, box):
+    """Whole, or from a stop: the laser's unbroken count says where the machine is, and every reading is right."""
+    trouble = fault(kind="program-aborted", setup="ppp", stop=4, value=back_by, duration_s=10.0)
+    with hall(tmp_path, dwell=6.0, setups=("ppp",), signals=signals, faults=trouble, **box, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended", kind="complete")
         book = nothing_silently_wrong(place)
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
-    assert [len(only.measured[stop]) for stop in range(7)] == [2, 2, 2, 2, 2, 1, 1]
+    assert [len(only.measured[stop]) for stop in range(7)] == [1 + (4 - back_by <= stop <= 4) for stop in range(7)]
     assert findings_of(said, "stop-again")
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize(
+    ("signals", "code", "trouble"),
+    [
+        (STOPPED, "between-stops", {"kind": "feed-hold", "stop": 4, "duration_s": 6.0}),
+        (COUNTED, "between-stops", {"kind": "feed-hold", "stop": 4, "duration_s": 6.0}),
+        (COUNTED, "count-stuck", {"kind": "count-stuck", "stop": 3}),
+    ],
+    ids=["feed hold, stopped", "feed hold, counted", "stuck counter"],
+)
+def test_the_laser_places_what_the_signals_do_not(tmp_path, signals, code, trouble):
+    """A standstill between two stops is none, a counter that stands still is named once; the pass is whole and right."""
+    with hall(tmp_path, dwell=6.0, setups=("ppp",), signals=signals, faults=fault(setup="ppp", **trouble), **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete, only.why_incomplete()
+    assert [len(entries) for entries in only.measured.values()] == [1] * 7
+    assert len(findings_of(said, code)) == 1
+
+
+@on_a_steady_computer
+def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_path):
+    """Whether the machine stood where it should a person says: the words are in journal and status."""
+    trouble = fault(kind="plc-alarm", setup="ppp", stop=2, phase="move", duration_s=0.2)
+    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "survey-open")
+        book = nothing_silently_wrong(place)
+        told = stepdiag("status", place.survey).out
+    (text,) = findings_of(said, "machine-alarm")
+    assert re.match(r"ppp out, stop 2 of 3: the machine reported an alarm at [0-9:]{8} UTC", text)
+    assert [(each.place, each.code) for each in book.doubts()] == [("ppp/1/2", "machine-alarm")]
+    assert "ppp/1/2 --reason" in told
 
 
 @on_a_steady_computer

@@ -74,6 +74,25 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
     assert set(announced) <= again
 
 
+@pytest.mark.parametrize("while_recording", [False, True])
+def test_a_survey_folder_that_goes_away_is_an_error_in_words(tmp_path, while_recording):
+    """Unmounted or moved, and nothing is recorded elsewhere in silence: the daemon ends, and says what to do."""
+    with hall(tmp_path, setups=("ppp",), n=1, **PACED) as place, daemon(place.survey) as process:
+        if while_recording:
+            place.start_setups(stop_after=1)
+            until(process, "stop")
+        place.round.parent.rename(tmp_path / "away")
+        said = []
+        while (line := process.lines.get(timeout=30)) is not None:
+            said.append(line)
+        process.process.wait(timeout=30)
+    words = " ".join(said)
+    assert process.process.returncode == 4
+    assert "Traceback" not in words
+    assert "No such file or directory" in words
+    assert "mount it again" in words
+
+
 def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):
     """Forwards in a pass, backwards between two: stops, readings and result are right, the logs in order, the replay the same bytes."""
     off_by = tmp_path / "off-by"

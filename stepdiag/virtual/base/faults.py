@@ -4,8 +4,9 @@
               laser-baud
     head      head-blocked, head-silent, head-unplug, head-garbage (value bytes), head-baud
     PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen, plc-reboot, plc-sensor (text name, value),
-              stop-flicker
-    program   stop-skipped, stop-unsignalled, count-missed, count-doubled, axis-order (text such as "yxz"),
+              stop-flicker, plc-alarm
+    program   stop-skipped, stop-unsignalled, count-missed, count-doubled, count-stuck (to the end of its pass),
+              axis-order (text such as "yxz"), feed-hold (half way to the stop, its duration in machine seconds),
               program-aborted (value: stops to go back before it is restarted; its duration in machine seconds)
 
 A fault strikes once: when the program comes to its place, ``delay_s`` after it; without a place, that long after the bench started.
@@ -37,14 +38,28 @@ FaultKind = Literal[
     "plc-reboot",
     "plc-sensor",
     "stop-flicker",
+    "plc-alarm",
     "stop-skipped",
     "stop-unsignalled",
     "count-missed",
     "count-doubled",
+    "count-stuck",
+    "feed-hold",
     "axis-order",
     "program-aborted",
 ]
-PROGRAM = frozenset({"stop-skipped", "stop-unsignalled", "count-missed", "count-doubled", "axis-order", "program-aborted"})
+PROGRAM = frozenset(
+    {
+        "stop-skipped",
+        "stop-unsignalled",
+        "count-missed",
+        "count-doubled",
+        "count-stuck",
+        "feed-hold",
+        "axis-order",
+        "program-aborted",
+    }
+)
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

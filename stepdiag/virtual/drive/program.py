@@ -95,11 +95,14 @@ def _before(driven: DrivenPass, stop: int, overrun_mm: float) -> Array:
 
 
 def _pass_steps(plan: Plan, driven: DrivenPass, faults: FaultBoard) -> Iterator[Step]:
-    stop = 0
+    stop, stuck = 0, False
     while stop < len(driven.stop_mm):
         place = (driven.setup, driven.number, stop)
+        stuck = stuck or faults.take("count-stuck", *place) is not None
+        if stop and (hold := faults.take("feed-hold", *place)):
+            yield from _feed_hold(driven, stop, hold.duration_s)
         if not faults.take("stop-skipped", *place):
-            yield from _stop_steps(plan, driven, stop, faults)
+            yield from _stop_steps(plan, driven, stop, faults, stuck=stuck)
         aborted = faults.take("program-aborted", *place)
         if aborted is None:
             stop += 1
@@ -109,7 +112,15 @@ def _pass_steps(plan: Plan, driven: DrivenPass, faults: FaultBoard) -> Iterator[
         yield from _approach(plan, driven, stop)
 
 
-def _stop_steps(plan: Plan, driven: DrivenPass, stop: int, faults: FaultBoard) -> Iterator[Step]:
+def _feed_hold(driven: DrivenPass, stop: int, duration_s: float) -> Iterator[Step]:
+    """Stand half way to a stop: the axes are still, and the program has not come to its dwell."""
+    half_mm: Array = 0.5 * (driven.stop_mm[stop - 1] + driven.stop_mm[stop])
+    move = Step(kind="move", target_mm=half_mm, approach=driven.approach, setup=driven.setup, pass_number=driven.number)
+    yield move
+    yield replace(move, kind="dwell", duration_s=duration_s)
+
+
+def _stop_steps(plan: Plan, driven: DrivenPass, stop: int, faults: FaultBoard, *, stuck: bool) -> Iterator[Step]:
     place = (driven.setup, driven.number, stop)
     move = Step(
         kind="move",
@@ -120,6 +131,6 @@ def _stop_steps(plan: Plan, driven: DrivenPass, stop: int, faults: FaultBoard) -
         stop=stop,
     )
     yield move
-    counts = 0 if faults.take("count-missed", *place) else 2 if faults.take("count-doubled", *place) else 1
+    counts = 0 if stuck or faults.take("count-missed", *place) else 2 if faults.take("count-doubled", *place) else 1
     silent = faults.take("stop-unsignalled", *place) is not None
     yield replace(move, kind="dwell", duration_s=plan.dwell_s, counts=0 if silent else counts, signalled=not silent)

@@ -95,7 +95,8 @@ class Plc:
         segment = self._player.advance(machine_s)
         step = segment.step
         stopped = step.kind == "dwell" and step.signalled and not self._faults.active("stop-flicker", wall_s)
-        state = _STOPPED * stopped | _RUNNING * (bool(step.setup) and not step.alarm) | _ALARM * step.alarm
+        alarm = step.alarm or self._faults.active("plc-alarm", wall_s) is not None
+        state = _STOPPED * stopped | _RUNNING * (bool(step.setup) and not step.alarm) | _ALARM * alarm
         if self._lag_s:
             machine_s -= self._lag_s * self._clock.scale
             segment = self._player.span(machine_s, machine_s)[0]

@@ -118,6 +118,18 @@ def test_a_pass_left_and_begun_anew_after_the_beam_was_cut_is_that_pass(signals,
     assert "stop-again" in codes
 
 
+@SIGNALS
+@SIZES
+def test_a_machine_that_stood_elsewhere_before_its_first_stop(signals, size):
+    """Its stop signal means standstill, and it waits at home until the program is called."""
+    truth = diagonal("ppp", size)
+    home = replace(truth[0], reading=-40.0)
+    book, _ = drive([home, *truth], signals=signals, size=size)
+    (only,) = book.passes
+    assert_as_driven(only, truth)
+    assert only.complete, only.why_incomplete()
+
+
 def test_where_nobody_can_tell_the_stops_are_doubted():
     """A cube by `stopped` alone, left at the last stop but one, the beam cut, begun anew: its first stop reads as the last one would.
 

@@ -18,7 +18,7 @@ BENCH = """
 seed = {seed}
 time_scale = 10.0
 [volume]
-size_mm = [300.0, 200.0, 100.0]
+size_mm = [{size}]
 increments = {n}
 [program]
 setups = [{setups}]
@@ -49,7 +49,7 @@ SURVEY = """
 name = "hall"
 machine = "virtual"
 [volume]
-size_mm = [300.0, 200.0, 100.0]
+size_mm = [{size}]
 increments = {n}
 [plan]
 setups = [{setups}]
@@ -134,10 +134,11 @@ def hall(
     plc_bench="",
     machine='compensation = "off"',
     bench="",
+    size=(300.0, 200.0, 100.0),
 ):
     """Run a bench process in ``folder``; a survey file that fits it stands there."""
     named = ", ".join(f'"{setup}"' for setup in setups)
-    common = {"n": n, "setups": named, "laser": laser, "handshake": str(handshake).lower()}
+    common = {"n": n, "size": ", ".join(map(str, size)), "setups": named, "laser": laser, "handshake": str(handshake).lower()}
     bench_file = folder / "bench.toml"
     driven = {
         "passes": 1 + back,
