@@ -14,7 +14,7 @@ _COARSE_UM = 0.5
 
 def remarks(case: Case) -> tuple[Finding, ...]:
     """Return the remarks for the report and the terminal."""
-    makers = (_machine, _assumptions, _shape_only, _sign, _coarse, _ends, _state, _reversal, _runs, _data)
+    makers = (_assumptions, _shape_only, _sign, _coarse, _ends, _state, _reversal, _runs, _data)
     return tuple(finding for maker in makers for finding in maker(case))
 
 
@@ -76,20 +76,6 @@ def _state(case: Case) -> Iterator[Finding]:
             "restore-is-zero",
             "no table of the control was given: the restore files take the new tables out, they bring nothing of before back",
         )
-
-
-def _machine(case: Case) -> Iterator[Finding]:
-    """Say it where survey and profile name different machines: tables of one are poison for another."""
-    survey = case.result.extra.get("survey")
-    measured = survey.get("machine") if isinstance(survey, dict) else None
-    named = case.profile.machine.name
-    if isinstance(measured, str) and measured and not case.profile.assumed and _plain(measured) != _plain(named):
-        text = f'the survey measured "{measured}", the profile is of "{named}": load nothing unless both are the same machine'
-        yield Finding(code="machine-differs", severity="warning", text=text)
-
-
-def _plain(name: str) -> str:
-    return "".join(name.split()).casefold()
 
 
 def _reversal(case: Case) -> Iterator[Finding]:

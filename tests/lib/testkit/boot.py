@@ -42,7 +42,8 @@ def debian_root():
             "apt-get", "indextargets", "--format", "$(REPO_URI)", "Created-By: Packages", f"Codename: {SUITE}", "Component: main"
         )
         making = ROOT.with_name("systemd-root.making")
-        as_root("rm", "-rf", making)
+        as_root("umount", making / "proc", check=False)  # a debootstrap that was ended leaves the host's own proc there
+        as_root("rm", "-rf", "--one-file-system", making)
         ROOT.parent.mkdir(exist_ok=True)
         as_root("debootstrap", "--variant=minbase", f"--include={INCLUDE}", SUITE, making, asked.split()[0])
         as_root("mv", making, ROOT)
