@@ -85,7 +85,7 @@ $(UV): tools/bootstrap tools/uv.txt
 # What `stepdiag` needs to run from this checkout, and what a developer wants beside it. Compiled here, because a daemon that
 # compiles what it imports during its first seconds stands still and misses the first stop.
 $(VENV)/.ready: pyproject.toml uv.lock | $(UV)
-	UV_PROJECT_ENVIRONMENT=$(VENV) $(UV) sync --frozen --quiet --compile-bytecode --python $(PYTHON)
+	UV_PROJECT_ENVIRONMENT=$(VENV) $(UV) sync --frozen --quiet --all-extras --compile-bytecode --python $(PYTHON)
 	$(VENV)/bin/python -m compileall -q solver exporters daq stepdiag
 	touch $@
 
@@ -95,7 +95,7 @@ $(MUTANTS_VENV)/.ready: pyproject.toml uv.lock | $(UV)
 
 # the same libraries, but stepdiag as the built wheel: what is tested is what is installed
 $(TEST_VENV)/.ready: pyproject.toml uv.lock $(shell find solver exporters daq stepdiag systemd -type f -not -path "*/__pycache__/*") | $(UV)
-	UV_PROJECT_ENVIRONMENT=$(TEST_VENV) $(UV) sync --frozen --quiet --compile-bytecode --no-install-project --python $(PYTHON)
+	UV_PROJECT_ENVIRONMENT=$(TEST_VENV) $(UV) sync --frozen --quiet --all-extras --compile-bytecode --no-install-project --python $(PYTHON)
 	rm -rf dist
 	$(UV) build $(BUILD) --out-dir dist
 	$(UV) pip install --quiet --compile-bytecode --python $(TEST_VENV)/bin/python --no-deps --reinstall dist/stepdiag-*.whl

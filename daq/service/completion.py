@@ -169,7 +169,7 @@ def _certificate(replayed: Replayed) -> dict[str, Any]:
     times = [stop.time_s for each in replayed.book.passes for stop, _ in each.chosen().values()]
     begun, ended = (datetime.fromtimestamp(edge(times), UTC).strftime("%Y-%m-%d %H:%M UTC") for edge in (min, max))
     said = {name: getattr(survey.report, name) for name in survey.report.__struct_fields__}
-    about = {"begun": begun, "ended": ended, "temperature_note": survey.identity.temperature_note, **said}
+    about = {"begun": begun, "ended": ended, "temperature_note": survey.identity.temperature_note, "event": survey.identity.event, **said}
     wavelength = {} if survey.laser.compensated else {"wavelength_nm": survey.laser.wavelength_nm}
     return {**{name: text for name, text in about.items() if text}, **wavelength, "at_20_c": survey.machine.apply_expansion}
 

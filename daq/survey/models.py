@@ -49,6 +49,7 @@ class Identity(msgspec.Struct, frozen=True, kw_only=True):
     workpiece: Line = ""
     directory: str = "."
     temperature_note: Line = ""
+    event: Line = ""
 
 
 class VolumeSection(msgspec.Struct, frozen=True, kw_only=True):

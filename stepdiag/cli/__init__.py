@@ -15,6 +15,7 @@ MODULES = (
     "program",
     "plan",
     "fourdof",
+    "fleet",
     "service",
 )
 """The groups, in the order in which the help shows them."""

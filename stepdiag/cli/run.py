@@ -12,7 +12,7 @@ def register(app: typer.Typer) -> None:
     """Add the commands to the application."""
     app.command("run")(run)
     app.command("complete", hidden=True)(complete)
-    app.command("archive", hidden=True)(archive)
+    app.command("pack", hidden=True)(pack)
 
 
 def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", help="Also log what is for debugging.")] = False) -> None:
@@ -39,7 +39,7 @@ def complete(folder: Path) -> None:
     typer.echo(refused or f"result in {done.folder}", err=bool(refused))
 
 
-def archive(folder: Path, max_gb: float) -> None:
+def pack(folder: Path, max_gb: float) -> None:
     """Pack the oldest finished surveys of a folder until it is within its budget (what `run` starts)."""
     from stepdiag.daq.service.priority import lower_priority
 

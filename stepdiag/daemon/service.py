@@ -32,7 +32,7 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
 
     configure(verbose=verbose)
     again = (sys.executable, "-m", "stepdiag")
-    asyncio.run(serve(survey_file, completion=(*again, "complete"), archiving=(*again, "archive")))
+    asyncio.run(serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack")))
 
 
 async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequence[str] = ()) -> None:

@@ -17,7 +17,7 @@ from stepdiag.solver.result.result import Result
 
 FACTS = (
     "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",
-    "instrument", "instrument_serial", "instrument_certificate", "wavelength_nm", "sensors", "temperature_note",
+    "instrument", "instrument_serial", "instrument_certificate", "wavelength_nm", "sensors", "temperature_note", "event",
 )  # fmt: skip
 """Entries of ``survey`` in the result, in the order of the page; each is a word of the catalogue."""
 PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}

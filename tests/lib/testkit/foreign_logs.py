@@ -111,7 +111,9 @@ def contents(log: bytes) -> bytes:
 
 def with_survey(text: str) -> bytes:
     """Return the short pass as if it had been recorded with another survey file."""
-    return log_of(b"\n".join((json.dumps(text).encode(), *contents(recorded()).split(b"\n")[1:])))
+    _, run, *messages = contents(recorded()).split(b"\n")
+    own = {name: word for name, word in json.loads(run).items() if name in ("start", *bundle_to_run(FILES))}
+    return log_of(b"\n".join((json.dumps(text).encode(), json.dumps(own).encode(), *messages)))
 
 
 def log_of(data: bytes) -> bytes:

@@ -1,0 +1,159 @@
+"""``stepdiag archive``, ``trend`` and ``fleet``: many machines over years (extra ``stepdiag[fleet]``)."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from stepdiag.solver.errors import UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.fleet.trend import Trend
+    from stepdiag.texts.texts import Language
+
+StoreName = Annotated[str, typer.Argument(help="The store: a folder, or an address that fsspec opens (s3://.., sftp://..).")]
+Tolerances = Annotated[
+    list[str] | None, typer.Option("--tolerance", help="QUANTITY=LARGEST, such as volumetric-rms=15 or C0Y=20; may be given again.")
+]
+Software = Annotated[str, typer.Option(help="Use what this version of stepdiag solved anew (`stepdiag resolve`), not what was archived.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
+
+archive = typer.Typer(help="The archive of finished surveys.", no_args_is_help=True)
+
+
+def register(app: typer.Typer) -> None:
+    """Add the commands to the application."""
+    app.add_typer(archive, name="archive")
+    app.command("trend")(trend)
+    app.command("fleet")(fleet)
+
+
+@contextmanager
+def extra_needed(name: str) -> Iterator[None]:
+    """Say which extra is missing where a library of it is."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        remedy = f"pip install 'stepdiag[{name}]'"
+        raise UsageError(f"stepdiag[{name}]", expected="the libraries of this extra", found=f"no {error.name}", remedy=remedy) from error
+
+
+@archive.command()
+def add(
+    folders: Annotated[list[Path], typer.Argument(help="Folders of finished surveys, or folders with such folders in them.")],
+    to: Annotated[str, typer.Option("--to", help="The store; made where there is none.")],
+    as_json: AsJson = False,
+) -> None:
+    """Put finished surveys into a store.
+
+    Logs packed, result, files, hashes; read back before a survey is listed. The same survey again changes nothing.
+    """
+    with extra_needed("fleet"):
+        from stepdiag.fleet.archive import add as put
+        from stepdiag.fleet.archive import finished_in, refresh_index
+        from stepdiag.fleet.store import Store
+    from stepdiag.terminal.progress import counted
+
+    found = finished_in(folders)
+    store = Store(to, create=True)
+    added = []
+    try:
+        for each in counted(found, "archiving", len(found)):
+            added.append(put(each, store))
+            if not as_json:
+                typer.echo(f"{added[-1].outcome}: {each} as {added[-1].place.folder}")
+    finally:
+        refresh_index(store)
+    if as_json:
+        rows = [
+            {"source": str(each.source), "outcome": each.outcome, "folder": each.place.folder, "bytes": each.size_bytes} for each in added
+        ]
+        typer.echo(json.dumps(rows, indent=2))
+
+
+def trend(
+    store: StoreName,
+    machine: Annotated[str, typer.Option(help="Only this machine.")] = "",
+    tolerance: Tolerances = None,
+    software: Software = "",
+    csv: Annotated[Path | None, typer.Option("--csv", help="Write every figure into this file.")] = None,
+    report: Annotated[Path | None, typer.Option("--report", help="Write the sheet of all machines (HTML) into this file.")] = None,
+    language: Annotated[str, typer.Option(help="Of the sheet: en or de.")] = "en",
+    as_json: AsJson = False,
+) -> None:
+    """Say what changed on the machines of a store.
+
+    Since when, after what, by more than its uncertainty; where a straight line is justified, and when it leaves the tolerance.
+    """
+    found = _trends(store, machine, tolerance or [], software)
+    from rich.console import Console
+
+    from stepdiag.exporters.files.files import write_atomically
+    from stepdiag.fleet.report import fleet_html, worst_first
+    from stepdiag.fleet.terminal import as_csv, trend_table
+    from stepdiag.fleet.terminal import as_json as json_of
+
+    if csv is not None:
+        write_atomically(csv, as_csv(found).encode("utf-8"))
+    if report is not None:
+        write_atomically(report, fleet_html(found, store, _language(language)).encode("utf-8"))
+    if as_json:
+        typer.echo(json.dumps(json_of(found), indent=2, ensure_ascii=False))
+        return
+    Console().print(trend_table([each for _, of_machine in worst_first(found) for each in of_machine]))
+
+
+def fleet(
+    store: StoreName,
+    tolerance: Tolerances = None,
+    software: Software = "",
+    host: Annotated[str, typer.Option(help="Where the page is served; 127.0.0.1 is this computer alone.")] = "127.0.0.1",
+    port: Annotated[int, typer.Option(min=1, max=65535)] = 8430,
+    language: Annotated[str, typer.Option(help="en or de")] = "en",
+) -> None:
+    """Show all machines of a store in the browser, worst first."""
+    _trends(store, "", tolerance or [], software)
+    from stepdiag.fleet.page import LOOPBACK, create_app, serve
+
+    typer.echo(f"http://{host}:{port}/ shows {store}; Ctrl-C ends it")
+    serve(
+        create_app(lambda: _trends(store, "", tolerance or [], software), store, _language(language), (*LOOPBACK, host.lower())), host, port
+    )
+
+
+def _trends(address: str, machine: str, tolerances: list[str], software: str) -> "list[Trend]":
+    with extra_needed("fleet"):
+        from stepdiag.fleet.history import series_in
+        from stepdiag.fleet.store import Store
+        from stepdiag.fleet.trend import trend_of
+
+    allowed = dict(map(_tolerance, tolerances))
+    series = series_in(Store(address), machine, software)
+    unknown = sorted(set(allowed) - {each.quantity for each in series})
+    if unknown:
+        known = ", ".join(sorted({each.quantity for each in series}))
+        raise UsageError("--tolerance", expected=f"one of {known}", found=", ".join(unknown))
+    return [trend_of(each, allowed.get(each.quantity)) for each in series]
+
+
+def _tolerance(text: str) -> tuple[str, float]:
+    quantity, _, value = text.partition("=")
+    try:
+        largest = float(value)
+    except ValueError:
+        largest = 0.0
+    if not 0.0 < largest < float("inf"):
+        raise UsageError("--tolerance", expected="QUANTITY=NUMBER above 0, such as volumetric-rms=15", found=repr(text))
+    return quantity, largest
+
+
+def _language(language: str) -> "Language":
+    from stepdiag.texts.texts import LANGUAGES
+
+    chosen = next((known for known in LANGUAGES if known == language), None)
+    if chosen is None:
+        raise UsageError("--language", expected=" or ".join(LANGUAGES), found=language)
+    return chosen

@@ -1,0 +1,164 @@
+"""Finished surveys into the store: found, packed, copied, read back, and only then listed."""
+
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import pyarrow as pa
+import pyarrow.compute as pc
+
+from stepdiag.daq.recording.archive import digest, pack
+from stepdiag.daq.records.survey_folder import RESULT, logs_in
+from stepdiag.exporters.files.files import read_text
+from stepdiag.fleet.rows import about, rows_of
+from stepdiag.fleet.store import INDEX, LISTED, Place, Store
+from stepdiag.fleet.tables import PLACE, from_parquet, table_of, to_parquet
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.result.result import parse_result
+
+FORMAT, VERSION = "stepdiag-archived", 1
+MOST_LOOSE = 50
+"""Tables that may stand beside the index before it is made anew: each costs a query about a millisecond."""
+_ID_DIGITS = 16
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Added:
+    """What became of one survey; ``size_bytes`` is what it takes in the store."""
+
+    source: Path
+    place: Place
+    outcome: Literal["archived", "already there"]
+    size_bytes: int
+
+
+def finished_in(folders: Sequence[Path]) -> list[Path]:
+    """Return every folder at or below the given ones that holds a result beside its logs. Raises UsageError where there is none."""
+    for folder in folders:
+        if not folder.is_dir():
+            raise UsageError(str(folder), expected="a folder with finished surveys", found="no folder")
+    candidates = {path.parent for folder in folders for path in (folder / RESULT, *folder.rglob(RESULT)) if path.is_file()}
+    found = sorted(each for each in candidates if any(log.suffix == ".mcap" for log in logs_in(each)))
+    if not found:
+        raise UsageError(", ".join(map(str, folders)), expected="finished surveys: result.json beside the logs", found="none")
+    return found
+
+
+def add(folder: Path, store: Store) -> Added:
+    """Archive one finished survey. Again, it is found there and nothing is written.
+
+    Raises DataError where a log or the result cannot be read, or where the same logs are there with other results; UsageError where the
+    store cannot be written. Whatever ends it half-way leaves a survey that is not listed, which the next call completes.
+    """
+    result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
+    logs = [log for log in logs_in(folder) if log.suffix == ".mcap"]
+    name = _name_of(logs)
+    facts = about(result, name)
+    place = Place(facts.machine, str(facts.time.year), name)
+    listed = store.exists(place.table)
+    with tempfile.TemporaryDirectory() as scratch:
+        copy = Path(scratch) / "survey"
+        files = _packed_copy(folder, copy, logs, pack_logs=not listed)
+        hashes = {path: hashlib.sha256(data).hexdigest() for path, data in files()}
+        if listed:
+            _require_same(store, place, hashes)
+            return Added(source=folder, place=place, outcome="already there", size_bytes=0)
+        size = 0
+        for path, data in files():
+            store.write_checked(f"{place.folder}/{path}", data)
+            size += len(data)
+    manifest = {"format": FORMAT, "version": VERSION, "machine": facts.machine, "survey": name, "files": hashes}
+    store.write_checked(f"{place.folder}/{LISTED}", json.dumps(manifest, indent=1, sort_keys=True).encode() + b"\n")
+    table = to_parquet(table_of(facts, list(rows_of(result))))
+    store.write_checked(place.table, table)
+    return Added(source=folder, place=place, outcome="archived", size_bytes=size + len(table))
+
+
+def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
+    """Make the index anew where more than ``most_loose`` surveys stand beside it; return how many rows it holds, 0 where it was left alone.
+
+    Of two writers at once the last one's index stays; what it lacks is read from the surveys' own tables.
+    """
+    places = store.tables()
+    known, held = _indexed(store)
+    loose = [place for place in places if place.folder not in held]
+    gone = held - {place.folder for place in places}
+    if len(loose) <= most_loose and not gone:
+        return 0
+    tables = [_with_place(from_parquet(store.read(place.table), place.table), place) for place in loose]
+    kept = [] if known is None else [known.filter(pc.invert(pc.is_in(known[PLACE], pa.array(sorted(gone), pa.string()))))]
+    table = pa.concat_tables([*kept, *tables]).unify_dictionaries()
+    store.write(INDEX, to_parquet(table))
+    return int(table.num_rows)
+
+
+def _indexed(store: Store) -> tuple[pa.Table | None, set[str]]:
+    """Return the index and the folders of the surveys in it; None where there is none, or one that is damaged: it is made anew then."""
+    if not store.exists(INDEX):
+        return None, set()
+    try:
+        table = from_parquet(store.read(INDEX), INDEX, index=True)
+    except DataError:
+        return None, set()
+    return table, set(pc.unique(table[PLACE]).to_pylist())
+
+
+def _with_place(table: pa.Table, place: Place) -> pa.Table:
+    words = pa.DictionaryArray.from_arrays(pa.array([0] * table.num_rows, pa.int32()), pa.array([place.folder]))
+    return table.append_column(PLACE, words)
+
+
+def _name_of(logs: Sequence[Path]) -> str:
+    """Return the name of a survey: from all that its logs say, however they are packed. Raises DataError for a damaged log."""
+    sums = [digest(log) for log in logs]
+    for log, each in zip(logs, sums, strict=True):
+        if not each:
+            raise DataError(str(log), expected="a whole log", found="a damaged one", remedy=f"mend it: `stepdiag recover {log}`")
+    return hashlib.sha256("".join(sorted(sums)).encode()).hexdigest()[:_ID_DIGITS]
+
+
+class _Files:
+    """The files of a folder, in the order of their names, read one at a time."""
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+
+    def __call__(self) -> Iterator[tuple[str, bytes]]:
+        for path in sorted(self._folder.rglob("*")):
+            if path.is_file():
+                yield path.relative_to(self._folder).as_posix(), path.read_bytes()
+
+
+def _packed_copy(folder: Path, copy: Path, logs: Sequence[Path], *, pack_logs: bool) -> _Files:
+    """Copy what belongs to a survey: its own files, no links and nothing hidden; its whole logs, packed."""
+    wanted = [path for path in sorted(folder.rglob("*")) if path.is_file() and not path.is_symlink() and _belongs(path, folder)]
+    for path in wanted:
+        is_log = ".mcap" in path.suffixes
+        if is_log and (not pack_logs or path not in logs):
+            continue
+        target = copy / path.relative_to(folder)
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, target)
+        if is_log:
+            pack(target)
+    return _Files(copy)
+
+
+def _belongs(path: Path, folder: Path) -> bool:
+    return not any(part.startswith(".") for part in path.relative_to(folder).parts)
+
+
+def _require_same(store: Store, place: Place, hashes: dict[str, str]) -> None:
+    """Raise DataError where the survey is there with another result; logs are the same by its name."""
+    manifest = store.json(f"{place.folder}/{LISTED}")
+    there = manifest.get("files", {}) if isinstance(manifest, dict) else {}
+    if there.get(RESULT) != hashes.get(RESULT):
+        raise DataError(
+            f"{store.address}: {place.folder}/{RESULT}", expected="the result that was archived with these logs", found="another one",
+            remedy="an archived result stays; `stepdiag resolve` solves anew, beside it",
+        )  # fmt: skip

@@ -1,0 +1,116 @@
+"""What a store says of its machines over time: one DuckDB query over the index and over the surveys that are not in it yet."""
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import groupby
+from typing import Any, NamedTuple
+
+import duckdb
+import pyarrow as pa
+
+from stepdiag.fleet.store import INDEX, Place, Store
+from stepdiag.fleet.tables import PLACE, from_parquet, require_ours
+from stepdiag.solver.errors import DataError
+
+# A function stands for itself by its range, with the uncertainty of the difference of its extremes; a number is itself.
+_QUERY = """
+SELECT machine, quantity, any_value(unit) AS unit, survey, time, any_value(event) AS event, any_value(conditions) AS conditions,
+       any_value(software) AS software,
+       CASE WHEN count(position_mm) > 0 THEN max(value) - min(value) ELSE any_value(value) END AS value,
+       CASE WHEN count(position_mm) > 0 THEN sqrt(pow(arg_max(u, value), 2) + pow(arg_min(u, value), 2)) ELSE any_value(u) END AS u
+FROM ({sources}) WHERE ($machine = '' OR machine = $machine)
+GROUP BY machine, quantity, survey, time ORDER BY machine, quantity, time, survey
+"""
+
+
+class Point(NamedTuple):
+    """One quantity in one survey; ``u`` is None where none is stated, ``active`` are the hashes of the tables that were loaded."""
+
+    time: datetime
+    survey: str
+    value: float
+    u: float | None
+    event: str
+    active: tuple[str, ...]
+    software: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """One quantity of one machine, oldest first."""
+
+    machine: str
+    quantity: str
+    unit: str
+    points: tuple[Point, ...]
+
+
+def series_in(store: Store, machine: str = "", software: str = "") -> list[Series]:
+    """Return every quantity over time, by machine and name: of what was archived, or of what ``software`` solved anew.
+
+    Raises DataError where a table is damaged, and where there is nothing.
+    """
+    wanted = [place for place in store.tables() if place.software == software and machine in ("", place.machine)]
+    if not wanted:
+        what = f"surveys of {machine or 'any machine'}" + (f" solved anew by {software}" if software else "")
+        known = sorted({place.machine for place in store.tables()})
+        raise DataError(store.address, expected=what, found=f"none; known are {', '.join(known) or 'no machines'}")
+    with duckdb.connect() as connection:
+        connection.execute("SET TimeZone = 'UTC'")
+        sources = _sources(connection, store, wanted)
+        columns = connection.execute(_QUERY.format(sources=sources), {"machine": machine}).fetchnumpy()
+    return list(_grouped(columns))
+
+
+def _sources(connection: duckdb.DuckDBPyConnection, store: Store, wanted: Sequence[Place]) -> str:
+    """Register what is read, and return it as SQL: the index where it holds some of what is wanted, the rest table by table."""
+    folders = {place.folder for place in wanted}
+    held: set[str] = set()
+    found = []
+    if store.exists(INDEX):
+        source = store.path(INDEX) if store.is_local else store.read(INDEX)
+        require_ours(source, INDEX, index=True)
+        index = (
+            connection.read_parquet(source) if isinstance(source, str) else connection.from_arrow(from_parquet(source, INDEX, index=True))
+        )
+        connection.register("everything", index)
+        rows = connection.execute("SELECT DISTINCT place FROM everything").fetchall()
+        held = folders & {row[0] for row in rows}
+        connection.register("chosen", pa.table({PLACE: sorted(held)}, schema=pa.schema([(PLACE, pa.string())])))
+        found.append("SELECT * EXCLUDE (place) FROM everything SEMI JOIN chosen USING (place)")
+    loose = [from_parquet(store.read(place.table), place.table) for place in wanted if place.folder not in held]
+    if loose:
+        connection.register("loose", pa.concat_tables(loose).unify_dictionaries())
+        found.append("SELECT * FROM loose")
+    return " UNION ALL ".join(found)
+
+
+def _grouped(columns: dict[str, Any]) -> Iterator[Series]:
+    names = ("machine", "quantity", "unit", "survey", "time", "event", "conditions", "software", "value", "u")
+    times = columns["time"].astype("datetime64[us]").astype("int64")
+    lists = {name: (times if name == "time" else _filled(columns[name])).tolist() for name in names}
+    rows = zip(*(lists[name] for name in names), strict=True)
+    known = {words: _active(words) for words in set(lists["conditions"])}
+    moments = {time: datetime.fromtimestamp(time / 1e6, UTC) for time in set(lists["time"])}
+    for (machine, quantity), each in groupby(rows, key=lambda row: (row[0], row[1])):
+        group = list(each)
+        points = tuple(
+            Point(moments[time], survey, value, u, event, known[conditions], software)
+            for _, _, _, survey, time, event, conditions, software, value, u in group
+        )  # fmt: skip
+        yield Series(machine=machine, quantity=quantity, unit=group[0][2], points=points)
+
+
+def _filled(column: Any) -> Any:
+    """Return a column with None where DuckDB masked a missing value."""
+    return column.astype(object).filled(None) if hasattr(column, "filled") else column
+
+
+def _active(conditions: str) -> tuple[str, ...]:
+    try:
+        found = json.loads(conditions).get("active", [])
+    except (ValueError, AttributeError, RecursionError):
+        return ()
+    return tuple(map(str, found)) if isinstance(found, list) else ()

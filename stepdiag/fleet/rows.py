@@ -1,0 +1,107 @@
+"""A result as tidy rows: one number with its uncertainty a row, the same columns for every quantity."""
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from typing import Any
+
+from stepdiag.conclusion.intervals import reach_in
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.result import Function, Result
+
+RMS, LARGEST = "volumetric-rms", "volumetric-largest"
+"""The volumetric error without rigid motion, over the survey's own volume (contract 4, ``predicted``)."""
+SCALE = "scale-"
+_TIMES = (("ended", "%Y-%m-%d %H:%M UTC"), ("begun", "%Y-%m-%d %H:%M UTC"), ("date", "%Y-%m-%d"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Row:
+    """One number of a result. ``axis`` is the one that moves, empty for a squareness; ``u`` is at ``k`` = 1, None where none is stated."""
+
+    quantity: str
+    axis: str
+    position_mm: float | None
+    value: float
+    u: float | None
+    unit: str
+    k: int = 1
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class About:
+    """What all rows of a result share; ``event`` says what happened to the machine before the survey, ``conditions`` is JSON."""
+
+    machine: str
+    survey: str
+    time: datetime
+    event: str
+    method: str
+    software: str
+    conditions: str
+
+
+def about(result: Result, survey: str) -> About:
+    """Return what a result says of itself; ``survey`` is its name in the archive. Raises DataError where machine or time is missing."""
+    said = result.extra.get("survey")
+    facts: Mapping[str, Any] = said if isinstance(said, Mapping) else {}
+    machine = facts.get("machine")
+    if not isinstance(machine, str) or not machine.strip():
+        raise DataError(result.source, expected="a result that names its machine", found="none", remedy="solve the survey from its logs")
+    version = result.software.get("version", "")
+    return About(
+        machine=machine, survey=survey, time=_time(facts, result.source), event=_event(facts), method=result.method,
+        software=version, conditions=json.dumps(_conditions(result, facts), sort_keys=True, ensure_ascii=False),
+    )  # fmt: skip
+
+
+def rows_of(result: Result) -> Iterator[Row]:
+    """Yield every number that the result identifies: functions, squareness, scale, volumetric error."""
+    for name, function in result.errors.items():
+        yield from _function(name, function)
+    for name, number in result.squareness.items():
+        if number.value is not None:
+            yield Row(quantity=name, axis="", position_mm=None, value=number.value, u=number.u, unit=number.unit)
+    for axis, scale in result.scale.items():
+        if scale.identified and scale.value is not None:
+            yield Row(quantity=f"{SCALE}{axis}", axis=axis, position_mm=None, value=scale.value, u=scale.u, unit=scale.unit)
+    reach = reach_in(result)
+    for name, interval in ((RMS, reach.rms_before), (LARGEST, reach.largest_before)):
+        yield Row(quantity=name, axis="", position_mm=None, value=interval.value_um, u=_u_um(interval), unit="um")
+
+
+def _function(name: str, function: Function) -> Iterator[Row]:
+    if function.value is None:
+        return
+    u = [None] * len(function.value) if function.u is None else function.u.tolist()
+    for at, value, each in zip(function.position_mm.tolist(), function.value.tolist(), u, strict=True):
+        yield Row(quantity=name, axis=name[2], position_mm=at, value=value, u=each, unit=function.unit)
+
+
+def _u_um(interval: Interval) -> float | None:
+    """Return the standard uncertainty that an interval at k = 2 stands for."""
+    return None if interval.low_um is None or interval.high_um is None else (interval.high_um - interval.low_um) / 4
+
+
+def _time(facts: Mapping[str, Any], source: str) -> datetime:
+    for name, form in _TIMES:
+        try:
+            return datetime.strptime(str(facts.get(name, "")), form).replace(tzinfo=UTC)
+        except ValueError:
+            continue
+    raise DataError(source, expected="a result that says when it was measured", found="no date", remedy="solve the survey from its logs")
+
+
+def _event(facts: Mapping[str, Any]) -> str:
+    event = facts.get("event")
+    return event if isinstance(event, str) else ""
+
+
+def _conditions(result: Result, facts: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the sensors' extremes and what compensation was active, by the beginning of its hashes."""
+    seen = result.extra.get("conditions")
+    files = facts.get("active_files")
+    hashes = sorted(str(each.get("sha256", ""))[:12] for each in files if isinstance(each, Mapping)) if isinstance(files, list) else []
+    return {"sensors": seen if isinstance(seen, Mapping) else {}, "compensation": facts.get("compensation") or "", "active": hashes}

@@ -1,0 +1,60 @@
+"""Finished surveys and made-up histories for the tests of a fleet."""
+
+from datetime import UTC, datetime, timedelta
+from pathlib import Path
+
+import numpy as np
+
+from stepdiag.daq.service.completion import complete
+from stepdiag.fleet.rows import RMS, About, Row
+from stepdiag.fleet.store import Place, Store
+from stepdiag.fleet.tables import table_of, to_parquet
+from testkit.foreign_logs import SURVEY, with_survey
+
+FIRST = datetime(2020, 1, 15, tzinfo=UTC)
+
+
+def finished_survey(folder: Path, machine: str = "Mill 7/ä", event: str = "") -> Path:
+    """Record and complete one short survey; return its folder."""
+    text = SURVEY.replace('machine = "virtual"', f'machine = "{machine}"\nevent = "{event}"')
+    text = text[: text.index("[[export]]")]
+    target = folder / "0001"
+    target.mkdir(parents=True)
+    log = target / "0001.mcap"
+    log.write_bytes(with_survey(text))
+    complete([log], target)
+    return target
+
+
+def write_history(
+    store: Store, machine: str, values: list[float], *, u: float = 0.5, quantity: str = RMS, events: dict[int, str] | None = None
+) -> list[datetime]:
+    """Put one number a quarter into a store as if it had been archived; return the times."""
+    times = [FIRST + number * timedelta(days=91) for number in range(len(values))]
+    for number, (time, value) in enumerate(zip(times, values, strict=True)):
+        survey = f"{number:016x}"
+        about = About(
+            machine=machine,
+            survey=survey,
+            time=time,
+            event=(events or {}).get(number, ""),
+            method="estimate",
+            software="1",
+            conditions="{}",
+        )
+        rows = [Row(quantity=quantity, axis="", position_mm=None, value=value, u=u, unit="um")]
+        store.write(Place(machine, str(time.year), survey).table, to_parquet(table_of(about, rows)))
+    return times
+
+
+def whole_result_rows(dice: np.random.Generator, drift: float, nodes: int = 11) -> list[Row]:
+    """Return the rows of a result with all 18 functions, as many numbers as a usual survey has."""
+    rows = [Row(quantity=RMS, axis="", position_mm=None, value=abs(5 + drift), u=0.5, unit="um")]
+    for axis in "XYZ":
+        for component in "XYZABC":
+            values = np.cumsum(dice.normal(0, 1, nodes)) + drift
+            rows += [
+                Row(quantity=f"E{component}{axis}", axis=axis, position_mm=100.0 * at, value=round(float(value), 6), u=0.4, unit="um")
+                for at, value in enumerate(values)
+            ]
+    return rows

@@ -1,0 +1,221 @@
+"""The archive: what is in it is whole, once, and readable by others; whatever goes wrong leaves nothing half-written."""
+
+import errno
+import hashlib
+import json
+import threading
+from pathlib import Path
+
+import duckdb
+import pytest
+
+from stepdiag.fleet import archive as archiving
+from stepdiag.fleet.archive import add, finished_in, refresh_index
+from stepdiag.fleet.history import series_in
+from stepdiag.fleet.store import INDEX, LISTED, MARK, Store
+from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.result.result import parse_result
+from testkit.cli import stepdiag
+from testkit.fleets import finished_survey, write_history
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished survey that the tests only read."""
+    return finished_survey(tmp_path_factory.mktemp("survey"), event="crash")
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Store:
+    return Store(str(tmp_path / "store"), create=True)
+
+
+def everything_in(store: Store) -> list[str]:
+    root = Path(store.root)
+    return sorted(path.relative_to(root).as_posix() for path in root.rglob("*") if path.is_file())
+
+
+def test_others_read_the_numbers_without_us(survey: Path, store: Store) -> None:
+    """DuckDB from outside, by the names of folders and columns alone."""
+    added = add(survey, store)
+    result = parse_result((survey / "result.json").read_text(encoding="utf-8"))
+    with duckdb.connect() as connection:
+        rows = connection.execute(
+            "SELECT machine, year(time), position_mm, value, u, k, unit, event FROM read_parquet(?) WHERE quantity = 'EXX' ORDER BY 3",
+            [f"{store.root}/machine=*/year=*/*.parquet"],
+        ).fetchall()
+    assert [row[2] for row in rows] == result.errors["EXX"].position_mm.tolist()
+    assert [row[3] for row in rows] == result.errors["EXX"].value.tolist()
+    assert {(row[0], row[5], row[6], row[7]) for row in rows} == {("Mill 7/ä", 1, "um", "crash")}
+    assert rows[0][1] == int(added.place.year)
+
+
+def test_every_file_is_there_with_its_hash_and_the_logs_replay(survey: Path, store: Store, tmp_path: Path) -> None:
+    added = add(survey, store)
+    folder = Path(store.root) / added.place.folder
+    listed = json.loads((folder / LISTED).read_text(encoding="utf-8"))["files"]
+    assert {"result.json", "readings.csv", "0001.mcap"} <= set(listed)
+    assert {name: hashlib.sha256((folder / name).read_bytes()).hexdigest() for name in listed} == listed
+    assert (folder / "0001.mcap").stat().st_size < (survey / "0001.mcap").stat().st_size, "logs are packed"
+    assert stepdiag("replay", folder / "0001.mcap", "--out", tmp_path / "again").code == 0
+    assert (tmp_path / "again/result.json").read_bytes() == (survey / "result.json").read_bytes()
+
+
+def test_the_same_survey_twice_is_one(survey: Path, store: Store) -> None:
+    assert add(survey, store).outcome == "archived"
+    before = everything_in(store)
+    assert add(survey, store).outcome == "already there"
+    archived = Path(store.root) / store.tables()[0].folder
+    assert add(archived, store).outcome == "already there", "packed, it is the same survey"
+    assert everything_in(store) == before
+
+
+def test_other_results_of_the_same_logs_are_refused(survey: Path, store: Store, tmp_path: Path) -> None:
+    add(survey, store)
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / "0001.mcap").write_bytes((survey / "0001.mcap").read_bytes())
+    (other / "result.json").write_text((survey / "result.json").read_text(encoding="utf-8").replace('"estimate"', '"by hand"'))
+    before = everything_in(store)
+    with pytest.raises(DataError, match="archived with these logs"):
+        add(other, store)
+    assert everything_in(store) == before
+
+
+@pytest.mark.parametrize("files", [0, 1, 3])
+def test_a_share_that_fills_up_leaves_nothing_listed_and_the_next_try_completes(
+    survey: Path, store: Store, monkeypatch: pytest.MonkeyPatch, files: int
+) -> None:
+    usual, written = Store.write, []
+
+    def full(self: Store, name: str, data: bytes) -> None:
+        if len(written) == files:
+            monkeypatch.setattr("pathlib.Path.replace", _no_space)
+        written.append(name)
+        usual(self, name, data)
+
+    monkeypatch.setattr(Store, "write", full)
+    with pytest.raises(UsageError, match="No space left"):
+        add(survey, store)
+    monkeypatch.undo()
+    assert store.tables() == []
+    assert not [name for name in everything_in(store) if name.endswith(".part")]
+    assert add(survey, store).outcome == "archived"
+    assert len(store.tables()) == 1
+
+
+def _no_space(_self: Path, _target: Path) -> None:
+    raise OSError(errno.ENOSPC, "No space left on device")
+
+
+def test_two_writers_at_once_do_no_harm(survey: Path, store: Store) -> None:
+    """The same survey by four at a time, and the index made anew by all of them."""
+    write_history(store, "other", [1.0] * 5)
+    trouble: list[Exception] = []
+
+    def write() -> None:
+        try:
+            add(survey, store)
+            refresh_index(store, most_loose=0)
+        except Exception as error:  # noqa: BLE001  # said by the test
+            trouble.append(error)
+
+    threads = [threading.Thread(target=write) for _ in range(4)]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert trouble == []
+    assert len(store.tables()) == 6
+    assert {each.machine for each in series_in(store)} == {"other", "Mill 7/ä"}
+    assert not [name for name in everything_in(store) if name.endswith(".part")]
+
+
+def test_the_index_says_the_same_as_the_tables(store: Store) -> None:
+    write_history(store, "a", [1.0, 2.0, 3.0])
+    loose = series_in(store)
+    assert refresh_index(store, most_loose=0) == 3
+    assert series_in(store) == loose
+    write_history(store, "b", [4.0])
+    assert [each.machine for each in series_in(store)] == ["a", "b"]
+    Path(store.path(store.tables()[0].table)).unlink()
+    assert len(series_in(store, "a")[0].points) == 2, "what is not in the store any more is not told from the index"
+
+
+@pytest.mark.parametrize("name", [INDEX, "table"])
+@pytest.mark.parametrize("data", [b"", b"PAR1 nonsense PAR1", None])
+def test_damaged_and_foreign_tables_are_named(store: Store, name: str, data: bytes | None) -> None:
+    write_history(store, "a", [1.0, 2.0])
+    refresh_index(store, most_loose=0)
+    place = store.tables()[0].table if name == "table" else INDEX
+    if name == "table":
+        Path(store.path(INDEX)).unlink()
+    path = Path(store.path(place))
+    if data is None:
+        duckdb.sql("SELECT 1 AS machine").write_parquet(str(path))
+    else:
+        path.write_bytes(data)
+    with pytest.raises(DataError, match=path.name):
+        series_in(store)
+
+
+@pytest.mark.parametrize(
+    "mark", ["{}", "[1]", "nonsense", '{"format": "stepdiag-store", "version": 2}', '{"format": "other", "version": 1}']
+)
+def test_a_store_of_another_kind_is_refused(tmp_path: Path, mark: str) -> None:
+    (tmp_path / MARK).write_text(mark, encoding="utf-8")
+    with pytest.raises((UsageError, DataError), match=MARK):
+        Store(str(tmp_path))
+
+
+@pytest.mark.parametrize("address", ["nothing-here", "nosuchprotocol://x/y", "s3://bucket/x", ""])
+def test_a_store_that_is_away_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, address: str) -> None:
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(UsageError):
+        Store(address)
+
+
+def test_a_store_may_be_anywhere_that_fsspec_opens(survey: Path) -> None:
+    store = Store("memory://works/archive", create=True)
+    assert add(survey, store).outcome == "archived"
+    assert add(survey, store).outcome == "already there"
+    refresh_index(store, most_loose=0)
+    assert "volumetric-rms" in {each.quantity for each in series_in(store, "Mill 7/ä")}
+
+
+def test_only_finished_surveys_are_taken(survey: Path, tmp_path: Path) -> None:
+    (tmp_path / "open").mkdir()
+    (tmp_path / "open/0001.mcap").write_bytes(b"")
+    (tmp_path / "solved-elsewhere").mkdir()
+    (tmp_path / "solved-elsewhere/result.json").write_text("{}", encoding="utf-8")
+    with pytest.raises(UsageError, match="finished surveys"):
+        finished_in([tmp_path])
+    assert finished_in([tmp_path, survey.parent]) == [survey]
+
+
+def test_a_link_out_of_the_folder_is_not_archived(survey: Path, store: Store, tmp_path: Path) -> None:
+    folder = tmp_path / "0001"
+    folder.mkdir()
+    for path in survey.glob("*.*"):
+        (folder / path.name).write_bytes(path.read_bytes())
+    (folder / "secret.txt").symlink_to("/etc/hostname")
+    add(folder, store)
+    assert not [name for name in everything_in(store) if "secret" in name]
+
+
+def test_a_damaged_log_is_not_archived(survey: Path, store: Store, tmp_path: Path) -> None:
+    folder = tmp_path / "0001"
+    folder.mkdir()
+    (folder / "result.json").write_bytes((survey / "result.json").read_bytes())
+    (folder / "0001.mcap").write_bytes((survey / "0001.mcap").read_bytes()[:-400])
+    with pytest.raises(DataError, match="stepdiag recover"):
+        add(folder, store)
+    assert store.tables() == []
+
+
+def test_the_command_says_what_it_did(survey: Path, tmp_path: Path) -> None:
+    told = stepdiag("archive", "add", survey, "--to", tmp_path / "store", "--json")
+    assert [each["outcome"] for each in json.loads(told.out)] == ["archived"]
+    told = stepdiag("archive", "add", survey, "--to", tmp_path / "store")
+    assert told.out.startswith("already there: ")
+    assert archiving.MOST_LOOSE > 0
