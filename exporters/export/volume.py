@@ -52,6 +52,7 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
     Raises ``SafetyError`` for a lattice beyond the limits of the profile, and where a lattice was active while measuring that is not given.
     """
     axes = (profile.grid_mm("X"), profile.grid_mm("Y"), profile.grid_mm("Z"))
+    kinematics.require_room(axes, profile)
     active = _active(profile)
     held = lattice.lattice_on(result, axes, active)
     findings = (*_findings(result, held, profile.limits), *_said(result, profile))

@@ -6,6 +6,7 @@ the joints is in its source, so its sense is known and not a claim to be tested.
 left to ``BACKLASH``, which a COMP_FILE would switch off.
 """
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 
@@ -15,6 +16,7 @@ from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.errors import SafetyError, UsageError
+from stepdiag.solver.geometry.volume import Vector
 
 MOST_VERTICES = 65536
 """As many as the component has room for."""
@@ -24,12 +26,9 @@ INI = "ini_lines.txt"
 TITLE = "LinuxCNC (kinematics component with a lattice over the volume)"
 
 
-def control_files(held: Lattice, profile: Profile, joints: Mapping[str, Sequence[int]]) -> tuple[ControlFile, ...]:
-    """Return the lattice, the component's source, its HAL lines, and the lines for the INI file as a note.
-
-    Raises ``SafetyError`` for a lattice that the component has no room for, ``UsageError`` for joints that have a gap.
-    """
-    vertices = held.vectors_um[..., 0].size
+def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
+    """Raise ``SafetyError`` for a lattice on these axes that the component has no room for."""
+    vertices = math.prod(len(axis) for axis in axes_mm)
     if vertices > MOST_VERTICES:
         raise SafetyError(
             f"{profile.source}: axes",
@@ -38,8 +37,15 @@ def control_files(held: Lattice, profile: Profile, joints: Mapping[str, Sequence
             found=str(vertices),
             remedy="take larger steps: three or four to each measured section are plenty",
         )
+
+
+def control_files(held: Lattice, profile: Profile, joints: Mapping[str, Sequence[int]]) -> tuple[ControlFile, ...]:
+    """Return the lattice, the component's source, its HAL lines, and the lines for the INI file as a note.
+
+    Raises ``UsageError`` for joints that have a gap.
+    """
     hal = ascii_lines(["addf stepdiagkins.update servo-thread", "setp stepdiagkins.enable 1"])
-    ini = ascii_lines(_ini_lines(coordinates(joints, profile), vertices, inch=profile.machine.units == "inch"))
+    ini = ascii_lines(_ini_lines(coordinates(joints, profile), held.vectors_um[..., 0].size, inch=profile.machine.units == "inch"))
     return (
         lattice.render(held),
         ControlFile(name=SOURCE, data=Path(__file__).with_name(SOURCE).read_bytes(), role="program"),

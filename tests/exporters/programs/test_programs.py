@@ -53,7 +53,7 @@ sequences = st.builds(
 
 
 @pytest.mark.parametrize("control", CONTROLS)
-@settings(max_examples=25)
+@settings(max_examples=10)
 @given(sequence=sequences)
 def test_the_program_stops_exactly_where_the_survey_commands(control: str, sequence: Sequence) -> None:
     """Same positions to the last digit, right setup number, counter +1 at every stop through the whole survey."""

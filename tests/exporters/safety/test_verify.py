@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.exporters.files.control_file import ControlFile
@@ -116,6 +116,7 @@ class TestLattice:
         read = lattice.parse(lattice.render(made))
         np.testing.assert_allclose(read.vectors_um, made.vectors_um, atol=5e-4)
 
+    @settings(max_examples=30)
     @given(st.floats(-200, 200), st.floats(0, 400), st.floats(-100, 100))
     def test_trilinear_between_the_vertices(self, x, y, z):
         """A field that is linear in every coordinate, products included, is met exactly (A-79351E p. 3)."""

@@ -68,7 +68,7 @@ def planned(result: Result, of: Profile) -> tuple[ControlFile, ...]:
 
 
 class TestFiles:
-    @settings(max_examples=15)
+    @settings(max_examples=5)
     @given(seed=st.integers(0, 10_000))
     def test_the_control_of_the_manual_holds_the_whole_field(self, seed: int) -> None:
         """21 errors on a control without a volumetric option: what is left is the rounding of the tables."""
@@ -79,7 +79,7 @@ class TestFiles:
             assert left_um(result, moved) < 0.1
             assert left_um(result, -moved) > 1.5 * left_um(result, 0 * moved)
 
-    @settings(max_examples=15)
+    @settings(max_examples=5)
     @given(seed=st.integers(0, 10_000))
     def test_what_is_read_moves_as_what_was_planned(self, seed: int) -> None:
         fit, of = fitted(drawn(seed)), profile()

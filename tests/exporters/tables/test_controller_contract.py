@@ -30,7 +30,7 @@ reversals = st.fixed_dictionaries(dict.fromkeys(POSITIONING, values_um))
 class TestEveryController:
     """Runs over the registry: a new controller needs an entry in ``testkit.machines`` and nothing here."""
 
-    @settings(max_examples=25)
+    @settings(max_examples=12)
     @given(errors=machine_errors, reversal=reversals, squareness=st.floats(-60, 60), sections=st.integers(3, 9), data=st.data())
     def test_residual_is_at_most_half_a_unit_at_every_point(self, name, errors, reversal, squareness, sections, data):
         """controllers.md 14: apply(parse(render(curve))) leaves half a unit at most, and no accumulated error at the far end."""
@@ -46,7 +46,7 @@ class TestEveryController:
                 assert_corrected(curve, [table for table in read if table.name == curve.name], profile)
 
     @given(errors=machine_errors)
-    @settings(max_examples=10)
+    @settings(max_examples=5)
     def test_reads_back_what_it_planned(self, name, errors):
         """Every planned table is in the files, with its grid, direction and values."""
         profile = profile_of(name, VOLUME)
@@ -81,7 +81,7 @@ class TestEveryController:
             assert b"-0.0000" not in file.data.replace(b"-0.00001", b"")
 
     @given(cut=st.floats(0.05, 0.95))
-    @settings(max_examples=20)
+    @settings(max_examples=10)
     def test_a_truncated_file_never_gives_other_numbers(self, name, cut):
         """A cut file is refused, or what is left of it says the same as before; it is never read as something else."""
         profile = profile_of(name, VOLUME)
@@ -99,7 +99,7 @@ class TestEveryController:
                 np.testing.assert_allclose(table.value_um, whole[table.label].value_um[: len(table.value_um)])
 
     @given(data=st.data())
-    @settings(max_examples=80)
+    @settings(max_examples=40)
     def test_a_damaged_file_is_read_or_refused_and_nothing_else(self, name, data):
         """Whatever stands in a file, ``parse`` gives finite tables on ascending positions or a refusal of ours."""
         profile = profile_of(name, VOLUME)

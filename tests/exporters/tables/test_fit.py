@@ -69,7 +69,7 @@ class TestCurves:
         corner, volume = (rms_um(left_um(result, curves)) for curves in (curves_of(result), fitted(result).curves))
         assert volume < 0.75 * corner
 
-    @settings(max_examples=20)
+    @settings(max_examples=8)
     @given(seed=st.integers(0, 10_000), name=st.sampled_from(FUNCTIONS), size=st.floats(0.3, 3.0), waves=st.integers(1, 4))
     def test_any_other_curve_leaves_more(self, seed: int, name: str, size: float, waves: int) -> None:
         result = drawn(seed)

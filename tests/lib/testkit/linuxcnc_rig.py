@@ -33,7 +33,7 @@ MACHINE = stepdiag rig
 DISPLAY = {folder}/bridge.py
 [TASK]
 TASK = milltask
-CYCLE_TIME = 0.005
+CYCLE_TIME = 0.001
 [RS274NGC]
 PARAMETER_FILE = rig.var
 [EMCMOT]

@@ -23,7 +23,7 @@ from stepdiag.virtual.instruments.talker import LASER_CABLE, Talker
 from stepdiag.virtual.physics.machine import Machine, Setup
 from testkit.linuxcnc_rig import Control, State
 
-LATENCY_S = 0.1
+LATENCY_S = 0.08
 """The laser tells what was true so long ago: by then the control has told where its motors were."""
 REALIGNING_S = 0.2
 RATE_HZ = 250.0
