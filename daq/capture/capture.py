@@ -7,6 +7,7 @@ log is the same code on the same input, and gives the same stops to the last bit
 from dataclasses import replace
 from typing import Literal
 
+from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.dwell import Dwell, DwellTracker
 from stepdiag.daq.capture.head_stop import QdView
@@ -60,6 +61,7 @@ class Capture:
         self._finder = PassFinder(survey, start)
         self._taker = StopTaker(survey, self.laser, self.head, start)
         self._pending = Standstills()
+        self._by_laser = ByLaser(survey, start, self.laser) if survey.plc.silent else None
         self._skip_open = start.skip_open_dwell
         self._last_count = start.last_count
         self._taken_from_ns = -1
@@ -91,6 +93,8 @@ class Capture:
         if isinstance(event, Chunk):
             self._take_chunk(event)
             now_ns = event.arrival_ns
+            if self._by_laser is not None and not self.ended:
+                self._take_stands(self._by_laser, now_ns, outcomes)
         elif isinstance(event, ModbusBlock):
             self._take_block(event, outcomes)
             now_ns = event.recv_ns
@@ -120,6 +124,17 @@ class Capture:
         buffer = self._streams.get(chunk.stream)
         if buffer is not None:
             buffer.feed(chunk.data, chunk.arrival_ns)
+
+    def _take_stands(self, by_laser: ByLaser, now_ns: int, outcomes: list[Outcome]) -> None:
+        """Take the standstills that the laser alone shows."""
+        dwells, said = by_laser.look(now_ns)
+        for outcome in said:
+            if isinstance(outcome, Ended):
+                self._end(outcome.kind, outcome.reason, outcomes)
+            else:
+                outcomes.append(outcome)
+        for dwell in dwells:
+            self._pending.add(dwell)
 
     def _take_remark(self, event: LinkEvent | Loss, outcomes: list[Outcome]) -> None:
         if isinstance(event, Loss):

@@ -35,4 +35,5 @@ class PositionCheck:
         return [walk.finding("position-differs", severity, stop, text)]
 
     def _resolution_mm(self, axis: str, value_mm: float) -> float:
-        return resolution(self._signals[f"{axis}_mm"], value_mm)
+        spec = self._signals.get(f"{axis}_mm")
+        return 0.0 if spec is None else resolution(spec, value_mm)

@@ -29,11 +29,13 @@ OF_THE_STOPS = ("stop_count", "running", "heartbeat", "alarm")
 
 def places_known(survey: Survey) -> bool:
     """Tell whether the machine says where it is commanded to stand."""
-    return all(name in survey.plc.signals for name in POSITIONS)
+    return survey.plc.silent or all(name in survey.plc.signals for name in POSITIONS)
 
 
 def unchecked(survey: Survey) -> tuple[Finding, ...]:
     """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped."""
+    if survey.plc.silent:
+        return (Finding(code="no-signals", severity="warning", text="; ".join(_without_signals(survey))),)
     texts = list(_without_position(survey)) if not places_known(survey) else []
     missing = [f"without {name} {WITHOUT[name]}" for name in OF_THE_STOPS if name not in survey.plc.said]
     findings = [Finding(code="position-unchecked", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
@@ -43,6 +45,19 @@ def unchecked(survey: Survey) -> tuple[Finding, ...]:
     if missing:
         findings.append(Finding(code="signals-absent", severity="info", text="; ".join(missing)))
     return tuple(findings)
+
+
+def _without_signals(survey: Survey) -> Iterator[str]:
+    """Yield what cannot be told apart where the laser alone places and names the stops."""
+    yield "the machine says nothing: the stops are placed and named by the laser's plateaus, each at its planned position"
+    yield "which setup is driven is what a person says, for the laser all body diagonals are alike"
+    yield "a program that drives elsewhere is noticed only where a step is off by more than 2 % and 20 um"
+    if alike := _alike(survey):
+        text = f"{' and '.join(alike)} make the same step along the diagonal, so the laser cannot tell which of them moved"
+        yield f"{text}, nor a pass that begins one stop too early or too late"
+    if any(setup.startswith("linear") for setup in survey.plan.setups):
+        yield "all steps of a linear run are alike: one that begins a stop too early or too late is noticed only by the way back"
+    yield "a lost beam ends the pass, and an alarm or a control that hangs is not noticed"
 
 
 def _without_position(survey: Survey) -> Iterator[str]:

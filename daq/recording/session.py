@@ -31,6 +31,7 @@ from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 from stepdiag.daq.timing.strip import Strip
+from stepdiag.solver.errors import UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import SETUP_NUMBERS
 
@@ -108,6 +109,8 @@ class Session:
         self._last_setup: int | None = None
         self._idle_decoder = SignalDecoder(survey.plc.signals, survey.plc.parsed())
         self._left_ns: int | None = None
+        self._begun = ""
+        self._passes_left = 0
         self._noted_sample_ns = self._noted_signals_ns = 0
         self._idle_laser = StreamBuffer(laser_decoder(survey))
         self.capture: Capture | None = None
@@ -156,9 +159,35 @@ class Session:
             self._wait(event)
             return
         capture = self.capture
+        if self.survey.plc.silent:
+            self._remember(event)  # the next pass may begin before this one is known to have ended
         for admitted in self._sink.admit(event):
             if capture.ended is None:
                 self._feed(capture, admitted)
+
+    def begin(self, setup: str, at_ns: int) -> None:
+        """Begin a setup of a machine without signals, because a person says that it is going to be driven now.
+
+        Raises UsageError where the machine tells it by itself, a pass is being recorded, or none of the setup is wanted.
+        """
+        refused = self._why_not(setup)
+        if refused:
+            raise UsageError(f"begin {setup}", expected="a setup that can be begun now", found=refused)
+        self.book.preferred, self._begun = setup, setup
+        self._passes_left = self.survey.plan.passes_per_setup
+        self._before, self._before_bytes = deque(), 0  # what stood and moved before is none of this setup
+        self._begin_log(at_ns)
+
+    def _why_not(self, setup: str) -> str:
+        """Return why a setup cannot be begun; empty where it can."""
+        planned = self.survey.plan.all_setups
+        if not self.survey.plc.silent:
+            return 'a machine that says itself what it drives (plc.transport is not "none")'
+        if self.recording:
+            return f"{self._begun}, which is being recorded: abort it first"
+        if setup not in planned:
+            return f"a setup that is not planned ({', '.join(planned)})"
+        return "" if self.book.open_passes(setup) else "a setup whose passes are all in"
 
     def zero(self) -> None:
         """Show the reading from here on relative to the present one; what is recorded stays as the laser says it."""
@@ -170,6 +199,7 @@ class Session:
         if self.capture is not None:
             for outcome in self.capture.finish():
                 self._heed(outcome)
+            self._begun = ""
             self._end_log("interrupted", reason)
 
     def hear(self, verdicts: Verdicts) -> None:
@@ -279,8 +309,19 @@ class Session:
             self._skip_dwell = self._standing is not None
             status: ExitStatus = "complete" if capture.ended.kind == "complete" else "aborted"
             self._end_log(status, capture.ended.reason)
+            self._go_on(time_of(event), whole=status == "complete")
         elif self._forgotten(capture, event):
             self._end_log("aborted", "the program ended without a stop")
+
+    def _go_on(self, now_ns: int, *, whole: bool) -> None:
+        """Begin the next pass of the setup that a person has begun: the program drives them one after the other."""
+        self._passes_left -= 1
+        if self._begun and whole and self._passes_left > 0 and self.book.open_passes(self._begun):
+            since_ns = self._stops[-1].window_to_ns
+            self._before = deque(each for each in self._before if time_of(each) > since_ns)
+            self._begin_log(now_ns)
+        else:
+            self._begun = ""
 
     def _forgotten(self, capture: Capture, event: Event) -> bool:
         """Tell whether a log without a stop has been left by the program for a while."""

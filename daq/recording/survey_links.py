@@ -48,21 +48,21 @@ class SurveyLinks:
         self._woken = False
         self._rests_until_ns = 0
         self._arrived_bytes = self._lost_chunks = self._lost_bytes = 0
+        self._failed: asyncio.Future[None] = self._loop.create_future()
         self._streams: list[SerialStream] = []
         self._lines = {"laser": self._line("laser", survey.laser, laser_decoder(survey))}
         if survey.head is not None:
             self._lines["head"] = self._line("head", survey.head, head_decoder(survey))
-        plc = survey.plc
-        self._poller = ModbusPoller(
-            modbus_settings(plc), plan_reads(plc.signals, plc.standing), 1.0 / plc.poll_hz, self._polled, on_written
-        )
-        self._lines["machine"] = Reconnector("machine", self._poller.session, self._reporter("machine"))
+        if not survey.plc.silent:
+            self._poller = self._machine(on_written)
+            self._lines["machine"] = Reconnector("machine", self._poller.session, self._reporter("machine"))
         self._tasks: list[asyncio.Task[None]] = []
 
     async def run(self) -> None:
         """Keep all links until cancelled. Raises where one of them died of a fault of this program."""
         try:
             async with asyncio.TaskGroup() as group:
+                group.create_task(self._fail(), name="collect")
                 self._tasks = [group.create_task(line.run(), name=name) for name, line in self._lines.items()]
         finally:
             self.collect()
@@ -84,7 +84,7 @@ class SurveyLinks:
             self._consume(chunk)
             if self._arrived and (took_ns := now_ns() - began_ns) > SLICE_NS:
                 self._rests_until_ns = began_ns + 2 * took_ns
-                self._loop.call_later(took_ns * 1e-9, self.collect)
+                self._loop.call_later(took_ns * 1e-9, self._collect_or_fail)
                 return
         if self._lost_chunks and not self._arrived:
             chunks, size, self._lost_chunks, self._lost_bytes = self._lost_chunks, self._lost_bytes, 0, 0
@@ -109,6 +109,8 @@ class SurveyLinks:
         return self._status("laser"), self._status("machine"), self._status("head") if "head" in self._lines else None
 
     def _status(self, name: str) -> LinkStatus:
+        if name not in self._lines:
+            return LinkStatus(state="connected", address="no signals: the laser alone", age_s=None, detail="")
         heard = self._heard_ns.get(name)
         return LinkStatus(
             state=self._lines[name].state,
@@ -116,6 +118,11 @@ class SurveyLinks:
             age_s=None if heard is None else max(0.0, (now_ns() - heard) * 1e-9),
             detail=self._details.get(name, ""),
         )
+
+    def _machine(self, on_written: Callable[[str], None]) -> ModbusPoller:
+        plc = self._survey.plc
+        reads = plan_reads(plc.signals, plc.standing)
+        return ModbusPoller(modbus_settings(plc), reads, 1.0 / plc.poll_hz, self._polled, on_written)
 
     def _line(self, stream: Stream, section: SerialSection, decoder: Decoder) -> Reconnector:
         settings = SerialSettings(
@@ -145,7 +152,18 @@ class SurveyLinks:
         """Have the loop collect once more, after all that waits there; from any thread, and once however often it is asked for."""
         if not self._woken:
             self._woken = True
-            self._loop.call_soon_threadsafe(self.collect)
+            self._loop.call_soon_threadsafe(self._collect_or_fail)
+
+    def _collect_or_fail(self) -> None:
+        """Collect in a turn of its own, whose failure nobody would hear of: it ends `run`."""
+        try:
+            self.collect()
+        except Exception as fault:  # noqa: BLE001 - raised by `run`
+            if not self._failed.done():
+                self._failed.set_exception(fault)
+
+    async def _fail(self) -> None:
+        await self._failed
 
     def _reporter(self, name: str) -> Report:
         def changed(state: LinkState, detail: str) -> None:

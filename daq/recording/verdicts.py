@@ -69,7 +69,7 @@ def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, tim
         if not said.strip():
             raise UsageError(f"accept: {field}", expected="words that others understand later", found="nothing")
     words = [acceptance_of(doubt, reason=reason.strip(), name=name.strip(), time_s=time_s) for doubt in doubts]
-    _append(folder / ACCEPTED, b"\n".join(map(msgspec.json.encode, words)))
+    append_line(folder / ACCEPTED, b"\n".join(map(msgspec.json.encode, words)))
 
 
 def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
@@ -90,7 +90,7 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
 
 def note_judgement(folder: Path, judged: Judgement) -> None:
     """Add what the solver said, on disk when this returns. Raises UsageError where it cannot be written."""
-    _append(folder / JUDGED, msgspec.json.encode(judged))
+    append_line(folder / JUDGED, msgspec.json.encode(judged))
 
 
 def mark_of(folder: Path) -> tuple[int, ...]:
@@ -98,8 +98,8 @@ def mark_of(folder: Path) -> tuple[int, ...]:
     return tuple(path.stat().st_size if path.exists() else 0 for path in (folder / ACCEPTED, folder / JUDGED))
 
 
-def _append(path: Path, line: bytes) -> None:
-    """Add a line behind whatever stands there, a torn line included."""
+def append_line(path: Path, line: bytes) -> None:
+    """Add a line behind whatever stands there, a torn line included; on disk when this returns. Raises UsageError."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("ab+") as file:

@@ -170,6 +170,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     result_ready: bool
     prediction: PredictionStatus | None = None
     recording: bool
+    begins: bool = False
+    """Whether somebody has to say that a setup is going to be driven: the machine has no signals."""
     message: str = ""
 
 

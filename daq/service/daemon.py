@@ -17,6 +17,7 @@ from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.log.recorder import Recorder, RecorderHealth
 from stepdiag.daq.log.topics import log_note
+from stepdiag.daq.recording.begun import BegunWords
 from stepdiag.daq.recording.handshake import Handshake
 from stepdiag.daq.recording.rounds import FolderLock, latest_round, next_round
 from stepdiag.daq.recording.session import Round, Session
@@ -32,7 +33,7 @@ from stepdiag.daq.service.supervision import Supervisor
 from stepdiag.daq.survey.bundle import bundle_to_run, compensation_findings, compensation_of, read_bundle
 from stepdiag.daq.survey.file import load_survey, read_text
 from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
-from stepdiag.solver.errors import DeviceError
+from stepdiag.solver.errors import DeviceError, UsageError
 from stepdiag.solver.findings import Finding
 
 PUBLISH_S = 0.1
@@ -70,6 +71,7 @@ class Daemon:
         self._handshake: Handshake | None = None
         self._verdicts_mark: tuple[object, ...] = ()
         self._live_s = 0.0
+        self._begun = BegunWords(self._folder)
         self._writing: asyncio.Task[None] | None = None
 
     async def run(self) -> None:
@@ -286,6 +288,17 @@ class Daemon:
             if not session.recording:
                 self._complete_if_settled()
 
+    def _look_at_begun(self) -> None:
+        """Begin the setup that somebody at a terminal says is going to be driven."""
+        for word in self._begun.news():
+            try:
+                self._working.session.begin(word.setup, now_ns())
+            except UsageError as refused:
+                _log.warning("begin-refused", setup=word.setup, said_name=word.name, detail=str(refused))
+            else:
+                _log.info("begun", setup=word.setup, said_name=word.name)
+            self.status_source.news()
+
     # what goes out
 
     def _recorder_changed(self, health: RecorderHealth) -> None:
@@ -309,6 +322,7 @@ class Daemon:
             self._working.survey_links.collect()
             self._tell(self.status_source.waits_for())
             self._look_at_verdicts()
+            self._look_at_begun()
             await self.status_source.publish()
 
     def _write_live(self, then: Callable[[], object] | None = None) -> None:

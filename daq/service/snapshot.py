@@ -80,6 +80,7 @@ def snapshot(
         strip=_strip(session),
         result_ready=result_ready,
         recording=session.recording,
+        begins=survey.plc.silent and not session.recording and bool(setup),
         prediction=prediction,
         message=message,
     )

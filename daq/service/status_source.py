@@ -18,6 +18,7 @@ from stepdiag.daq.service.live import LiveStatus
 from stepdiag.daq.service.metrics import Figures, Tally, disk_free_bytes
 from stepdiag.daq.service.snapshot import expected_stop, snapshot
 from stepdiag.daq.service.supervision import Supervisor
+from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.findings import Finding
 
@@ -165,6 +166,8 @@ class DaemonStatusSource:
         session = working.session
         match name:
             case "start":
+                if not working.paused and session.survey.plc.silent:
+                    session.begin(session.book.next_setup(), now_ns())
                 working.paused = False
             case "pause":
                 session.close("paused by the operator")
@@ -191,6 +194,8 @@ def _idle(session: Session, setup: str) -> str:
     if session.book.whole() and setup:
         places = ", ".join(doubt.place for doubt in session.book.doubts())
         return f"doubted: {places}; waiting for the program of {setup}, or for somebody who accepts it"
+    if session.survey.plc.silent and setup:
+        return f"waiting for somebody who begins {setup}: the page, or `stepdiag begin`"
     return f"waiting for the program of {setup}" if setup else "complete, waiting for a program"
 
 

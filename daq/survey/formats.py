@@ -38,7 +38,7 @@ def laser_settings(laser: Laser, *, air: bool = False) -> FormatSettings:
     if laser.format == "lasertex":
         return LasertexSettings(**msgspec.structs.asdict(laser.lasertex), **common)
     if laser.format == "qudis":
-        return QudisSettings(**msgspec.structs.asdict(laser.qudis), **common)
+        return QudisSettings(axis=laser.qudis.axis, average=laser.qudis.average, absolute=laser.qudis.absolute, **common)
     if laser.format == "umd":
         return UmdSettings(
             axis=laser.umd.axis,

@@ -170,6 +170,7 @@ class QudisSection(msgspec.Struct, frozen=True, kw_only=True):
     axis: Literal[1, 2, 3] = 1
     average: Annotated[int, Meta(ge=0, le=16)] = 5
     absolute: bool = False
+    marker: bool = False
 
 
 class Laser(SerialSection, frozen=True, kw_only=True):
@@ -239,7 +240,7 @@ class Handshake(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Plc(msgspec.Struct, frozen=True, kw_only=True):
-    transport: Literal["tcp", "rtu"] = "tcp"
+    transport: Literal["tcp", "rtu", "none"] = "tcp"
     host: Text = "127.0.0.1"
     port: Port = 502
     serial_port: str = ""
@@ -255,8 +256,15 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
     handshake: Handshake = Handshake()
 
     @property
+    def silent(self) -> bool:
+        """Tell whether the machine has no signals: the laser's plateaus place and name the stops of a pass that a person begins."""
+        return self.transport == "none"
+
+    @property
     def signals(self) -> SignalMap:
-        """Return what is read: the signals and inputs of the file, or the contract's block where the file names none."""
+        """Return what is read: the signals and inputs of the file, the contract's block where it names none; nothing without signals."""
+        if self.silent:
+            return {}
         return {**self.own_signals, **self.inputs} or CONTRACT_SIGNALS
 
     @property

@@ -141,6 +141,9 @@ def _port(field: str, port: str, source: str) -> Iterator[UsageError]:
 
 def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
     plc = survey.plc
+    if plc.silent:
+        yield from _silent(survey, source)
+        return
     if plc.transport == "rtu" and not plc.serial_port:
         yield refuse(source, "plc.serial_port", 'a serial port for transport = "rtu"', "", "such as /dev/ttyUSB1")
     if plc.poll_hz > _MAX_POLL_HZ:
@@ -157,6 +160,22 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
     yield from _handshake(plc, source)
     if plc.transport == "rtu":
         yield from _line_time(plc, source)
+
+
+def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
+    """Yield what a machine without signals cannot give."""
+    plc, none = survey.plc, 'nothing with transport = "none"'
+    for field, said in (("signals", plc.own_signals), ("inputs", plc.inputs), ("expressions", plc.expressions)):
+        if said:
+            yield refuse(source, f"plc.{field}", none, list(said))
+    if plc.handshake.enabled:
+        yield refuse(source, "plc.handshake.enabled", f"false, {none}", True)
+    if survey.environment.source == "plc":
+        remedy = 'or "laser", where its own sensors tell'
+        yield refuse(source, "environment.source", '"fixed" with transport = "none": nobody tells air and material', "plc", remedy)
+    for index, setup in enumerate(survey.plan.setups):
+        if setup in FOURDOF_RUNS:
+            yield refuse(source, f"plan.setups[{index}]", 'no 4-DOF run with transport = "none": the head sees no travel', setup)
 
 
 def _expressions(plc: Plc, source: str) -> Iterator[UsageError]:

@@ -8,7 +8,7 @@ from typing import Literal
 
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 from stepdiag.checking.recognise import recognise
-from stepdiag.daq.capture.unchecked import WITHOUT
+from stepdiag.daq.capture.unchecked import WITHOUT, unchecked
 from stepdiag.daq.formats.signals import describe
 from stepdiag.daq.survey.bundle import compensation_findings
 from stepdiag.daq.survey.models import Plc
@@ -47,7 +47,8 @@ def diagnose(seen: Observation) -> tuple[Finding, ...]:
     """Return everything that is to be said, in the order compensation, laser, head, machine."""
     found = list(compensation_findings(seen.survey))
     found += [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
-    found += _machine(seen.machine, seen.survey.plc, seen.seconds, seen.air)
+    silent = seen.survey.plc.silent
+    found += unchecked(seen.survey) if silent else _machine(seen.machine, seen.survey.plc, seen.seconds, seen.air)
     if seen.laser.samples:
         text = "which way the laser counts (laser.sign) and its fold (laser.optics) show only when the machine moves: at the first step"
         found.append(_finding("sign-untold", "info", text))

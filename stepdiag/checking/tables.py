@@ -18,7 +18,8 @@ def check_table(seen: Observation) -> Table:
         table.add_column(column, justify="right" if column in {"now", "changes"} else "left", overflow="fold")
     for stream in seen.streams:
         _add_stream(table, stream)
-    _add_machine(table, seen.machine, seen)
+    if not seen.survey.plc.silent:
+        _add_machine(table, seen.machine, seen)
     return table
 
 

@@ -7,6 +7,7 @@ MODULES = (
     "run",
     "status",
     "accept",
+    "begin",
     "solve",
     "logs",
     "report",

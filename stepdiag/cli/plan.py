@@ -41,12 +41,23 @@ def plan(
     survey = load_survey(file)
     advice = _advise(planned(survey), circumstances(survey), minutes, target_um)
     asked = minutes is not None or target_um is not None
+    _say_unchecked(survey)
     if as_json:
         typer.echo(json.dumps(_advice_json(advice), indent=2, ensure_ascii=False))
     else:
         _print(advice, asked=asked)
     if apply:
         _apply(file, survey, advice, asked=asked)
+
+
+def _say_unchecked(survey: "Survey") -> None:
+    """Say what cannot be told apart without signals of the machine, before anything is driven."""
+    from stepdiag.daq.capture.unchecked import unchecked
+    from stepdiag.terminal.tables import finding_lines
+
+    if survey.plc.silent:
+        for line in finding_lines(unchecked(survey)):
+            typer.echo(line, err=True)
 
 
 def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> None:

@@ -44,7 +44,7 @@ function submit(id, act) {
 export function update(snapshot) {
   latest = snapshot;
   place("pause").hidden = snapshot.phase === "paused";
-  place("start").hidden = snapshot.phase !== "paused";
+  place("start").hidden = snapshot.phase !== "paused" && !snapshot.begins;
   place("abort").disabled = !snapshot.recording;
   for (const name of ["operator", "workpiece"]) {
     const field = place(name);

@@ -135,6 +135,7 @@ def hall(
     machine='compensation = "off"',
     bench="",
     size=(300.0, 200.0, 100.0),
+    silent=False,
 ):
     """Run a bench process in ``folder``; a survey file that fits it stands there."""
     named = ", ".join(f'"{setup}"' for setup in setups)
@@ -156,7 +157,9 @@ def hall(
     with talking(command, errors=False) as bench:
         go_first(bench.process)
         ready = bench.next(20.0, "bench")
-        if transport == "tcp":
+        if silent:
+            plc = 'transport = "none"'
+        elif transport == "tcp":
             plc = f"port = {ready['plc_port']}"
         else:
             plc = f'transport = "rtu"\nserial_port = "{ready["plc_link"]}"\nbaud = 115200\nparity = "N"'

@@ -1,0 +1,256 @@
+"""A machine without signals: the laser's plateaus place the stops, and the geometry of the pass that a person began names them.
+
+Nobody says which stop the machine stands at. So the first two stops of a pass are known by the step between them, every following one by
+its distance from the stop before, and a count that is lost ends the pass: where the machine stands then, nobody can say. Every stop named
+so is handed on as a dwell at its planned position, and judged like any other. An instrument whose marker input hears the machine's stop
+relay (quDIS) tells the standstills themselves, and counts them.
+"""
+
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+
+from stepdiag.daq.capture.dwell import Dwell
+from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.outcome import Ended, Outcome
+from stepdiag.daq.capture.plateau import find_plateaus
+from stepdiag.daq.capture.route import Route, agrees, make_route
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.survey.models import Survey
+from stepdiag.daq.timing.stream import Span, StreamBuffer
+from stepdiag.solver.findings import Finding
+
+LOOK_NS = 200_000_000
+REACH_NS = 60_000_000_000
+"""How far back a standstill is looked for."""
+STILL_MM = 0.02
+"""A machine that stands still does so within this; the shortest step is many times that."""
+PAUSE_NS = 500_000_000
+"""Two plateaus at one level with less between them are one standstill, shaken."""
+ENDING_NS = 1_000_000_000
+"""After a lost count the stops before it are still being taken for so long."""
+EDGE_NS = 40_000_000
+"""The last bins of a plateau may hold the beginning of the move."""
+LONG = 2.5
+"""A standstill of so many dwells is taken while it lasts: after the last stop the machine may stand for ever."""
+DWELL_SHARE = 0.5
+"""A plateau shorter than this share of the dwell is a place where the machine turned round."""
+MOST_MISSED = 4
+
+
+@dataclass(frozen=True, slots=True)
+class _Stand:
+    """A standstill: its bounds, its level, and its number where the marker input counts."""
+
+    from_ns: float
+    to_ns: float
+    level_mm: float
+    count: int | None = None
+
+
+@dataclass(slots=True)
+class _Place:
+    """The stop named last: its index on a route, and what the laser read at the stops so far."""
+
+    route: Route
+    stop: int
+    levels: dict[int, float]
+
+
+class ByLaser:
+    """Follows the laser of one log. ``look`` is called with every chunk; it returns standstills in the order of the pass."""
+
+    def __init__(self, survey: Survey, start: CaptureStart, laser: StreamBuffer) -> None:
+        self._laser = laser
+        self._setup = next(iter(start.hints))
+        self._routes = {way: make_route(survey.volume, self._setup, survey.axis_order, outward=way) for way in (True, False)}
+        needed_s = survey.stop.settle_s + survey.stop.min_window_s
+        self._least_s = max(needed_s, DWELL_SHARE * survey.plan.dwell_s)
+        self._long_ns = LONG * max(needed_s, survey.plan.dwell_s) * 1e9
+        self._looked_ns = 0
+        self._done_ns = -np.inf
+        self._breaks = 0
+        self._began_ns = np.inf
+        self._marked = survey.laser.format == "qudis" and survey.laser.qudis.marker
+        self._first: _Stand | None = None
+        self._left_ns: int | None = None
+        self._place: _Place | None = None
+        self._said: set[str] = set()
+        self._lost_ns: int | None = None
+        self._over_with = False
+        hint = start.hints[self._setup]
+        self._outward, self._fresh = hint.outward, not hint.known
+        if hint.next_stop == 0 and not any(each.watched for each in start.breaks):
+            self._turn(hint.known)
+
+    def look(self, now_ns: int) -> tuple[list[Dwell], list[Outcome]]:
+        """Return the stops whose standstill is over, and what is to be said."""
+        dwells: list[Dwell] = []
+        outcomes: list[Outcome] = []
+        if now_ns - self._looked_ns < LOOK_NS:
+            return dwells, outcomes
+        self._looked_ns = now_ns
+        if self._lost_ns is not None:
+            if now_ns - self._lost_ns > ENDING_NS and not self._over_with:
+                self._over_with = True
+                text = "the laser's count was lost: without signals nobody can say where the machine stands; drive the pass again"
+                outcomes.append(Ended("aborted", f"{self._setup}: {text}"))
+            return dwells, outcomes
+        lost = self._lost()
+        for over in self._over(lost=lost):
+            dwells += [self._dwell(stop, stand) for stop, stand in self._name(over, outcomes)]
+        if lost and self._place is not None and 0 <= self._place.stop < len(self._place.route) - 1:
+            self._lost_ns = now_ns
+        elif lost:
+            self._place = self._first = None
+        return dwells, outcomes
+
+    def _turn(self, known: dict[int, float]) -> None:
+        """Begin where the pass before has ended: the machine is at the first stop of this one, or comes back to it."""
+        first = 0 if self._outward else len(self._routes[True]) - 1
+        if first in known:
+            levels = {(stop if self._outward else len(self._routes[True]) - 1 - stop): level for stop, level in known.items()}
+            self._place = _Place(self._routes[self._outward], -1, levels)
+
+    def _lost(self) -> bool:
+        """Tell whether the count was lost since this was asked for the last time."""
+        seen, self._breaks = self._breaks, len(self._laser.breaks)
+        return any(each.watched for each in self._laser.breaks[seen:])
+
+    def _over(self, *, lost: bool) -> list[_Stand]:
+        """Return the standstills that were left since the last look, one that lasts long, and one that ends as the beam is lost."""
+        newest = self._laser.newest_ns()
+        if not np.isfinite(newest):
+            return []
+        span = self._laser.span(max(self._done_ns, newest - REACH_NS), newest)
+        if not len(span.time_ns):
+            return []
+        self._began_ns = min(self._began_ns, float(span.time_ns[0]))
+        found = _marked(span) if self._marked else _joined(_plateaus(span, self._least_s), span)
+        over = []
+        for stand, following in pairwise([*found, None]):
+            if stand is None:
+                continue
+            left = lost or following is not None or self._has_left(span, stand)
+            if left or stand.to_ns - stand.from_ns > self._long_ns:
+                over.append(stand)
+                self._done_ns = stand.to_ns
+        return [each for each in over if each.to_ns - each.from_ns >= self._least_s * 1e9]
+
+    def _has_left(self, span: Span, stand: _Stand) -> bool:
+        """Tell whether the machine has gone on from the standstill that was seen last."""
+        if stand.count is not None:
+            return float(span.time_ns[-1]) > stand.to_ns
+        return abs(float(span.position_mm[-1]) - stand.level_mm) > STILL_MM
+
+    def _name(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
+        """Return the stops that a standstill makes known, with what stands for each."""
+        if self._place is None:
+            return self._begin(stand, outcomes)
+        place = self._place
+        stop = _nearest(place, stand.level_mm)
+        turning = place.stop == -1
+        if stop is None:
+            begun = self._begin(stand, outcomes) if turning else []
+            if not begun:
+                self._nowhere(place, stand, outcomes)
+            return begun
+        if stop == place.stop or (turning and stop == 0 and stand.from_ns - self._began_ns < EDGE_NS):
+            return []  # the machine has not moved since that stop was taken
+        self._place = _Place(place.route, stop, {**place.levels, stop: stand.level_mm})
+        return [(stop, stand)]
+
+    def _begin(self, stand: _Stand, outcomes: list[Outcome]) -> list[tuple[int, _Stand]]:
+        """Hold a standstill until the next one shows by the step between them that a pass has begun, and in which direction."""
+        first, self._first = self._first, stand
+        if first is None:
+            return []
+        moved = stand.level_mm - first.level_mm
+        ways = [way for way in (self._outward, not self._outward) if agrees(moved, self._routes[way].step_mm(0, 1))]
+        if not ways:
+            return []
+        if self._fresh and ways[0] is not self._outward:
+            text = f"the laser moved by {moved:.3f} mm from the first stop to the second, the geometry wants {-moved:.3f} mm"
+            self._say("wrong-laser-sign", f"{text}: the sign of the laser is the wrong way round, or it is another setup", outcomes)
+            return []
+        self._place = _Place(self._routes[ways[0]], 1, {0: first.level_mm, 1: stand.level_mm})
+        return [(0, first), (1, stand)]
+
+    def _nowhere(self, place: _Place, stand: _Stand, outcomes: list[Outcome]) -> None:
+        """Say that the machine stands where no stop is; where the pass is over, it may have been another one all along."""
+        last = len(place.route) - 1
+        if place.stop == -1 and not agrees(stand.level_mm - place.levels[0], -place.route.step_mm(0, 1)):
+            return
+        if place.stop == -1:
+            text = "the machine went on by a step of the pass after its last stop: the pass before may be off by a stop, drive it again"
+            self._say("pass-off-by-one", text, outcomes)
+            return
+        expected = place.route.nominal_mm[min(place.stop + 1, last)] - place.route.nominal_mm[max(place.stop, 0)]
+        moved = stand.level_mm - place.levels[max(place.stop, 0)]
+        text = f"the machine stands {moved:.3f} mm from the stop before, the geometry wants {expected:.3f} mm: a feed hold; not used"
+        self._say("between-stops", text, outcomes)
+
+    def _say(self, code: str, text: str, outcomes: list[Outcome]) -> None:
+        """Say something once a log."""
+        if code not in self._said:
+            self._said.add(code)
+            severity = "warning" if code == "between-stops" else "error"
+            outcomes.append(Finding(code=code, severity=severity, text=f"{self._setup}: {text}", setup=self._setup))  # type: ignore[arg-type]
+
+    def _dwell(self, stop: int, stand: _Stand) -> Dwell:
+        """Return a standstill as a machine with signals would show it, at the planned position."""
+        place = self._place
+        assert place is not None
+        x_mm, y_mm, z_mm = place.route.planned_mm(stop)
+        from_ns, to_ns = int(stand.from_ns), int(stand.to_ns) - EDGE_NS
+        before, self._left_ns = self._left_ns, to_ns
+        signals = Signals(stopped=True, stop_count=stand.count, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm)
+        return Dwell(from_ns=from_ns, to_ns=max(from_ns, to_ns), not_before_ns=before or from_ns - 1, signals=signals, polls=2)
+
+
+def _nearest(place: _Place, level_mm: float) -> int | None:
+    """Return the stop that a level is nearest to, seen from the stop before; None where it is that of no stop."""
+    route, here = place.route, max(place.stop, 0)
+    most = min(len(route) - 1, place.stop + 1 + MOST_MISSED)
+    expected = {stop: place.levels.get(stop, place.levels[here] + route.step_mm(here, stop)) for stop in range(most + 1)}
+    best = min(expected, key=lambda stop: abs(level_mm - expected[stop]))
+    if best == place.stop:
+        return best if abs(level_mm - expected[best]) < STILL_MM else None
+    return best if agrees(level_mm - place.levels[here], expected[best] - place.levels[here]) else None
+
+
+def _plateaus(span: Span, least_s: float) -> list[_Stand]:
+    """Return the plateaus of a span; a shaken standstill is in several."""
+    return [_Stand(each.from_ns, each.to_ns, each.level_mm) for each in find_plateaus(span.time_ns, span.position_mm, min(least_s, 0.2))]
+
+
+def _marked(span: Span) -> list[_Stand]:
+    """Return the standstills that the marker input tells: while its count of edges is odd, the relay is closed."""
+    if span.channels is None:
+        return []
+    marker = span.channels[:, 0].astype(np.int64)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], marker % 2, [0]))))
+    found = []
+    for begin, end in zip(edges[::2], edges[1::2], strict=True):
+        level_mm = float(np.median(span.position_mm[begin:end]))
+        found.append(_Stand(float(span.time_ns[begin]), float(span.time_ns[end - 1]), level_mm, int(marker[begin] + 1) // 2))
+    return found
+
+
+def _joined(parts: list[_Stand], span: Span) -> list[_Stand]:
+    """Return the parts with those joined that are one standstill: the machine was shaken between them and did not move."""
+    found: list[_Stand] = []
+    for part in parts:
+        last = found[-1] if found else None
+        if last is not None and part.from_ns - last.to_ns < PAUSE_NS and _still_between(last, part, span):
+            found[-1] = _Stand(last.from_ns, part.to_ns, last.level_mm)
+        else:
+            found.append(part)
+    return found
+
+
+def _still_between(last: _Stand, part: _Stand, span: Span) -> bool:
+    first, end = np.searchsorted(span.time_ns, (last.to_ns - EDGE_NS, part.from_ns + EDGE_NS))
+    between = np.append(span.position_mm[first:end], part.level_mm)
+    return bool(np.abs(between - last.level_mm).max() < STILL_MM)

@@ -1,0 +1,55 @@
+"""What a person at a terminal tells a daemon whose machine has no signals: this setup is going to be driven now.
+
+One JSON object a line in ``begun.jsonl`` beside the lock, only ever appended to; a daemon heeds what is added while it runs.
+"""
+
+import time
+from pathlib import Path
+
+import msgspec
+import structlog
+
+from stepdiag.daq.recording.verdicts import LARGEST_BYTES, append_line
+from stepdiag.exporters.files.files import read_bytes
+
+BEGUN = "begun.jsonl"
+OLD_S = 30.0
+"""A word that is older when it is read was not for this daemon."""
+_log = structlog.get_logger("begun")
+
+
+class Begun(msgspec.Struct, frozen=True, kw_only=True):
+    """Who began which setup, and when (seconds since 1970)."""
+
+    setup: str
+    name: str
+    time_s: float
+
+
+def ask_to_begin(folder: Path, setup: str, name: str) -> None:
+    """Leave the word, on disk when this returns. Raises UsageError where it cannot be written."""
+    append_line(folder / BEGUN, msgspec.json.encode(Begun(setup=setup, name=name, time_s=time.time())))
+
+
+class BegunWords:
+    """Hears what is added to the file of a folder from now on."""
+
+    def __init__(self, folder: Path) -> None:
+        self._path = folder / BEGUN
+        self._size = self._length()
+
+    def news(self) -> list[Begun]:
+        """Return the words added since this was asked for the last time."""
+        before, self._size = self._size, self._length()
+        if self._size <= before:
+            return []
+        words = []
+        for line in read_bytes(self._path, largest=LARGEST_BYTES)[before:].splitlines():
+            try:
+                words.append(msgspec.json.decode(line, type=Begun))
+            except (msgspec.DecodeError, UnicodeDecodeError, RecursionError) as error:
+                _log.warning("begun-not-read", file=str(self._path), reason=str(error))
+        return [word for word in words if abs(time.time() - word.time_s) < OLD_S]
+
+    def _length(self) -> int:
+        return self._path.stat().st_size if self._path.exists() else 0

@@ -1,0 +1,193 @@
+"""A machine without signals, by events: stops are named by the geometry, and what the laser cannot tell is said."""
+
+import numpy as np
+import pytest
+
+from stepdiag.daq.capture.by_laser import ByLaser
+from stepdiag.daq.capture.log_start import CaptureStart, PassHint
+from stepdiag.daq.capture.outcome import Ended
+from stepdiag.daq.capture.route import make_route
+from stepdiag.daq.survey.file import laser_decoder, parse_survey
+from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.solver.errors import UsageError
+
+SURVEY = """
+[survey]
+name = "quiet"
+machine = "m"
+[volume]
+size_mm = [300.0, 200.0, 100.0]
+increments = 2
+[plan]
+dwell_s = 1.0
+[laser]
+format = "line"
+port = "/dev/null"
+[laser.line]
+pattern = '(?P<position>[-+0-9.]+) (?P<counter>[0-9]+) (?P<beam>[0-9.]+)'
+counter_modulus = 0
+rate_hz = 100
+[plc]
+transport = "none"
+[environment]
+source = "fixed"
+"""
+RATE_HZ = 100
+MOVE_S = 0.3
+
+
+class Bench:
+    """A laser whose readings are laid down second by second."""
+
+    def __init__(self, **hint):
+        self.survey = parse_survey(SURVEY, "survey")
+        self.laser = StreamBuffer(laser_decoder(self.survey))
+        breaks = hint.pop("breaks", ())
+        start = CaptureStart(hints={"ppp": PassHint(**hint)}, breaks=breaks)
+        self.by_laser = ByLaser(self.survey, start, self.laser)
+        self.out, self.back = (make_route(self.survey.volume, "ppp", "xyz", outward=way) for way in (True, False))
+        self.count, self.level, self.dwells, self.said = 0, 0.0, [], []
+
+    def _send(self, values, beam=1.0):
+        for value in values:
+            self.count += 1
+            now_ns = 1_000_000_000 + self.count * 1_000_000_000 // RATE_HZ
+            self.laser.feed(f"{value:.6f} {self.count} {beam}\n".encode(), now_ns)
+            dwells, outcomes = self.by_laser.look(now_ns)
+            self.dwells += dwells
+            self.said += outcomes
+
+    def stand(self, level_mm, seconds=1.0):
+        self._send(np.linspace(self.level, level_mm, int(MOVE_S * RATE_HZ)))
+        self.level = level_mm
+        self._send([level_mm] * int(seconds * RATE_HZ))
+
+    def lose(self):
+        self._send([self.level] * 5, beam=0.0)
+
+    def drive(self, route, zero, stops=None):
+        for stop in range(len(route)) if stops is None else stops:
+            self.stand(zero + float(route.nominal_mm[stop]))
+
+    def named(self, route):
+        return [route.find(dwell.signals.commanded_mm, 0) for dwell in self.dwells]
+
+    @property
+    def codes(self):
+        return [each.kind if isinstance(each, Ended) else each.code for each in self.said]
+
+
+def test_a_pass_is_named_from_its_first_step_on_and_its_windows_lie_in_the_standstills():
+    bench = Bench()
+    bench.stand(-40.0)
+    bench.drive(bench.out, 3.0)
+    bench.stand(500.0)
+    assert bench.named(bench.out) == list(range(7))
+    assert all(dwell.to_ns - dwell.from_ns > 0.8e9 for dwell in bench.dwells)
+    assert not bench.said or bench.codes == ["between-stops"]
+
+
+def test_a_machine_that_stands_for_ever_at_its_last_stop_is_taken():
+    bench = Bench()
+    bench.drive(bench.out, 0.0)
+    bench.stand(float(bench.out.nominal_mm[-1]), seconds=4.0)
+    assert bench.named(bench.out) == list(range(7))
+
+
+def test_the_way_back_begins_at_the_last_stop_or_at_the_one_before():
+    last = float(Bench().out.nominal_mm[-1])
+    for overrun in (True, False):
+        bench = Bench(outward=False, known={6: 10.0 + last, 0: 10.0})
+        bench.level = 10.0 + last
+        if overrun:
+            bench.stand(10.0 + last + 5.0, seconds=0.2)
+            bench.drive(bench.back, 10.0 + last)
+        else:
+            bench.drive(bench.back, 10.0 + last, range(1, 7))
+        bench.stand(-70.0)
+        assert bench.named(bench.back) == list(range(0 if overrun else 1, 7))
+
+
+def test_a_feed_hold_is_no_stop_and_a_missed_stop_is_known_by_the_distance():
+    bench = Bench()
+    bench.drive(bench.out, 0.0, [0, 1])
+    bench.stand(float(bench.out.nominal_mm[1:3].mean()))
+    bench.drive(bench.out, 0.0, [3, 4])
+    bench.stand(900.0)
+    assert bench.named(bench.out) == [0, 1, 3, 4]
+    assert "between-stops" in bench.codes
+
+
+def test_a_shaken_standstill_is_one_stop():
+    bench = Bench()
+    bench.drive(bench.out, 0.0, [0, 1])
+    bench._send([bench.level + 0.006] * 3)
+    bench._send([bench.level] * 100)
+    bench.drive(bench.out, 0.0, [2])
+    bench.stand(900.0)
+    assert bench.named(bench.out) == [0, 1, 2]
+
+
+def test_a_wrong_sign_is_named_and_nothing_is_measured():
+    bench = Bench()
+    bench.drive(bench.back, 0.0, [0, 1, 2])
+    bench.stand(900.0)
+    assert bench.dwells == []
+    assert bench.codes[0] == "wrong-laser-sign"
+
+
+def test_a_pass_driven_once_more_from_its_beginning_is_known_by_its_direction():
+    bench = Bench(outward=False, known={6: 200.0, 0: 13.0}, next_stop=3)
+    bench.drive(bench.out, 77.0, [0, 1, 2])
+    bench.stand(900.0)
+    assert bench.named(bench.out) == [0, 1, 2]
+
+
+def test_a_lost_count_ends_the_pass_and_is_of_no_matter_before_it():
+    bench = Bench()
+    bench.stand(5.0)
+    bench.lose()
+    bench.drive(bench.out, 0.0, [0, 1, 2])
+    bench.lose()
+    bench.stand(900.0, seconds=3.0)
+    assert bench.codes == ["aborted"]
+    assert bench.named(bench.out) == [0, 1, 2]
+
+
+def test_a_count_lost_after_the_last_stop_is_of_no_matter():
+    """The program has ended, and somebody takes the mirror off."""
+    bench = Bench()
+    bench.drive(bench.out, 0.0)
+    bench.lose()
+    bench.stand(900.0, seconds=3.0)
+    assert bench.named(bench.out) == list(range(7))
+    assert bench.codes == []
+
+
+def test_one_step_too_many_is_said_on_the_way_back():
+    last = float(Bench().out.nominal_mm[-1])
+    bench = Bench(outward=False, known={6: last, 0: 0.0})
+    bench.level = last
+    bench.stand(last - bench.back.step_mm(0, 1))
+    bench.stand(last)
+    assert "pass-off-by-one" in bench.codes
+
+
+def test_a_count_that_was_lost_between_two_passes_leaves_the_next_to_its_first_step():
+    bench = Bench(outward=False, known={6: 500.0}, breaks=(Break(0, "beam lost"),))
+    bench.drive(bench.back, 12.0, [0, 1, 2])
+    bench.stand(900.0)
+    assert bench.named(bench.back) == [0, 1, 2]
+
+
+@pytest.mark.parametrize(
+    ("change", "field"),
+    [
+        (("[environment]\n", "[plc.signals.stopped]\naddress = 1\ntype = 'bit'\n[environment]\n"), "plc.signals"),
+        (("[environment]\n", "[plc.handshake]\nenabled = true\n[environment]\n"), "plc.handshake.enabled"),
+        (('source = "fixed"', 'source = "plc"'), "environment.source"),
+    ],
+)
+def test_what_a_silent_machine_cannot_give_is_refused_by_field(change, field):
+    with pytest.raises(UsageError, match=field):
+        parse_survey(SURVEY.replace(*change), "survey")
