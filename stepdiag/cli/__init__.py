@@ -9,6 +9,7 @@ MODULES = (
     "accept",
     "begin",
     "solve",
+    "runs",
     "logs",
     "report",
     "control",

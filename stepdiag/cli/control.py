@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.cli.completion import TABLES, exported, tables
+from stepdiag.cli.runs import Compared, Diagonals, compared, print_compared
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
 from stepdiag.solver.errors import DataError, UsageError
 
@@ -167,8 +168,9 @@ def import_(
 
 def verify(
     result: Annotated[Path, typer.Argument(help="result.json")],
-    files: Annotated[list[Path], typer.Argument(help="The files as they go to the control, or the folder that export wrote.")],
+    files: Annotated[list[Path] | None, typer.Argument(help="The files as they go to the control, or the folder of an export.")] = None,
     profile: ProfileFile = None,
+    diagonal: Diagonals = None,
     out: Annotated[Path | None, typer.Option(help="Where to draw the error before and after: FILE.svg or FILE.html.")] = None,
     compensation: Compensation = None,
     active: Active = None,
@@ -179,26 +181,48 @@ def verify(
     """Judge compensation files and predict the error before and after.
 
     They are read as the control will read them; exit code 5 where one of their tables is wrong, beyond a limit, or makes the machine worse.
+    Straight body diagonals that were measured by themselves are held against what the result predicts, without files too.
     """
     from stepdiag.cli.report import read_result
     from stepdiag.exporters.safety.verify import controller_for, verify_files
     from stepdiag.report.space import LATTICE
 
     measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
+    beside = compared(measured, diagonal or ())
+    if not files:
+        _diagonals_alone(beside, as_json=as_json)
+        return
     given, aside = _tables_among(files)
     known = read_profile(profile, controller_for(given).name, measured.volume) if profile is not None else None
     found = verify_files(measured, given, known)
     if out is not None:
         _draw(found, verify_files(measured, given, known, nodes=LATTICE).prediction, out)
     if as_json:
-        typer.echo(json.dumps(_verification_json(found, given, aside), indent=2, ensure_ascii=False))
+        typer.echo(json.dumps({**_verification_json(found, given, aside), **_diagonals_json(beside)}, indent=2, ensure_ascii=False))
     else:
         _print_verification(found, given, aside)
         _caution(measured, found.prediction)
+        for each in beside:
+            print_compared(each)
         if out is not None:
             typer.echo(f"picture: {out}")
     if not found.right:
         raise typer.Exit(JUDGED_WRONG)
+
+
+def _diagonals_alone(beside: "list[Compared]", *, as_json: bool) -> None:
+    """Show straight diagonals against a result, where no files are to be judged. Raises UsageError where there is neither."""
+    if not beside:
+        raise UsageError("verify", expected="the files of a control, or --diagonal", found="neither")
+    if as_json:
+        typer.echo(json.dumps(_diagonals_json(beside), indent=2))
+        return
+    for each in beside:
+        print_compared(each)
+
+
+def _diagonals_json(beside: "list[Compared]") -> dict[str, object]:
+    return {"diagonals": [{**each._asdict(), "largest_um": each.largest_um} for each in beside]} if beside else {}
 
 
 def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[str, ...]]":

@@ -1,11 +1,13 @@
 """``stepdiag solve``, ``replay`` and ``plan``: from readings or logs to a result, and what a survey will be able to say."""
 
 import json
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.cli.runs import Runs, with_files
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
 from stepdiag.solver.errors import DataError, UsageError
 
@@ -41,6 +43,7 @@ def solve(
     uncertainty: Annotated[
         Path | None, typer.Option(help="What is taken for granted about the machine (TOML, [uncertainty]); logs bring their own.")
     ] = None,
+    run: Runs = None,
     monte_carlo: Annotated[int, typer.Option(help="Draw so many surveys (JCGM 101) and say how they scatter; 200000 are usual.")] = 0,
     as_json: AsJson = False,
 ) -> None:
@@ -55,10 +58,10 @@ def solve(
         if environment is not None:
             raise UsageError("--environment", expected="logs: readings are put right already", found=sources[0].name)
         _refuse_angles(angles, handed)
-        result = _solve_csv(sources[0], method, chain, angles, uncertainty, monte_carlo)
+        result = _solve_csv(sources[0], method, chain, angles, uncertainty, monte_carlo, run or ())
     else:
-        if uncertainty is not None or monte_carlo:
-            option = "--uncertainty" if uncertainty is not None else "--monte-carlo"
+        if uncertainty is not None or monte_carlo or run:
+            option = "--uncertainty" if uncertainty is not None else "--monte-carlo" if monte_carlo else "--run"
             raise UsageError(option, expected="one readings file (*.csv)", found="logs", remedy="solve the readings.csv beside the result")
         result = _solve_logs(sources, method, environment)
     result = with_compensation(result, compensation, handed, active_date, active_source)
@@ -80,7 +83,9 @@ def concluded(result: "Result") -> list[str]:
     return list(conclusion_lines(words_of(conclusion_document(conclude(result)), "en"), titles_of("en")))
 
 
-def _solve_csv(path: Path, method: str, chain: str, angles: Path | None, uncertainty: Path | None, monte_carlo: int) -> "Result":
+def _solve_csv(
+    path: Path, method: str, chain: str, angles: Path | None, uncertainty: Path | None, monte_carlo: int, runs: Sequence[str]
+) -> "Result":
     from stepdiag.daq.survey.assumed import parse_uncertainty
     from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.methods.solve import solve as solve_readings
@@ -92,6 +97,9 @@ def _solve_csv(path: Path, method: str, chain: str, angles: Path | None, uncerta
     known = parse_angles(read_text(angles), angles.name) if angles is not None else None
     assumed = parse_uncertainty(read_text(uncertainty), uncertainty.name) if uncertainty is not None else None
     readings = in_mm(parse_readings(read_text(path), path.name), path.name)
+    readings = parse_readings(read_text(path), path.name)
+    if runs:
+        readings = with_files(readings, runs, path.name)
     return solve_readings(readings, chain=chain, method=method, angles=known, assumed=assumed, source=path.name, monte_carlo=monte_carlo)
 
 

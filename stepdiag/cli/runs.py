@@ -1,0 +1,130 @@
+"""Linear runs and straight diagonals of other programs: ``--run`` of solve, ``--diagonal`` of verify, and ``stepdiag rtl``."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, NamedTuple
+
+import typer
+
+from stepdiag.solver.errors import DataError, UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.solver.readings.readings import Readings
+    from stepdiag.solver.result.result import Result
+
+Runs = Annotated[
+    list[str] | None,
+    typer.Option("--run", help="A linear run of a Renishaw file: [linear-x=]FILE.rtl[@X,Y,Z] (where its line lies); may be given again."),
+]
+Diagonals = Annotated[
+    list[str] | None,
+    typer.Option("--diagonal", help="A straight body diagonal measured by itself, DIAGONAL=FILE.rtl: predicted against measured."),
+]
+
+
+class Compared(NamedTuple):
+    """A straight diagonal: its name, targets, and the mean error along it as predicted and as measured, in um."""
+
+    diagonal: str
+    target_mm: list[float]
+    predicted_um: list[float]
+    measured_um: list[float]
+
+    @property
+    def largest_um(self) -> float:
+        """Return the largest difference."""
+        return max(abs(a - b) for a, b in zip(self.predicted_um, self.measured_um, strict=True))
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("rtl")(rtl)
+
+
+def rtl(
+    readings: Annotated[Path, typer.Argument(help="A readings CSV with linear runs.")],
+    out: Annotated[Path, typer.Option(help="The folder for the files.")] = Path(),
+    machine: Annotated[str, typer.Option(help="The machine as it is to stand in the files.")] = "",
+) -> None:
+    """Write linear runs as Renishaw .rtl files.
+
+    One file an axis, for programs that read them; built from public readers of the format, not yet met the maker's.
+    """
+    from stepdiag.exporters.files.files import read_text, write_once
+    from stepdiag.solver.geometry.volume import LINEAR_RUNS
+    from stepdiag.solver.readings.readings import parse_readings
+    from stepdiag.solver.readings.rtl import render_rtl
+
+    taken = parse_readings(read_text(readings), readings.name)
+    setups = [setup for setup in LINEAR_RUNS if setup in taken.setup]
+    if not setups:
+        raise DataError(str(readings), expected="linear runs", found=", ".join(sorted(set(taken.setup))))
+    texts = {"Machine": machine} if machine else {}
+    rendered = {out / f"{setup}.rtl": render_rtl(taken, setup, texts) for setup in setups}
+    out.mkdir(parents=True, exist_ok=True)
+    for path, text in rendered.items():
+        write_once(path, text)
+        typer.echo(str(path))
+
+
+def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readings":
+    """Return readings with the runs of these files added. Raises DataError or UsageError for a file that is wrong or has no place."""
+    from stepdiag.exporters.files.files import read_text
+    from stepdiag.solver.readings.rtl import parse_rtl, rtl_readings, with_runs
+
+    found = []
+    for said in runs:
+        setup, path, at_mm = _placed(said)
+        rows, name = rtl_readings(parse_rtl(read_text(path), path.name), setup, at_mm or readings.position_mm.min(axis=0), path.name)
+        found.append((name, rows))
+    return with_runs(readings, found, source)
+
+
+def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
+    """Return predicted against measured for each straight diagonal: the mean of its runs, less that of the first target."""
+    import numpy as np
+
+    from stepdiag.exporters.files.files import read_text
+    from stepdiag.solver.readings.rtl import parse_rtl
+    from stepdiag.solver.result.along import along_diagonal_um
+
+    found = []
+    for said in diagonals:
+        diagonal, separator, name = said.partition("=")
+        if not separator:
+            raise UsageError("--diagonal", expected="DIAGONAL=FILE.rtl, such as ppp=d1.rtl", found=repr(said))
+        file = parse_rtl(read_text(Path(name)), name)
+        order = np.argsort(file.targets_mm)
+        target, measured = file.targets_mm[order], file.deviations_um.mean(axis=0)[order]
+        predicted = along_diagonal_um(result, diagonal, target)
+        found.append(Compared(diagonal, target.tolist(), predicted.tolist(), (measured - measured[0]).tolist()))
+    return found
+
+
+def print_compared(each: Compared) -> None:
+    """Show one diagonal on a terminal."""
+    typer.echo(f"{each.diagonal}, straight body diagonal that the result did not use: largest difference {each.largest_um:.2f} um")
+    typer.echo("  target_mm  predicted_um  measured_um")
+    for target, predicted, measured in zip(each.target_mm, each.predicted_um, each.measured_um, strict=True):
+        typer.echo(f"  {target:9.3f}  {predicted:12.2f}  {measured:11.2f}")
+
+
+def _placed(said: str) -> tuple[str, Path, list[float]]:
+    """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where not said. Raises UsageError."""
+    from stepdiag.solver.geometry.volume import LINEAR_RUNS
+
+    rest, at, place = said.rpartition("@")
+    if not at:
+        rest, place = said, ""
+    setup, separator, name = rest.partition("=")
+    if not separator:
+        setup, name = "", rest
+    if setup and setup not in LINEAR_RUNS:
+        raise UsageError("--run", expected=f"{', '.join(LINEAR_RUNS)} before the =", found=repr(setup))
+    try:
+        at_mm = [float(part or "nan") for part in place.split(",")] if place else []
+    except ValueError:
+        at_mm = [0.0]
+    if len(at_mm) not in (0, 3):
+        raise UsageError("--run", expected="three coordinates after the @, such as @0,200,150", found=repr(place))
+    return setup, Path(name), [0.0 if each != each else each for each in at_mm]  # noqa: PLR0124 - the one along the axis may be left out
