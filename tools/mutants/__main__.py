@@ -16,13 +16,14 @@ import os
 import shutil
 import time
 from pathlib import Path
+from typing import TextIO
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from mutation import Mutation, draw, mutations
 from reach import QUICK, Map, record
-from trial import Running, chosen, start
+from trial import Question, ask, question
 
 ROOT = Path(__file__).resolve().parent.parent.parent
 ROOMS = {"solver": ["solver"], "exporters": ["exporters"], "daq": ["daq/capture", "daq/formats"]}
@@ -96,32 +97,28 @@ def judged(keep: bool) -> dict[str, str]:
     if not keep or not record_file.exists():
         return {}
     told = [json.loads(line) for line in record_file.read_text(encoding="utf-8").splitlines()]
-    return {one["name"]: one["outcome"] for one in told if one["outcome"] != "survived"}
+    return {one["name"]: one["outcome"] for one in told if one["outcome"] in {"killed", "timeout"}}
 
 
-def run(todo: list[Mutation], maps: dict[str, Map], jobs: int, outcomes: dict[str, str]) -> None:
-    """Try each, some at a time; every outcome is written as it comes."""
-    running, waiting, count = Running(), list(todo), 0
-    with (WORK / "results.jsonl").open("a", encoding="utf-8") as results:
-        while waiting or running:
-            while waiting and len(running) < jobs:
-                mutation = waiting.pop()
-                floor = maps[mutation.path.partition("/")[0]]
-                tests = chosen(ROOT, mutation, floor)
-                seconds = sum(floor.seconds[test] for test in tests)
-                if tests:
-                    output = WORK / "trials" / f"{mutation.rank(0)[:12]}.txt"
-                    running.add(start(ROOT, mutation, tests, seconds, output), mutation, 120 + 20 * seconds)
-                    continue
-                outcomes[mutation.name] = "survived"
-                results.write(json.dumps({**mutation._asdict(), "outcome": "survived", "seconds": 0, "unreached": True}) + "\n")
-            if running:
-                mutation, outcome, seconds = running.wait()
-                count += 1
-                outcomes[mutation.name] = outcome
-                results.write(json.dumps({**mutation._asdict(), "outcome": outcome, "seconds": round(seconds, 1)}) + "\n")
+def run(todo: list[Mutation], maps: dict[str, Map], jobs: int) -> None:
+    """Try each, floor by floor; every outcome is written as it comes."""
+    for floor, reached in maps.items():
+        questions = [question(ROOT, one, reached) for one in todo if one.path.startswith(f"{floor}/")]
+        folders = [str(path.relative_to(ROOT)) for path in sorted(ROOT.glob(TESTS[floor])) if path.is_dir()]
+        with (WORK / "results.jsonl").open("a", encoding="utf-8") as results:
+
+            def told(asked: Question, outcome: str, seconds: float, results: TextIO = results) -> None:
+                one = asked.mutation
+                results.write(
+                    json.dumps({**one._asdict(), "outcome": outcome, "seconds": round(seconds, 1), "tests": len(asked.tests)}) + "\n"
+                )
                 results.flush()
-                print(f"{count}/{len(todo)} {outcome} {mutation.path}:{mutation.line} {mutation.operator} {seconds:.1f} s", flush=True)
+                print(f"{outcome} {one.path}:{one.line} {one.operator} {seconds:.1f} s", flush=True)
+
+            for asked in questions:
+                if not asked.tests:
+                    told(asked, "survived", 0.0)
+            ask(ROOT, folders, [asked for asked in questions if asked.tests], jobs, told)
 
 
 def main() -> int:
@@ -148,8 +145,9 @@ def main() -> int:
     floors = {one.path.partition("/")[0] for one in drawn}
     maps = reach(sorted(floors), told.keep, told.jobs)
     began = time.monotonic()
-    run(sorted((one for one in drawn if one.name not in outcomes), key=lambda one: one.rank(told.seed)), maps, told.jobs, outcomes)
-    survivors, reasons = [one for one in drawn if outcomes[one.name] == "survived"], known()
+    run(sorted((one for one in drawn if one.name not in outcomes), key=lambda one: one.rank(told.seed)), maps, told.jobs)
+    outcomes = judged(keep=True)
+    survivors, reasons = [one for one in drawn if one.name not in outcomes], known()
     for one in survivors:
         word = "survived, with a reason" if (one.path, one.operator, one.text) in reasons else "SURVIVED"
         print(f"{word}: {one.path}:{one.line} {one.operator}\n{difference(one)}")

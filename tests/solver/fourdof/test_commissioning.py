@@ -84,6 +84,13 @@ def test_through_two_distances_the_line_is_exact_and_its_uncertainty_that_of_its
     assert found.u_lever_scale == pytest.approx(np.hypot(*found.u_lever_mm) / 800.0)
 
 
+def test_how_far_the_beam_wobbles_does_not_matter_where_nothing_else_moves():
+    """A thousandth of the wobble, without noise: the same lever."""
+    one = noisy(500.0, 7, noise_um=0.0)
+    small = {name: 1e-3 * getattr(one, name) for name in ("qd_um", "psd1_urad", "psd2_urad")}
+    assert signs_and_lever([replace(one, **small)]).lever_mm == pytest.approx([850.0])
+
+
 def test_three_samples_tell_a_sign_and_two_do_not():
     def first(count):
         one = noisy(0.0, 7, noise_um=0.0)

@@ -30,6 +30,16 @@ def test_triangle_by_hand():
     assert [straightness_um(position, deviation, method) for method in METHODS] == pytest.approx([3.0, 3.0, 3.0])
 
 
+@pytest.mark.parametrize("start_mm", [0.0, -700.0, 300.0])
+def test_each_line_lies_where_its_method_says(start_mm):
+    """End points on it; least squares with no mean and no slope left; the minimum zone with as much above as below."""
+    position, deviation = start_mm + np.array([0.0, 100.0, 250.0, 400.0]), np.array([1.0, 4.0, -2.0, 9.0])
+    left = {method: residuals_um(position, deviation, method) for method in METHODS}
+    assert left["end-point"][[0, -1]] == pytest.approx([0.0, 0.0], abs=1e-9)
+    assert [left["least-squares"].sum(), left["least-squares"] @ position] == pytest.approx([0.0, 0.0], abs=1e-6)
+    assert left["minimum-zone"].max() == pytest.approx(-left["minimum-zone"].min())
+
+
 def brute_force_zone_um(position, deviation):
     """Smallest range over the slopes of all pairs of points: contains every hull edge."""
     i, j = np.triu_indices(len(position), 1)

@@ -1,0 +1,41 @@
+"""The names of setups: what each says, which are none, and the order of tables."""
+
+import pytest
+
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.geometry.setups import SETUP_NAMES, setup_of
+
+
+@pytest.mark.parametrize(
+    ("name", "kind", "signs", "variant"),
+    [
+        ("npp", "step", (-1, 1, 1), 0),
+        ("ppn+1", "step", (1, 1, -1), 1),
+        ("face-xz-np", "face", (-1, 0, 1), 0),
+        ("face-yz-pp", "face", (0, 1, 1), 0),
+        ("body-pnp", "body", (1, -1, 1), 0),
+        ("linear-y+10", "linear", (0, 1, 0), 10),
+        ("ppp+99999", "step", (1, 1, 1), 99999),
+    ],
+)
+def test_a_name_says_what_moves(name, kind, signs, variant):
+    """Contract 1: p starts at the low end, n at the high end; the number behind + only tells alignments apart."""
+    found = setup_of(name)
+    assert (found.name, found.kind, found.signs, found.variant) == (name, kind, signs, variant)
+
+
+@pytest.mark.parametrize("name", ["", "nnn", "ppp+", "ppp+0", "ppp+01", "ppp+-1", "ppp+1.0", "ppp+²", "ppp+100000", "ppp+1+1", "PPP"])
+def test_what_is_no_name_is_refused(name):
+    with pytest.raises(UsageError, match="expected one of ppp, npp"):
+        setup_of(name)
+
+
+def test_the_nearest_name_is_offered():
+    with pytest.raises(UsageError, match="did you mean 'linear-x'"):
+        setup_of("linearx")
+
+
+def test_tables_list_variants_behind_their_setup():
+    names = ["linear-x", "npp+10", "npp+2", "ppp+1", "ppp"]
+    assert sorted(names, key=lambda name: setup_of(name).order) == ["ppp", "ppp+1", "npp+2", "npp+10", "linear-x"]
+    assert [setup_of(name).name for name in SETUP_NAMES] == list(SETUP_NAMES)

@@ -1,0 +1,40 @@
+"""U of the positioning figures, by hand from the sources (theory.md 8.7)."""
+
+import pytest
+
+from stepdiag.solver.standards.iso230_uncertainty import RunSources, expanded_um
+
+SOURCES = RunSources(relative=2e-6, reading_um=0.3, environment_um=0.4)
+"""One reading is known to hypot(0.3, 0.4) = 0.5 um; a metre to 2 um."""
+FIGURES = ("E", "E_up", "E_down", "M", "B", "B_mean", "R_up", "R_down", "R", "A_up", "A_down", "A")
+
+
+def test_every_figure_by_hand():
+    """Four runs: the mean of a position is known to 0.25 um, a scatter of four to one part in sqrt(6)."""
+    told = expanded_um({**dict.fromkeys(FIGURES, 1.0), "R_up": 2.4, "R_down": 3.2}, 1000.0, 4, SOURCES)
+    of_range = (2.0**2 + 2 * 0.25**2) ** 0.5
+    reversal = 2**0.5 * 0.25
+    up, down = 2.4 / 6**0.5, 3.2 / 6**0.5
+    both = (((up**2 + down**2) ** 0.5 / 2) ** 2 + reversal**2) ** 0.5
+    exact = {
+        "E": of_range,
+        "E_up": of_range,
+        "E_down": of_range,
+        "M": (2.0**2 + 0.25**2) ** 0.5,
+        "B": reversal,
+        "B_mean": reversal,
+        "R_up": up,
+        "R_down": down,
+        "R": both,
+        "A_up": (of_range**2 + up**2) ** 0.5,
+        "A_down": (of_range**2 + down**2) ** 0.5,
+        "A": (of_range**2 + both**2) ** 0.5,
+    }
+    assert told == pytest.approx({name: 2 * u for name, u in exact.items()})
+
+
+def test_figures_of_one_direction_need_no_other():
+    told = expanded_um({"E_up": 1.0, "M": 1.0, "R_up": 2.4, "A_up": 3.0, "A": 3.0, "R": 1.0}, 0.0, 4, SOURCES)
+    assert set(told) == {"E_up", "M", "R_up", "A_up"}
+    assert told["M"] == pytest.approx(0.5)
+    assert told["E_up"] == pytest.approx(2 * 2**0.5 * 0.25)
