@@ -1,6 +1,7 @@
 """Angles as columns: what Beckhoff's kernel and a Heidenhain with KinematicsComp make of them, by laws of their own, on every chain."""
 
 from dataclasses import replace
+from datetime import date
 
 import msgspec
 import numpy as np
@@ -10,6 +11,7 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.sign_test import bump, verdict
 from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
 from stepdiag.exporters.tables.fit import fitted
@@ -161,3 +163,21 @@ def test_the_sign_of_an_angle_can_be_tried(name, function) -> None:
     shown = verdict(test, at, 0 * moved, moved)
     assert shown.sense == "as-error", shown.text
     assert verdict(test, at, 0 * moved, -moved).sense == "as-compensation"
+
+
+@pytest.mark.parametrize("name", CONTROLS)
+def test_a_second_calibration_takes_the_place_of_the_first(name, tmp_path) -> None:
+    """Measured with the first files active, whose angles are left out then: the new files hold the old angles and what has changed."""
+    first, of = drawn(seed=3), profile(name)
+    active = tuple(file for file in written(name, first, of) if file.role == "data")
+    worn = made_result({"EXX": 6 * np.linspace(0.0, 1.0, 11) ** 2, "EYX": 4 * np.sin(np.pi * np.linspace(0, 1, 11))}, volume=VOLUME)
+    said = stated("on", {file.name: file.data for file in active}, date(2026, 1, 31), "read out")
+    on = replace(of, machine=msgspec.structs.replace(of.machine, measured_with="on"), existing=active)
+    told = replace(worn, extra={"survey": said.as_json()})
+    accept = ("slope-steep", "column-widths-assumed", "change-large")
+    export(told, name, on, accept=accept, out_dir=tmp_path / "out", today=date(2026, 2, 1))
+    new = [replace(file, name=file.name.replace("_UNTESTED_SIGN", "")) for file in read_given([tmp_path / "out"])]
+    files = tuple(file for file in new if "_RESTORE" not in file.name)
+    bare_um = error_field_um(first, POINTS) + error_field_um(worn, POINTS)
+    before, after = (without_rigid_motion(VOLUME, POINTS, bare_um + virtual_um(each, "FXYZ")) for each in (written(name, first, of), files))
+    assert np.max(np.linalg.norm(after, axis=1)) < 0.3 < np.max(np.linalg.norm(before, axis=1)) / 5
