@@ -97,7 +97,6 @@ def _solve_csv(
     known = parse_angles(read_text(angles), angles.name) if angles is not None else None
     assumed = parse_uncertainty(read_text(uncertainty), uncertainty.name) if uncertainty is not None else None
     readings = in_mm(parse_readings(read_text(path), path.name), path.name)
-    readings = parse_readings(read_text(path), path.name)
     if runs:
         readings = with_files(readings, runs, path.name)
     return solve_readings(readings, chain=chain, method=method, angles=known, assumed=assumed, source=path.name, monte_carlo=monte_carlo)
