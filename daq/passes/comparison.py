@@ -10,11 +10,13 @@ import numpy as np
 from stepdiag.daq.capture.route import base_setup
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.driven import Pass
-from stepdiag.daq.passes.slips import Step, Vector, like_its_axis, odd_step, step_in
+from stepdiag.daq.passes.slips import Step, Vector, like_its_axis, odd_step, scatter_of_steps, step_in
 from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 
 CLEARLY = 0.5
 """A pass is named alone where the step explains its own reading there twice as well as that of the other pass."""
+TELLS = 6.0
+"""Its own steps tell only of what stands out of them: by so many robust standard deviations."""
 CONFIRMED = 0.5
 """An odd step that comes out alike, to so much of its size, when the pass is driven again, is the machine's."""
 
@@ -91,6 +93,10 @@ class _Readings:
         off = like_its_axis(np.diff(self.off_um), self.axes, place)
         return off if self.outward else -off
 
+    def scatter_um(self, place: int) -> float:
+        """Return the robust standard deviation of the other steps of the pass, each against those of its axis."""
+        return scatter_of_steps(np.diff(self.off_um), self.axes, place)
+
 
 def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
     """Return the step in which two passes differ, for the first (0), for the second (1), or for both where either may be at fault."""
@@ -100,6 +106,8 @@ def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
     sizes = (_size_um(one, -step.size_um), _size_um(other, step.size_um))
     misses = [abs(each.own_um(step.stop) - size) for each, size in zip((one, other), sizes, strict=True)]
     steps = {index: each.in_pass(step.stop, sizes[index], step.noise_um) for index, each in enumerate((one, other))}
+    if abs(step.size_um) < TELLS * max(one.scatter_um(step.stop), other.scatter_um(step.stop)):
+        return steps
     if misses[0] < CLEARLY * misses[1]:
         return {0: steps[0]}
     return {1: steps[1]} if misses[1] < CLEARLY * misses[0] else steps

@@ -81,6 +81,15 @@ def like_its_axis(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
     return float(steps_um[stop - 1] - np.median(others)) if others else float("nan")
 
 
+def scatter_of_steps(steps_um: Vector, axes: Sequence[str], stop: int) -> float:
+    """Return the robust standard deviation of the steps of a pass, each against those of its axis, without that to a stop; in um."""
+    off: list[float] = []
+    for axis in dict.fromkeys(axes):
+        own = np.array([steps_um[index] for index, each in enumerate(axes) if each == axis and index != stop - 1])
+        off += (own - np.median(own)).tolist() if len(own) > 1 else []
+    return MAD_TO_SIGMA * float(np.median(np.abs(off))) if off else float("inf")
+
+
 def _outlier(steps_um: Vector, u_um: Vector, least_um: float) -> Step | None:
     if len(steps_um) < 3:
         return None

@@ -105,3 +105,19 @@ def test_two_steps_of_one_axis_that_an_old_leadscrew_makes_are_no_slip():
     passes = PassBook(parse_survey(survey_text(n=2), "survey.toml"))
     passes.add_all(stops)
     assert passes.doubts() == ()
+
+
+@pytest.mark.parametrize("size_um", [5.0, -9.0])
+def test_the_wrong_pass_is_never_named_alone(size_um):
+    """The steps of the machine scatter as much as the count slipped: from its own steps a pass cannot be told to be at fault."""
+    for seed in range(30):
+        rng = np.random.default_rng(seed)
+        errors_mm, at = np.cumsum(rng.normal(0.0, 4e-3, 13)), int(rng.integers(1, 13))
+        out = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm + errors_mm[stop.stop]) for stop in stops_of(n=4)]
+        back = [
+            msgspec.structs.replace(stop, reading_mm=stop.reading_mm + errors_mm[12 - stop.stop] + size_um * 1e-3 * (stop.stop >= at))
+            for stop in stops_of(outward=False, n=4)
+        ]
+        passes = PassBook(parse_survey(survey_text(n=4, back=True), "survey.toml"))
+        passes.add_all([*out, *back])
+        assert (2, at) in [(doubt.pass_number, doubt.stop) for doubt in passes.doubts()], seed
