@@ -70,10 +70,11 @@ def _repeatability_um(layout: Layout, setup: str) -> float | None:
     squares, freedom = 0.0, 0
     for outward in (True, False):
         mine = [index for index, key in enumerate(layout.passes) if key.setup == setup and key.outward == outward]
-        passes = [layout.deviation_um[layout.pass_index == index] for index in mine if not _interrupted(layout, index)]
-        if len(passes) < 2 or len({len(values) for values in passes}) > 1:
+        rows = [np.flatnonzero(layout.pass_index == index) for index in mine if not _interrupted(layout, index)]
+        if len(rows) < 2:
             continue
-        table = np.array(passes)
+        every = list(set.intersection(*(set(layout.stop[one].tolist()) for one in rows)))
+        table = np.array([layout.deviation_um[one[np.isin(layout.stop[one], every)]] for one in rows])
         table = table - table.mean(axis=1, keepdims=True)
         squares += float(np.sum((table - table.mean(axis=0)) ** 2))
         freedom += (table.shape[0] - 1) * (table.shape[1] - 1)

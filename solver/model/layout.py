@@ -10,7 +10,7 @@ from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.setups import Kind, Setup, setup_of
 from stepdiag.solver.geometry.volume import MOST_INCREMENTS, Vector, Volume
-from stepdiag.solver.readings.readings import PassKey, Readings
+from stepdiag.solver.readings.readings import PassKey, Readings, missing_stops
 from stepdiag.solver.readings.travel import check_laser, check_route, laser_sense
 
 MOST_SETUPS = 200
@@ -108,7 +108,7 @@ def lay_out(readings: Readings, source: str = "readings", volume: Volume | None 
     for key, rows in passes.items():
         check_route(readings, setups[key.setup], key, rows, volume, source)
         check_laser(readings, setups[key.setup], key, rows, laser_sense(readings, setups[key.setup], passes), source)
-    return _inside_only(_assemble(readings, passes, list(setups.values()), volume, source))
+    return _inside_only(_assemble(readings, passes, list(setups.values()), volume, source), _missing(readings, passes))
 
 
 def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "readings") -> Volume:
@@ -148,8 +148,8 @@ def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, source: 
 def _increments(readings: Readings, names: Sequence[str], kind: Kind, source: str) -> int:
     """Return the increments of the finest pass."""
     moved = {"step": 3, "face": 2, "body": 1, "linear": 1}[kind]
-    longest = max(len(rows) for key, rows in readings.passes().items() if key.setup in names)
-    increments = (longest - 1) // moved
+    longest = max(int(readings.stop[rows[-1]]) for key, rows in readings.passes().items() if key.setup in names)
+    increments = longest // moved
     if increments > MOST_INCREMENTS:
         raise DataError(source, expected=f"at most {MOST_INCREMENTS} increments", found=str(increments))
     return increments
@@ -249,12 +249,22 @@ def _drift_clock(time_s: Vector, keys: Sequence[PassKey], pass_index: NDArray[np
     return clock, timed
 
 
-def _inside_only(layout: Layout) -> Layout:
+def _missing(readings: Readings, passes: dict[PassKey, NDArray[np.int64]]) -> tuple[Finding, ...]:
+    """Return the finding that names the stops which passes lack."""
+    lacking = {key: missing_stops(readings.stop[rows]) for key, rows in passes.items()}
+    named = "; ".join(f"{key}, stop {', '.join(map(str, stops))}" for key, stops in lacking.items() if len(stops))
+    if not named:
+        return ()
+    text = f"readings are missing and solved without: {named}; what hangs on them is less certain, closed forms need the whole pass"
+    return (Finding(code="stop-missing", severity="warning", text=text),)
+
+
+def _inside_only(layout: Layout, findings: tuple[Finding, ...]) -> Layout:
     low = np.array(layout.volume.origin_mm)
     beyond = np.maximum(low - layout.position_mm, layout.position_mm - low - layout.volume.size_mm)
     outside = np.any(beyond > POSITION_TOLERANCE_MM, axis=1)
     if not outside.any():
-        return layout
+        return replace(layout, findings=findings)
     first = layout.place(int(np.argmax(outside)))
     text = f"{int(outside.sum())} stops lie outside the volume of the diagonals and are not used, the first is {first}"
-    return replace(layout.select(~outside), findings=(Finding(code="outside-volume", severity="info", text=text),))
+    return replace(layout.select(~outside), findings=(Finding(code="outside-volume", severity="info", text=text), *findings))

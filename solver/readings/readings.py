@@ -22,6 +22,8 @@ ZERO = "zero"
 NO_ZERO = -1
 """A reading whose count is not known to reach beyond its pass: it is relative to the pass's first stop."""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
+MOST_MISSING = 0.1
+"""Share of the stops that may be missing within a pass: it is solved without them."""
 
 
 class PassKey(NamedTuple):
@@ -199,18 +201,27 @@ def _setup_name(name: str, where: str) -> str:
 
 
 def _refuse_gaps(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str) -> None:
-    """Refuse a stop given twice or left out within a pass."""
+    """Refuse a stop given twice, and a pass without its first stop or with too many left out within it."""
     for key, rows in passes.items():
-        stops = readings.stop[rows].tolist()
-        for expected, found in enumerate(stops):
-            if found == expected:
-                continue
-            where = f"{source}: {key}"
-            if found < expected:
-                raise DataError(where, expected=f"stop {found} once", found="it twice", remedy="a repeated pass has its own pass number")
-            raise DataError(
-                where, expected=f"stop {expected}", found=f"stop {found} in its place", remedy="every stop of a pass must be there"
-            )
+        stops = readings.stop[rows]
+        where = f"{source}: {key}"
+        twice = np.flatnonzero(np.diff(stops) == 0)
+        if len(twice):
+            remedy = "a repeated pass has its own pass number"
+            raise DataError(where, expected=f"stop {stops[twice[0]]} once", found="it twice", remedy=remedy)
+        if stops[0] != 0:
+            raise DataError(where, expected="stop 0", found=f"stop {stops[0]} in its place", remedy="all others are relative to the first")
+        missing = int(stops[-1]) + 1 - len(stops)
+        if missing > max(1, int(MOST_MISSING * len(stops))):
+            first = int(stops[int(np.argmax(np.diff(stops) > 1))]) + 1
+            found = f"{missing} of {int(stops[-1]) + 1} stops missing, the first is stop {first}"
+            expected = f"at most one stop in {round(1 / MOST_MISSING)} missing within a pass"
+            raise DataError(where, expected=expected, found=found, remedy="drive the pass again")
+
+
+def missing_stops(stops: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return the numbers that ascending stops leave out."""
+    return np.setdiff1d(np.arange(int(stops[-1])), stops)
 
 
 def _refuse_half_zeros(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], source: str) -> None:

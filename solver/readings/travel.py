@@ -24,45 +24,46 @@ def check_route(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np
     signs = np.array(setup.signs) * (1 if key.outward else -1)
     if setup.kind == "linear":
         signs = signs * int(np.sign(np.sum((position[-1] - position[0]) * signs)) or 1)
-    moves = np.diff(position, axis=0)
-    _check_each_move(setup, moves, signs, where)
-    _check_steps(setup, position, volume, where)
+    _check_each_move(setup, position, readings.stop[rows], signs, where)
+    _check_steps(setup, position, readings.stop[rows], volume, where)
     _check_ends(setup, position, signs, volume, where)
 
 
-def _check_each_move(setup: Setup, moves: Vector, signs: NDArray[np.int64], where: str) -> None:
-    """Every move goes the way the setup says; step diagonals move one axis at a time."""
+def _check_each_move(setup: Setup, position: Vector, stop: NDArray[np.int64], signs: NDArray[np.int64], where: str) -> None:
+    """Every move goes the way the setup says; step diagonals move one axis at a time, over a missing stop as many as it takes."""
+    moves, steps = np.diff(position, axis=0), np.diff(stop)
     moving = np.abs(moves) > ROUTE_TOLERANCE_MM
     wrong_way = moving & (np.sign(moves) != signs)
-    crowded = moving.sum(axis=1) != {"step": 1, "face": 1, "linear": 1, "body": 3}[setup.kind]
+    most = np.count_nonzero(signs) if setup.kind in ("step", "face") else 1
+    crowded = moving.sum(axis=1) != (np.minimum(steps, most) if setup.kind != "body" else 3)
     for index in np.flatnonzero(wrong_way.any(axis=1) | crowded).tolist():
         found = ", ".join(f"{'XYZ'[axis]} by {moves[index, axis]:g} mm" for axis in range(3) if moving[index, axis]) or "no move"
         allowed = " or ".join(f"{'XYZ'[axis]}{'+' if signs[axis] > 0 else '-'}" for axis in range(3) if signs[axis])
         one = "a move of all axes" if setup.kind == "body" else f"a move of one axis, {allowed},"
         remedy = "a stop is missing, out of order, or the pass belongs to another setup"
-        raise DataError(f"{where}, stop {index + 1}", expected=f"{one} from stop {index}", found=found, remedy=remedy)
+        raise DataError(f"{where}, stop {stop[index + 1]}", expected=f"{one} from stop {stop[index]}", found=found, remedy=remedy)
 
 
-def _check_steps(setup: Setup, position: Vector, volume: Volume, where: str) -> None:
+def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume: Volume, where: str) -> None:
     """A step diagonal moves every axis once in each step, by equal increments."""
     if setup.kind not in ("step", "face"):
         return
     moved = [axis for axis in range(3) if setup.signs[axis]]
-    steps, left = divmod(len(position) - 1, len(moved))
+    steps, left = divmod(int(stop[-1]), len(moved))
     if left:
-        found = f"{len(position)} stops"
+        found = f"{int(stop[-1]) + 1} stops"
         raise DataError(
             where, expected=f"{len(moved)} moves in each step", found=found, remedy="the pass was cut off, or a stop is missing"
         )
-    corners = position[:: len(moved)]
-    ideal = np.array(volume.size_mm) * np.arange(steps + 1)[:, None] / steps
-    off = np.abs(np.abs(corners - corners[0]) - ideal)[:, moved]
+    corner = np.flatnonzero(stop % len(moved) == 0)
+    ideal = np.array(volume.size_mm) * (stop[corner] // len(moved))[:, None] / steps
+    off = np.abs(np.abs(position[corner] - position[0]) - ideal)[:, moved]
     if np.max(off) > ROUTE_TOLERANCE_MM:
-        stop = int(np.argmax(off.max(axis=1))) * len(moved)
+        worst = int(corner[np.argmax(off.max(axis=1))])
         raise DataError(
-            f"{where}, stop {stop}",
+            f"{where}, stop {stop[worst]}",
             expected=f"one increment of every axis in each of {steps} equal steps from end to end of the box",
-            found="the axes at " + ", ".join(f"{value:g}" for value in position[stop]) + " mm",
+            found="the axes at " + ", ".join(f"{value:g}" for value in position[worst]) + " mm",
             remedy="a stop is missing or the pass stops short of the corner",
         )
 

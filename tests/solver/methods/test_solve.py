@@ -75,6 +75,18 @@ def test_a_survey_without_one_diagonal_says_what_it_lacks(missing):
         assert quantity.value is None or name not in next(f.text for f in result.findings if f.code == "squareness-unidentified")
 
 
+def test_a_survey_with_gaps_is_solved_within_its_uncertainty_and_repeats_are_compared_stop_by_stop():
+    bench = Bench(seed=2, increments=4)
+    whole = bench.survey(passes=(1, 3))
+    gaps = {("ppp", 1, 4), ("ppp", 3, 8), ("linear-y", 1, 2)}
+    at = zip(whole.setup, whole.pass_number.tolist(), whole.stop.tolist(), strict=True)
+    result, full = solve(whole.select([row for row, key in enumerate(at) if key not in gaps])), solve(whole)
+    assert "stop-missing" in {finding.code for finding in result.findings}
+    assert result.setups["ppp"]["repeatability_um"] == pytest.approx(full.setups["ppp"]["repeatability_um"], rel=0.5)
+    for name, quantity in full.squareness.items():
+        assert abs(quantity.value - result.squareness[name].value) < quantity.u
+
+
 def test_a_pass_of_one_stop_is_refused():
     rows = [row for row in range(len(SURVEY)) if SURVEY.setup[row] != "linear-x" or SURVEY.stop[row] == 0]
     with pytest.raises(DataError, match="setup linear-x, pass 1: expected at least 2 stops, found 1"):

@@ -57,6 +57,30 @@ def test_a_stop_left_out_in_the_middle_is_named(stop):
         lay_out(without(SURVEY, "pnp", stop, renumber=True), "morning")
 
 
+@pytest.mark.parametrize(("setup", "stop"), [("pnp", 1), ("npp", 7), ("ppp", 14), ("linear-y", 3)])
+def test_a_stop_that_the_file_leaves_out_is_named_and_the_rest_is_placed_as_before(setup, stop):
+    whole, layout = lay_out(SURVEY), lay_out(without(SURVEY, setup, stop, renumber=False))
+    (finding,) = layout.findings
+    assert finding.code == "stop-missing"
+    assert f"setup {setup}, pass 1, stop {stop};" in finding.text
+    left = [row for row in range(len(whole)) if whole.place(row) != f"setup {setup}, pass 1, stop {stop}"]
+    assert layout.deviation_um == pytest.approx(whole.deviation_um[left])
+    assert layout.volume == whole.volume
+
+
+def test_a_gap_does_not_excuse_a_pass_that_drives_elsewhere():
+    wrong = without(SURVEY, "pnp", 7, renumber=False)
+    at = {stop: row for row, (name, stop) in enumerate(zip(wrong.setup, wrong.stop.tolist(), strict=True)) if name == "pnp"}
+    position = wrong.position_mm.copy()
+    position[at[8]] = position[at[9]]
+    with pytest.raises(DataError, match="setup pnp, pass 1, stop 8"):
+        lay_out(replace(wrong, position_mm=position))
+
+
+def test_a_single_diagonal_with_a_gap_keeps_its_increments():
+    assert lay_out(without(BENCH.survey(["ppp"]), "ppp", 8, renumber=False)).volume.increments == 5
+
+
 def test_a_pass_that_was_cut_off_is_refused():
     for last in (15, 14, 13):
         short = SURVEY.select([row for row in range(len(SURVEY)) if SURVEY.setup[row] != "npp" or SURVEY.stop[row] < last])
