@@ -104,7 +104,7 @@ def stands(control: Control, program: bytes) -> list[State]:
 
 @pytest.fixture(scope="class")
 def control() -> Iterator[Control]:
-    with linuxcnc() as control:
+    with linuxcnc(swift=True) as control:
         yield control
 
 
@@ -210,7 +210,7 @@ TILT = Alignment(mirror_mrad=(0.4, -0.3), beam_mrad=(0.1, 0.15))
 NOISE_UM = 0.05
 """Of one laser sample; a stop is the mean of a dozen, as a longer one of a noisier laser is of a hundred."""
 U_ANGLE_URAD = 1.0
-AGAIN = replace(BOX, increments=4)
+AGAIN = replace(BOX, increments=2)
 """Squareness needs no more."""
 ATTEMPTS = 5
 APART = ((0.06, 0.77), (0.19, 0.93), (0.06, 0.77))
