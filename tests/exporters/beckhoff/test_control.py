@@ -92,6 +92,28 @@ def test_lists_hold_leadscrew_and_one_cross_table():
     assert correction_um(cross, np.array([0.0])) == pytest.approx([5.0])
 
 
+def test_a_list_of_one_direction_says_so():
+    """P-COMP: bilateral 0 is one column for both directions, in 0.1 um; without it the control would read a second that is not there."""
+    which = profile(way="lists", cross_sense="as-compensation")
+    files, _ = files_of(which, ["EXX"], made_result({"EXX": [4.0, 1.0, 0.0, -2.0, -5.0]}))
+    text = files["achskw1.lis"].data.decode()
+    assert "kw.ssfk.bilateral 0" in text.split("\r\n")
+    assert ".neg" not in text
+    (table,) = BECKHOFF.parse(list(files.values()), which)
+    assert table.direction == 0
+
+
+def test_numbers_of_a_file_are_as_fine_as_they_are_written():
+    """Five places of a millimetre are a hundredth of a micrometre, and so is what reading back may differ by."""
+    files, _ = files_of(profile())
+    tables = BECKHOFF.parse([files["volumetric_errors.csv"]], profile())
+    assert {round(table.quantum_um, 9) for table in tables} == {0.01}
+
+
+def test_a_quick_look_numbers_the_axes_as_they_are_usually_named():
+    assert BECKHOFF.quick_options().axis_numbers == {"X": 1, "Y": 2, "Z": 3}
+
+
 def test_two_masters_for_one_slave_are_refused():
     """One list holds one master axis; the volumetric file holds all."""
     with pytest.raises(SafetyError, match="EXY and EXZ") as refused:
