@@ -48,6 +48,7 @@ def report(
     from stepdiag.report.certificate import read_letterhead
     from stepdiag.report.document import build_report
     from stepdiag.report.exported import exported_in
+    from stepdiag.report.logs import logs_beside
     from stepdiag.report.output import write_report
     from stepdiag.solver.readings.readings import parse_readings
 
@@ -61,6 +62,7 @@ def report(
         left=_as_left(found, exported, after) if after is not None else None,
         letterhead=read_letterhead(letterhead) if letterhead is not None else None,
         readings=parse_readings(read_text(readings), readings.name) if readings is not None else None,
+        logs=logs_beside(result.parent),
         language=chosen,
     )
     written = write_report(built, out, pdf=pdf)

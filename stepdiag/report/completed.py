@@ -9,6 +9,7 @@ from stepdiag.exporters.files.files import write_once
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_of
 from stepdiag.report.fields import field_of
+from stepdiag.report.logs import logs_beside
 from stepdiag.report.output import write_report
 from stepdiag.solver.readings.readings import parse_readings
 
@@ -20,7 +21,10 @@ def write_completed_report(done: Completed) -> Path:
     conclusion = concluded(done)
     correction = next((one.correction for one in exported if one.correction is not None), None)
     write_once(done.folder / CONCLUSION, conclusion_json(conclusion, field_of(done.result, correction)))
-    report = build_report(done.result, source=RESULT, exported=exported, readings=readings, conclusion=conclusion, language=done.language)
+    report = build_report(
+        done.result, source=RESULT, exported=exported, readings=readings, conclusion=conclusion, language=done.language,
+        logs=logs_beside(done.folder),
+    )  # fmt: skip
     return write_report(report, done.folder / "report.html")[0]
 
 

@@ -12,7 +12,7 @@ import jinja2
 from stepdiag.conclusion import Conclusion, conclude, conclusion_document, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
 from stepdiag.report.certificate import AsLeft, Letterhead
-from stepdiag.report.exported import Exported
+from stepdiag.report.exported import Exported, ExportedFile
 from stepdiag.report.figure import Figure
 from stepdiag.report.figures import (
     budget_figures,
@@ -20,6 +20,7 @@ from stepdiag.report.figures import (
     field_figures,
     function_figures,
 )
+from stepdiag.report.logs import logs_table
 from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.readings.readings import Readings
@@ -39,7 +40,7 @@ class Report:
     figures: tuple[Figure, ...]
 
 
-def build_report(
+def build_report(  # noqa: PLR0913  # what a report is made of
     result: Result,
     *,
     source: str,
@@ -48,9 +49,10 @@ def build_report(
     conclusion: Conclusion | None = None,
     letterhead: Letterhead | None = None,
     left: AsLeft | None = None,
+    logs: Sequence[ExportedFile] = (),
     language: Language = "en",
 ) -> Report:
-    """Return the report of a result; ``source`` names the result file in it.
+    """Return the report of a result; ``source`` names the result file in it, ``logs`` are the recordings it rests on.
 
     With the readings it also shows what was measured. The prediction is drawn for the first export
     whose tables are known. Same input, same bytes: nothing in it depends on the clock, the machine it runs on or the order of a set.
@@ -79,6 +81,7 @@ def build_report(
         "fit": sections.fit_table(result),
         "assumptions": sections.assumptions_table(result),
         "history": sections.history_table(result, words),
+        "recordings": logs_table(logs, words),
     }
     html = template("template.html").render(
         **page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,

@@ -1,7 +1,6 @@
 """A real browser for the tests of the page; what it complains about, and any request that leaves the machine, fails the test."""
 
 from collections.abc import Iterator
-from pathlib import Path
 
 import pytest
 from playwright.sync_api import Browser, Page, sync_playwright
@@ -18,11 +17,18 @@ def browser() -> Iterator[Browser]:
         running.close()
 
 
-@pytest.fixture
-def daemon(tmp_path: Path) -> Iterator[Served]:
-    """A page over a played survey, without a token: everybody may read, nobody may command."""
-    with served(tmp_path) as running:
+@pytest.fixture(scope="module")
+def serving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
+    """The page's process over a played survey, one for all tests of a module, without a token: everybody may read, nobody may command."""
+    with served(tmp_path_factory.mktemp("survey")) as running:
         yield running
+
+
+@pytest.fixture
+def daemon(serving: Served) -> Served:
+    """A page over a played survey that begins anew with every test."""
+    serving.do(serving.survey.begin_anew)
+    return serving
 
 
 @pytest.fixture

@@ -17,10 +17,10 @@ pytestmark = pytest.mark.page
 TOKEN = "a token of the tests: äöü ☃"
 
 
-@pytest.fixture
-def daemon(tmp_path: Path) -> Iterator[Served]:
+@pytest.fixture(scope="module")
+def serving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
     """A page over a played survey, with commands allowed."""
-    with served(tmp_path, token=TOKEN) as running:
+    with served(tmp_path_factory.mktemp("survey"), token=TOKEN) as running:
         yield running
 
 

@@ -3,6 +3,8 @@
 import json
 import subprocess
 import sys
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -129,6 +131,16 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
     assert json.dumps(msgspec.to_builtins(view))
 
 
+@dataclass(frozen=True, slots=True)
+class Screens:
+    """A played survey and the pages that look at it; ``pictures`` is where what they showed is kept."""
+
+    daemon: Served
+    pages: dict[str, Page]
+    pictures: Path
+    language: str
+
+
 SIZES = {"phone": (390, 844), "tablet": (1024, 768), "wall": (1920, 1080)}
 
 
@@ -167,24 +179,32 @@ MATTERS = {
 }
 
 
-@pytest.mark.page
-@pytest.mark.parametrize("language", LANGUAGES)
-@pytest.mark.parametrize("stage", STAGES)
-def test_each_stage_on_each_screen(tmp_path: Path, browser: Browser, stage: str, language: str) -> None:
-    """What matters is seen without scrolling, nothing is too wide, axe finds nothing, nothing is loaded from outside; pictures are kept."""
+@pytest.fixture(scope="module", params=LANGUAGES)
+def screens(request: pytest.FixtureRequest, browser: Browser, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Screens]:
+    """One survey on a phone, a tablet and a wall, in one language."""
+    folder = tmp_path_factory.mktemp(f"screens-{request.param}")
     watching = Watched(browser)
-    with served(tmp_path, language=language) as daemon:  # type: ignore[arg-type]
-        pages = {name: watching.open(daemon.address, width=width, height=height) for name, (width, height) in SIZES.items()}
-        STAGES[stage](daemon)
-        for name, page in pages.items():
-            expect(page.locator("body")).to_have_attribute("data-stage", stage)
-            for place in MATTERS[stage]:
-                expect(page.locator(place)).to_be_in_viewport(ratio=0.99)
-            assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[name][0]
-            page.screenshot(path=str(tmp_path.parent / f"{stage}-{language}-{name}.png"))
-        assert violations(pages["tablet"]) == []
+    with served(folder, language=request.param) as running:
+        pages = {name: watching.open(running.address, width=width, height=height) for name, (width, height) in SIZES.items()}
+        yield Screens(running, pages, folder.parent, request.param)
     watching.daemon_may_be_away = True
     watching.close()
+
+
+@pytest.mark.page
+@pytest.mark.parametrize("stage", STAGES)
+def test_each_stage_on_each_screen(screens: Screens, stage: str) -> None:
+    """What matters is seen without scrolling, nothing is too wide, axe finds nothing, nothing is loaded from outside; pictures are kept."""
+    screens.daemon.do(screens.daemon.survey.begin_anew)
+    STAGES[stage](screens.daemon)
+    for name, page in screens.pages.items():
+        expect(page.locator("body")).to_have_attribute("data-stage", stage)
+        page.evaluate("scrollTo(0, 0)")
+        for place in MATTERS[stage]:
+            expect(page.locator(place)).to_be_in_viewport(ratio=0.99)
+        assert page.evaluate("document.documentElement.scrollWidth") <= SIZES[name][0]
+        page.screenshot(path=str(screens.pictures / f"{stage}-{screens.language}-{name}.png"))
+    assert violations(screens.pages["tablet"]) == []
 
 
 @pytest.mark.page

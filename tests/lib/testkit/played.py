@@ -58,6 +58,18 @@ class PlayedSurvey:
         self._heard = {"laser": time.monotonic(), "plc": time.monotonic()}
         self.silent: set[str] = set()
 
+    def begin_anew(self) -> None:
+        """Be as at the beginning: what was captured, ordered and computed is gone."""
+        for name in ("result.json", "conclusion.json", "report.html"):
+            (self.place / name).unlink(missing_ok=True)
+        self.addresses.clear()
+        self.guessed.clear()
+        self.ordered.clear()
+        self.silent.clear()
+        self.refusal = None
+        self.fields = {}
+        self.publish(**_beginning())
+
     def publish(self, **fields: Any) -> None:
         """Change some fields, as the daemon does."""
         self.fields |= fields

@@ -327,6 +327,21 @@ def test_a_german_report_writes_commas_and_keeps_versions_and_hashes() -> None:
     assert listed.sha256 in html
 
 
+def test_the_annex_lists_the_logs_with_their_hashes(tmp_path: Path) -> None:
+    """Those that lie beside the result, in the order of their recording; a result without logs has no such table."""
+    (tmp_path / "result.json").write_text(made_up_result().to_json(), encoding="utf-8")
+    alone = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), "--out", str(tmp_path / "alone.html")])
+    assert alone.exit_code == 0, alone.output
+    assert "Recordings" not in (tmp_path / "alone.html").read_text(encoding="utf-8")
+    for name in ("0002.mcap", "0001.mcap"):
+        (tmp_path / name).write_bytes(name.encode())
+    run = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), "--out", str(tmp_path / "report.html")])
+    assert run.exit_code == 0, run.output
+    html = (tmp_path / "report.html").read_text(encoding="utf-8")
+    digests = [sha256(name.encode()).hexdigest() for name in ("0001.mcap", "0002.mcap")]
+    assert 0 < html.index(digests[0]) < html.index(digests[1])
+
+
 def test_as_left_states_predicted_against_measured(tmp_path: Path) -> None:
     """The survey after loading closes the certificate; that of another machine is refused by name."""
     paths = {}
