@@ -3,6 +3,11 @@
 import json
 import os
 import signal
+import socket
+import time
+import urllib.error
+import urllib.request
+from urllib.parse import quote
 
 import numpy as np
 import pytest
@@ -20,6 +25,34 @@ pytestmark = pytest.mark.system
 
 FIXED = '[environment]\nsource = "fixed"\n'
 QUIET = {"silent": True, "patient": False, "laser_survey": FIXED}
+
+
+def free_port():
+    """Return a port that is free now."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+def order(port, token, body):
+    """Send a command as the page does; return the status, 0 where nobody listens yet."""
+    headers = {"Authorization": f"Bearer {quote(token)}", "Content-Type": "application/json", "Origin": f"http://127.0.0.1:{port}"}
+    request = urllib.request.Request(f"http://127.0.0.1:{port}/command", json.dumps(body).encode(), headers)
+    try:
+        with urllib.request.urlopen(request, timeout=10.0) as answer:
+            return answer.status
+    except urllib.error.HTTPError as refused:
+        return refused.code
+    except OSError:
+        return 0
+
+
+def ordered(port, token, name, **arguments):
+    """Send a command as soon as somebody listens; it has to be taken."""
+    end = time.monotonic() + 30.0
+    while (status := order(port, token, {"name": name, "arguments": arguments})) == 0:
+        assert time.monotonic() < end, "nobody listens"
+        time.sleep(0.1)
+    assert status == 204
 
 
 def begin_and_start(place, setups):
@@ -107,3 +140,34 @@ def test_a_machine_with_signals_is_not_begun_by_hand(tmp_path):
         code, _, said = stepdiag("begin", place.survey, "ppp")
     assert code == 2
     assert 'plc.transport: expected "none"' in said
+
+
+def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
+    """By whoever has the token; the page says that somebody has to."""
+    port, token = free_port(), "a token of the tests"
+    with hall(tmp_path, page=True, page_port=port, **QUIET) as place:
+        file = tmp_path / "survey.token"
+        file.write_text(token)
+        file.chmod(0o600)
+        text = place.survey.read_text()
+        place.survey.write_text(text.replace("enabled = true\nport", 'enabled = true\ntoken_file = "survey.token"\nport'))
+        with daemon(place.survey, wait_for=("laser",)):
+            ordered(port, token, "choose-setup", setup="pnp")
+            ordered(port, token, "start")
+            end = time.monotonic() + 20.0
+            while "pnp 0/6" not in stepdiag("status", place.survey)[1]:
+                assert time.monotonic() < end, "pnp was not begun"
+
+
+def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
+    """The edges lie in the laser's own stream; both passes are named, counted, and right."""
+    telling = f"[laser.qudis]\nmarker = true\n{FIXED}"
+    options = {"laser": "qudis", "laser_bench": 'wire = "tcp"\n', "laser_survey": telling, "silent": True, "patient": False}
+    with hall(tmp_path, setups=("ppp",), back=True, **options) as place, daemon(place.survey, wait_for=("laser",)) as process:
+        assert place.bench.next(60.0, "bench")["event"] == "waiting"
+        assert stepdiag("begin", place.survey, "ppp")[0] == 0
+        place.bench.say("start")
+        said = until(process, "pass-ended", reason="ppp back: stop 6 has gone by")
+        assert not [each for each in said if each["event"] == "finding" and each["code"].startswith("count-")]
+        book = nothing_silently_wrong(place)
+        assert [len(each.chosen()) for each in book.passes] == [7, 7]

@@ -1,5 +1,7 @@
 """A machine without signals, by events: stops are named by the geometry, and what the laser cannot tell is said."""
 
+import struct
+
 import numpy as np
 import pytest
 
@@ -178,6 +180,42 @@ def test_a_count_that_was_lost_between_two_passes_leaves_the_next_to_its_first_s
     bench.drive(bench.back, 12.0, [0, 1, 2])
     bench.stand(900.0)
     assert bench.named(bench.back) == [0, 1, 2]
+
+
+def telegram(index, readings):
+    """A telegram of a quDIS: positions in mm with the count of the marker's edges."""
+    words = []
+    for mm, edges in readings:
+        whole = round(mm * 1e9) & (1 << 48) - 1
+        words += [whole & 0xFFFFFF | (edges & 0x7F) << 24, whole >> 24 | edges >> 7 << 24 | 1 << 31]
+    return struct.pack(f"<5i{len(words)}I", 16 + 4 * len(words), 4, 0x0F00, index, 0, *words)
+
+
+def test_the_marker_of_a_qudis_tells_the_standstills_and_counts_them():
+    """The relay closes half a second after the machine stands: only from then on it counts, and a hold without the relay not."""
+    text = SURVEY.replace('format = "line"', 'format = "qudis"').replace("[laser.line]", "[laser.qudis]\naverage = 8\nmarker = true")
+    survey = parse_survey("\n".join(line for line in text.splitlines() if not line.startswith(("pattern", "counter", "rate"))), "survey")
+    laser = StreamBuffer(laser_decoder(survey))
+    by_laser = ByLaser(survey, CaptureStart(hints={"ppp": PassHint()}), laser)
+    route = make_route(survey.volume, "ppp", "xyz", outward=True)
+    rate_hz, track, edges = 25_000 / 2**8, [], 0
+    for stop in (0, 1, 2, 2.5, 3, 4):
+        level = float(np.interp(stop, range(7), route.nominal_mm))
+        closed = stop != 2.5
+        track += [(level - 0.5, edges)] * 15 + [(level, edges)] * 49
+        edges += closed
+        track += [(level, edges)] * 98
+        edges += closed
+        track += [(level, edges)] * 10
+    track += track[-1:] * 40
+    dwells = []
+    for first in range(0, len(track), 8):
+        now_ns = 1_000_000_000 + int((first + 8) / rate_hz * 1e9)
+        laser.feed(telegram(first, track[first : first + 8]), now_ns)
+        dwells += by_laser.look(now_ns)[0]
+    assert [route.find(dwell.signals.commanded_mm, 0) for dwell in dwells] == [0, 1, 2, 3, 4]
+    assert [dwell.signals.stop_count for dwell in dwells] == [1, 2, 3, 4, 5]
+    assert all(0.8e9 < dwell.to_ns - dwell.from_ns < 1.05e9 for dwell in dwells)
 
 
 @pytest.mark.parametrize(
