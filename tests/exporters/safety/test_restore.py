@@ -66,7 +66,7 @@ class TestSiemens:
             control.load(file.data.decode("ascii"))
         assert np.max(np.abs(self.moved_um(control) - stood)) > 5.0
         restore = restore_files(controller_named("siemens"), tables, profile)
-        for file in restore:
+        for file in [*restore, *restore]:  # a person may not remember having done it
             if file.name.endswith(ending):
                 control.load(file.data.decode("ascii"))
         np.testing.assert_allclose(self.moved_um(control), stood, atol=1e-6)
