@@ -154,7 +154,7 @@ def test_the_control_applies_the_files_as_the_law_says() -> None:
     plan = controller.plan(curves_of(result, ["EXX", "EYY", "EZZ"]), profile)
     files = [file for file in controller.render(plan.tables, profile) if file.role == "data"]
     tables = controller.parse(files, profile)
-    sequence = replace(SWIFT, setups=("ppn",), volume=replace(VOLUME, increments=3, size_mm=(390.0, 195.0, 150.0)))
+    sequence = replace(SWIFT, setups=("ppn",), volume=replace(VOLUME, size_mm=(390.0, 195.0, 150.0)))
     program = nc_programs(sequence, "linuxcnc")[0].data
     travel = np.array([1, 1, -1])
     with linuxcnc({file.name[-6].upper(): file.data for file in files}) as control:
