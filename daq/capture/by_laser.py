@@ -14,8 +14,8 @@ import numpy as np
 from stepdiag.daq.capture.dwell import Dwell
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.plateau import find_plateaus
 from stepdiag.daq.capture.route import Route, agrees, make_route
+from stepdiag.daq.capture.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Span, StreamBuffer

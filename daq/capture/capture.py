@@ -12,10 +12,9 @@ from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.dwell import Dwell, DwellTracker
 from stepdiag.daq.capture.head_stop import QdView
 from stepdiag.daq.capture.log_start import CaptureStart
-from stepdiag.daq.capture.machine_remarks import Alarm, remarked
+from stepdiag.daq.capture.machine_remarks import Alarm, Pulse, remarked
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.pass_start import PassFinder
-from stepdiag.daq.capture.pulse import Pulse
 from stepdiag.daq.capture.standstill import Standstills
 from stepdiag.daq.capture.stop import Placing, certain_window, certain_windows, unbroken_parts
 from stepdiag.daq.capture.stop_capture import StopTaker

@@ -8,10 +8,9 @@ import msgspec
 import numpy as np
 
 from stepdiag.daq.capture.dwell import Dwell
-from stepdiag.daq.capture.plateau import find_plateaus
 from stepdiag.daq.capture.route import Route, agrees
 from stepdiag.daq.capture.steadiness import against_itself
-from stepdiag.daq.capture.window import RESOLUTION_FLOOR_UM, Window, summarise
+from stepdiag.daq.capture.window import RESOLUTION_FLOOR_UM, Window, find_plateaus, summarise
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import StopRules
 from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Break, Span, StreamBuffer

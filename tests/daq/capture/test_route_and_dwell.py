@@ -6,8 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.daq.capture.dwell import TRANSITIONS, DwellTracker, State, count_steps
-from stepdiag.daq.capture.plateau import find_plateaus
 from stepdiag.daq.capture.route import judge_step, make_route
+from stepdiag.daq.capture.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, Volume
 
