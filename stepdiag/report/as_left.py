@@ -36,9 +36,9 @@ def build_as_left(
 
 def _changes(before: Result, after: Result, words: Mapping[str, str]) -> Table:
     """Return squareness and scale before and after, each with its U (k = 2)."""
-    rows = [(name, _with_u(q), _with_u(after.squareness[name]), q.unit) for name, q in before.squareness.items()]
+    rows = [(name, _with_u(q), _with_u(after.squareness[name]), "µrad") for name, q in before.squareness.items()]
     return Table(header=(words["name"], words["as_found"], words["as_left"], words["unit"]), rows=rows)
 
 
 def _with_u(found: Quantity) -> str:
-    return shown(found.value) if found.u is None or found.value is None else f"{shown(found.value)} ± {shown(2 * found.u)}"
+    return shown(found.value, 2) if found.u is None or found.value is None else f"{shown(found.value, 2)} ± {shown(2 * found.u, 2)}"

@@ -71,12 +71,17 @@ def facts_table(result: Result, words: Mapping[str, str]) -> Table:
     said = result.extra.get("survey")
     known: Mapping[str, Any] = said if isinstance(said, dict) else {}
     shadowed = {"date"} if known.get("begun") else set()
-    rows = [(words[name], shown(known[name])) for name in FACTS if known.get(name) and name not in shadowed]
+    rows = [(words[name], _fact(known[name])) for name in FACTS if known.get(name) and name not in shadowed]
     rows.append((words["compensation"], _compensation(result, words)))
     rows.append((words["reference_temperature"], words["at_20_c" if known.get("at_20_c") else "as_measured"]))
     rows.append((words["sign"], words["sign_convention"]))
     rows.append((words["standards"], words["standards_used"]))
     return Table(header=(), rows=rows)
+
+
+def _fact(value: object) -> str:
+    """Return a fact as it was stated: a wavelength keeps its six digits."""
+    return f"{value:.9g}" if isinstance(value, float) else shown(value)
 
 
 def effect_table(conclusion: Conclusion, as_left: "AsLeft | None", words: Mapping[str, str]) -> Table:

@@ -327,6 +327,13 @@ def test_a_german_report_writes_commas_and_keeps_versions_and_hashes() -> None:
     assert listed.sha256 in html
 
 
+def test_a_wavelength_keeps_its_digits() -> None:
+    """633 nm is another laser than 632.991 nm: a certificate says what was used."""
+    result = made_up_result(survey={"machine": "VM 500", "wavelength_nm": 632.991})
+    rows = facts_table(result, {**catalogue("common", "en"), **catalogue("report", "en")}).rows
+    assert "632.991" in [row[1] for row in rows]
+
+
 def test_the_annex_lists_the_logs_with_their_hashes(tmp_path: Path) -> None:
     """Those that lie beside the result, in the order of their recording; a result without logs has no such table."""
     (tmp_path / "result.json").write_text(made_up_result().to_json(), encoding="utf-8")
