@@ -197,6 +197,34 @@ def test_firmware_315_is_read_without_its_wrong_phase():
     assert "not used" in samples.notices[0].text
 
 
+@pytest.mark.parametrize("size", [7, 29, 64])
+def test_the_quick_way_through_a_steady_stream_is_the_slow_one(size):
+    """Chunks that end in the middle of a line: what several give at once is what each would have given, and nothing comes twice."""
+    stream = lines(*(line(k, 10 * k) for k in range(1, 81)))
+    chunks = [(stream[at : at + size], at) for at in range(0, len(stream), size)]
+    slow, quick = UmdDecoder(UmdSettings()), UmdDecoder(UmdSettings())
+    wanted = [slow.feed(*chunk) for chunk in chunks]
+    found, steady = [quick.feed(*chunk) for chunk in chunks[:12]], 0
+    for first in range(12, len(chunks), 5):
+        group = chunks[first : first + 5]
+        at_once = quick.feed_steady(group)
+        steady += at_once is not None
+        found += [at_once] if at_once is not None else [quick.feed(*chunk) for chunk in group]
+    assert steady > 3
+    for column in ("counter", "position_mm", "flags"):
+        both = [np.concatenate([getattr(samples, column) for samples in those]) for those in (found, wanted)]
+        np.testing.assert_array_equal(*both)
+
+
+def test_a_greeting_within_a_count_that_goes_on_is_no_restart():
+    """Three samples after the greeting, each one on: nothing began anew."""
+    decoder = UmdDecoder(UmdSettings())
+    decoder.feed(lines(line(5), line(6)), 1)
+    samples = decoder.feed(GREETING + line(7) + line(8) + line(9), 2)
+    assert samples.counter.tolist() == [7, 8, 9]
+    assert "restart" not in codes(samples)
+
+
 def test_a_sample_rate_below_zero_is_told_as_the_board_said_it():
     """Code 8 is the rate in hundredths of a hertz (instruments 1.A)."""
     samples = decode(lines(line(1, code=8, data=-250)))

@@ -275,6 +275,13 @@ class TestIdentity:
     def test_a_unit_or_switch_that_contradicts(self, line, code):
         assert self.codes(line) == {code}
 
+    @pytest.mark.parametrize(("bits", "own_um"), [("01", 10.0), ("00", 1.0), ("10", 0.1)])
+    def test_the_least_input_increment_is_that_of_1013(self, bits, own_um):
+        """1013#0 is IS-A, #1 IS-C, neither IS-B."""
+        for said_um in (10.0, 1.0, 0.1):
+            found = self.codes(f"N01013Q1A1P000000{bits}", least_input_um=said_um)
+            assert ("least-input-differs" in found) == (said_um != own_um)
+
     @pytest.mark.parametrize(
         ("old", "new", "code"),
         [
