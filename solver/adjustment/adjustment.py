@@ -40,6 +40,7 @@ from stepdiag.solver.model.noise import (
     variance_scale,
 )
 from stepdiag.solver.model.priors import angular_effect_um, has_stated_u, make_prior, origin_pattern
+from stepdiag.solver.model.warmth import at_one_temperature
 
 TILT_ROUNDS = 2
 COMMON_ROUNDS = 2
@@ -106,7 +107,8 @@ def adjust(
     the scales of setups are random effects of the sizes ``assumed``, as far as the readings do not say better. Raises ``UsageError``
     for a wrong chain, ``DataError`` for angles that do not span the volume.
     """
-    return _Task(layout, chain, angles or {}, straightness, assumed or Assumptions()).run()
+    usual = assumed or Assumptions()
+    return _Task(at_one_temperature(layout, usual), chain, angles or {}, straightness, usual).run()
 
 
 def _both_ways(layout: Layout) -> bool:
@@ -148,7 +150,7 @@ class _Task:
             text = "a head's angles are relative to the first position: its error is in all the others"
             nothing = np.zeros((len(layout), self.beside["angle origin"].shape[1]))
             self.effects.append(Effect(name="angle origin", text=text, pattern_um=nothing))
-        self.sizes = Sizes(np.ones(0), np.ones(0), 1.0)
+        self.sizes = Sizes(np.ones(0), np.ones(0, dtype=np.bool_), 1.0)
         self.settled = self.clean = False
 
     def run(self) -> Adjustment:
@@ -195,8 +197,8 @@ class _Task:
         pattern = np.hstack([np.zeros((len(self.rows), 0)), *(self._on_all_rows(effect) for effect in effects)])
         group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
         usual = MixedFit(fixed, Causes.of(fixed, pattern), np.ones(pattern.shape[1]))
-        searched = [effect.spread if self.clean or effect.name == "angles" else 0.0 for effect in effects]
-        sizes = scored(usual, group, np.array(searched, dtype=np.float64), self._noise)
+        sought = [effect.sought and (self.clean or effect.name == "angles") for effect in effects]
+        sizes = scored(usual, group, np.array(sought, dtype=np.bool_), self._noise)
         return sized(usual, sizes.factor[group] / np.sqrt(sizes.noise)), sizes
 
     def _on_all_rows(self, effect: Effect) -> Vector:

@@ -25,6 +25,9 @@ MOST_INCREMENTS = 500
 grow with the second to third power."""
 SHORTEST_MACHINE_MM = 10.0
 
+POINTS = 350
+"""Of `anywhere_mm`."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Volume:
@@ -92,3 +95,13 @@ def linear_stops_mm(volume: Volume, setup: str) -> Vector:
     stops = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (volume.increments + 1, 1))
     stops[:, axis] = volume.nodes_mm(axis)
     return stops
+
+
+def anywhere_mm(volume: Volume) -> Vector:
+    """Return `POINTS` points spread evenly over the volume and in no step with the targets, shape (points, 3): wherever a tool may go.
+
+    A Kronecker sequence with the powers of the root of x^4 = x + 1 (Roberts 2018).
+    """
+    share = np.mod(0.5 + np.outer(np.arange(1, POINTS + 1), 1.2207440846057596 ** -np.arange(1.0, 4.0)), 1.0)
+    points: Vector = np.asarray(volume.origin_mm) + share * np.asarray(volume.size_mm)
+    return points

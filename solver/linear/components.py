@@ -1,6 +1,7 @@
 """How large the causes of a mixed fit are: restricted maximum likelihood, one size a group, the usual one where the readings are silent.
 
-Fisher scoring on the logarithm of the sizes (Searle, Casella, McCulloch 1992, 8.3); the usual size is a normal prior of that logarithm.
+Fisher scoring on the logarithm of the sizes (Searle, Casella, McCulloch 1992, 8.3). The prior of a size has the user's as its most likely
+order of magnitude and goes on to nothing: a cause may be absent (after the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
 """
 
 from collections.abc import Callable
@@ -17,46 +18,59 @@ LARGEST_STEP = 1.5
 SETTLED = 1e-3
 FURTHEST = 7.0
 """Sizes stay within e^7 of what is usual: beyond, the logarithm has nothing to say any more."""
+HEAD, TAIL = 0.5, 4.0
+"""Powers of the size with which the prior of its logarithm begins and falls: one in four below a tenth of the usual size, half below 0.47
+of it, one in twenty beyond three times."""
+_LEAST_CURVED = 0.1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sizes:
-    """What became of the groups: ``factor`` (groups,) by which each is larger than usual, ``spread`` of the logarithm of it (k = 1),
-    and the variance of the noise relative to what the weights say."""
+    """What became of the groups: ``factor`` (groups,) by which each is larger than usual, whether it was ``sought``, and the variance of
+    the noise relative to what the weights say."""
 
     factor: Vector
-    spread: Vector
+    sought: NDArray[np.bool_]
     noise: float
+
+
+def log_prior(log_factor: Vector) -> Vector:
+    """Return the logarithm of the density of a size's logarithm, up to a constant, by how much it is beyond that of the usual one."""
+    found: Vector = HEAD * log_factor - 0.5 * (TAIL + HEAD) * np.log1p(HEAD / TAIL * np.exp(2.0 * log_factor))
+    return found
+
+
+def _prior_slope(log_factor: Vector) -> tuple[Vector, Vector]:
+    """Return the first derivative of `log_prior` and how far it is curved down."""
+    square = HEAD / TAIL * np.exp(2.0 * log_factor)
+    first = HEAD - (TAIL + HEAD) * square / (1.0 + square)
+    return first, np.maximum(2.0 * (TAIL + HEAD) * square / (1.0 + square) ** 2, _LEAST_CURVED)
 
 
 Noise = Callable[[float, int], float]
 """The variance of the noise relative to what the weights say, from chi-square and degrees of freedom."""
 
 
-def scored(mixed: MixedFit, group: NDArray[np.int64], spread: Vector, noise_of: Noise) -> Sizes:
+def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_], noise_of: Noise) -> Sizes:
     """Return the sizes that the readings make most likely.
 
-    ``mixed`` brings the usual sizes, ``group`` (q,) numbers the group of each cause; ``spread`` (groups,) is the standard deviation of the
-    logarithm of the usual size, 0 where it is known.
+    ``mixed`` brings the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought`` (groups,) says whose size is not known.
     """
-    log = np.zeros(len(spread))
-    free = np.flatnonzero(spread > 0)
-    information = np.zeros((len(free), len(free)))
-    precision = np.diag(1.0 / spread[free] ** 2)
+    log = np.zeros(len(sought))
+    free = np.flatnonzero(sought)
     noise = noise_of(mixed.chi_square, mixed.freedom)
     member = (group[:, None] == free).astype(np.float64)
     for _ in range(ROUNDS if len(free) else 0):
         here = sized(mixed, np.exp(log)[group] / np.sqrt(noise))
         gradient, information = _slope(here, member, noise)
-        step = np.linalg.solve(information + precision, gradient - precision @ log[free])
+        first, curved = _prior_slope(log[free])
+        step = np.linalg.solve(information + np.diag(curved), gradient + first)
         largest = max(float(np.max(np.abs(step))), 1e-30)
         log[free] = np.clip(log[free] + step * min(1.0, LARGEST_STEP / largest), -FURTHEST, FURTHEST)
         noise = noise_of(here.chi_square, here.freedom)
         if largest < SETTLED:
             break
-    left = np.zeros(len(spread))
-    left[free] = np.sqrt(np.diag(np.linalg.inv(information + precision)))
-    return Sizes(np.exp(log), left, noise)
+    return Sizes(np.exp(log), sought, noise)
 
 
 def sized(mixed: MixedFit, factor: Vector) -> MixedFit:

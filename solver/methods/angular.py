@@ -9,6 +9,7 @@ from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.result.prediction import TAIL
 from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
@@ -43,18 +44,21 @@ def cause_place(found: Adjustment, name: str) -> int:
     return sum(effect.count for effect in found.effects[: names.index(name)])
 
 
-def angle_size_urad(found: Adjustment) -> tuple[float, float] | None:
-    """Return the range over the travel that the readings make most likely of an angular function, and the factor it is known within."""
+def angle_size_urad(found: Adjustment, spread: Spread) -> tuple[float, float, float] | None:
+    """Return the range over the travel that the readings make likely of an angular function: the median size and those that 95 % lie
+    between; None where no angular function is unknown."""
     if not found.shapes.names:
         return None
-    place = [effect.name for effect in found.effects].index("angles")
-    usual = float(np.mean(found.shapes.range_urad))
-    return usual * float(found.sizes.factor[place]), float(np.exp(found.sizes.spread[place]))
+    place = spread.names.index("angles")
+    usual = float(np.mean(found.shapes.range_urad)) * float(found.sizes.factor[place])
+    likely = usual * spread.families[place].factor if place in spread.families else np.full(1, usual)
+    low, middle, high = (float(size) for size in np.quantile(likely, (TAIL, 0.5, 1.0 - TAIL)))
+    return middle, low, high
 
 
-def angle_findings(found: Adjustment, resolved: Sequence[str], volume_um: dict[str, Any]) -> list[Finding]:
+def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], volume_um: dict[str, Any]) -> list[Finding]:
     """Return what is to be known about the angular functions that were not measured."""
-    size = angle_size_urad(found)
+    size = angle_size_urad(found, spread)
     if size is None:
         return []
     if len(resolved) == len(found.shapes.names):
@@ -64,7 +68,7 @@ def angle_findings(found: Adjustment, resolved: Sequence[str], volume_um: dict[s
     what = "the angular functions" if len(unknown) == len(ROTATIONS) else ", ".join(unknown)
     text = (
         f"{what} were not measured; the closure of the readings says that this machine turns by about {size[0]:.2g} urad over the travel "
-        f"of an axis (within a factor of {size[1]:.2g}): after an ideal compensation about {volume_um['now']:.2g} um (rms) remain, "
+        f"of an axis ({size[1]:.2g} to {size[2]:.2g} urad): after an ideal compensation about {volume_um['now']:.2g} um (rms) remain, "
         f"with a head's angles about {volume_um['with_head']:.2g} um; give an angles file"
     )
     return [Finding(code="angles-unmeasured", severity="info", text=text)]

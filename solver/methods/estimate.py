@@ -138,7 +138,7 @@ def solve_estimate(
     reports = setup_reports(found)
     resolved = resolved_angles(layout, chain, found.shapes.names)
     findings = (
-        *layout.findings,
+        *found.layout.findings,
         *_missing(done),
         *found.findings,
         *setup_findings(found, reports),
@@ -173,7 +173,7 @@ def solve_estimate(
         "standards": standards_report(layout, found.assumed),
         **({"monte_carlo": drawn_surveys(done.spread, done.quantities, done.known, done.u, trials)} if trials else {}),
     }
-    return replace(result, findings=(*result.findings, *angle_findings(found, resolved, left)), extra=extra)
+    return replace(result, findings=(*result.findings, *angle_findings(found, done.spread, resolved, left)), extra=extra)
 
 
 def _noise_text(found: Adjustment) -> str:

@@ -7,11 +7,13 @@ from typing import Any
 import numpy as np
 
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.geometry.volume import Vector, anywhere_mm
 from stepdiag.solver.linear.components import sized
+from stepdiag.solver.linear.families import likely_factors
 from stepdiag.solver.methods.angular import cause_place, rms
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.quantities import Quantities
+from stepdiag.solver.model.reported import POSITIONING
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.prediction import predicted, volumetric_u_um
@@ -20,17 +22,15 @@ from stepdiag.solver.uncertainty.machine import Machine, covariance, machine_of,
 from stepdiag.solver.uncertainty.monte_carlo import monte_carlo
 from stepdiag.solver.uncertainty.spread import Spread
 
-LATTICE = 6
 HEAD_URAD = 1.0
 """What a 4-DOF head leaves of an angular function."""
+SHORTEST = 0.5
+"""What is known of the logarithm of an arch where the waves are hardly longer than two increments: drawn functions of five half waves on
+five increments differ from what their values say by a factor of 1.3 on average."""
+_ENDS = 1.2
+"""Drawn functions leave the curve so much more than single waves do: it is less sure at its ends."""
 _BENT, _BENT_TWICE = 6.0, 70.0
 """Variances of the second and fourth difference of independent values over theirs."""
-
-
-def lattice_mm(volume: Volume, nodes: int = LATTICE) -> Vector:
-    """Return a regular lattice over the volume, shape (nodes ** 3, 3)."""
-    axes = [low + size * np.linspace(0.0, 1.0, nodes) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
 def make_posterior(
@@ -43,8 +43,8 @@ def make_posterior(
     first = cause_place(found, "angles") if found.shapes.names else 0
     machine = machine_of(found.design, found.shapes, first, len(mixed.size))
     offset = _offset(machine, wider, spread) if len(rows) else np.zeros(len(machine.names))
-    between = between_um(errors, found.assumed)
-    return posterior_of(covariance(wider, machine), machine, found.layout.volume, found.design.chain, offset, between)
+    posterior = posterior_of(wider, machine, found.layout.volume, found.design.chain, offset, "angles")
+    return replace(posterior, between_um=between_um(errors, found.assumed))
 
 
 def _offset(machine: Machine, wider: Spread, spread: Spread) -> Vector:
@@ -55,36 +55,38 @@ def _offset(machine: Machine, wider: Spread, spread: Spread) -> Vector:
     return found
 
 
-def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str, float]:
-    """Return by how much each displacement function may leave the straight line in the middle between two targets (k = 1).
+def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str, Vector]:
+    """Return equally likely sizes of what each displacement function may do in the middle between two targets beside the straight line.
 
-    From how much its values bend from target to target beyond their noise; waves shorter than two increments leave no trace there and
-    count as assumed, for the positioning functions that they belong to (screw, scale).
+    How its values bend from target to target beyond their noise says it within a factor. Waves that leave no trace at the targets are
+    looked for in the positioning functions (screw, scale): no reading tells how large they are, or whether they are there at all.
     """
-    found = {}
+    factor, found = likely_factors(), {}
+    likely = np.quantile(np.random.default_rng(3).standard_normal(10_000), (np.arange(len(factor)) + 0.5) / len(factor))
     for name in DISPLACEMENTS:
         function = errors[name]
-        hidden = assumed.between_um if name[1] == name[2] else 0.0
-        if function.value is None or len(function.value) < 3:
-            found[name] = float(np.hypot(assumed.shape_um, hidden))
-        else:
-            noise = 0.0 if function.u_readings is None else rms(function.u_readings)
-            found[name] = float(np.hypot(arch_um(function.value, noise), hidden))
+        arch, within = assumed.shape_um, 0.0
+        if function.value is not None and len(function.value) > 2:
+            arch, within = arch_um(function.value, 0.0 if function.u_readings is None else rms(function.u_readings))
+        hidden = assumed.between_um * float(name in POSITIONING) * np.roll(factor, len(factor) // 2)
+        found[name] = np.hypot(arch * np.exp(within * likely), hidden)
     return found
 
 
-def arch_um(value: Vector, noise_um: float) -> float:
-    """Return by how much a function leaves the straight line in the middle between two of its values (rms), from how these bend.
+def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
+    """Return by how much a function leaves the smooth curve in the middle between two of its values (rms), from how these bend, and the
+    standard deviation of the logarithm of that.
 
-    A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth ones their square, and leaves the line by
-    1 - cos(w/2), all times its size: the ratio of the differences tells w.
+    A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth ones their square: their ratio tells w. With
+    c = cos(w/2) it leaves the cubic through its values (`solver.result.field.Smoothed`) by (1 - c)^2 (1 + c/2), all times its size.
+    Waves of nearly two increments look longer than they are.
     """
     bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
     if bent == 0.0 or len(value) < 5:
-        return float(bent) / 5.0
+        return float(bent) / 8.0, SHORTEST
     twice = np.sqrt(max(rms(np.diff(value, n=4)) ** 2 - _BENT_TWICE * noise_um**2, 0.0))
     half = np.sqrt(1.0 - 0.25 * min(twice / bent, 4.0))  # cos(w/2)
-    return float(bent / (4.0 * (1.0 + half)))
+    return float(_ENDS * bent * (1.0 - half) * (1.0 + 0.5 * half) / (4.0 * (1.0 + half))), float(min(2.5 * (1.0 - half) ** 2, SHORTEST))
 
 
 def budget(
@@ -120,7 +122,7 @@ def drawn_surveys(spread: Spread, quantities: Quantities, known: Mapping[str, bo
 
 def volume_report(result: Result) -> dict[str, Any]:
     """Return the volumetric uncertainty (rms, k = 1), and what is to be expected as the machine stands and after an ideal compensation."""
-    points = lattice_mm(result.volume)
+    points = anywhere_mm(result.volume)
     told = predicted(result, points, -error_field_um(result, points))
     return {"volumetric_u_um": volumetric_u_um(result, points), "predicted": told.as_json()}
 
@@ -133,7 +135,7 @@ def left_with_head_um(found: Adjustment, spread: Spread, now_um: float) -> dict[
     place = [effect.name for effect in found.effects].index("angles")
     usual = float(np.mean(found.shapes.range_urad)) * found.sizes.factor[place]
     factor = np.where(spread.group == place, min(1.0, 2.0 * HEAD_URAD / usual), 1.0)
-    sure = replace(found.sizes, spread=np.where(np.arange(len(found.effects)) == place, 0.0, found.sizes.spread))
+    sure = replace(found.sizes, sought=found.sizes.sought & (np.arange(len(found.effects)) != place))
     quiet = replace(spread, fit=sized(spread.fit, factor), sizes=sure)
     machine = machine_of(found.design, found.shapes, cause_place(found, "angles"), len(spread.group))
     with_head, without = (volumetric_um(covariance(one, machine), machine, volume, chain) for one in (quiet, spread))

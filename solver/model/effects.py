@@ -15,6 +15,7 @@ from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import rotation_coefficients
 from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.model.warmth import counted_mm, excess_c
 from stepdiag.solver.result.result import ROTATIONS
 from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
@@ -23,18 +24,16 @@ LINE_SHARE, WAVE_SHARE = 0.3, 0.32
 half waves fall with their number, as those of guideways do. Drawn functions of that prior have the range one on average."""
 MOST_WAVES = 16
 WANDER_WAVES = 3
-LOOSE, SURE = 0.8, 0.5
-"""Standard deviation of the logarithm of a usual size: known within a factor of five (angles), of two (what the hall does)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Effect:
-    """One kind of cause: ``pattern_um`` (m, k) on the readings, ``spread`` of the logarithm of its size (0: known), what was assumed."""
+    """One kind of cause: ``pattern_um`` (m, k) on the readings, whether its size is ``sought`` in them, what was assumed."""
 
     name: str
     text: str
     pattern_um: Vector
-    spread: float = 0.0
+    sought: bool = False
 
     @property
     def count(self) -> int:
@@ -96,7 +95,7 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> Effect:
         pieces.append(size * arms[:, axis, component, None] * shapes.at(share))
     sizes = " or ".join(sorted({f"{size:g}" for size in shapes.range_urad}, key=float))
     text = f"angular functions that nobody measured: smooth, {sizes} urad over the travel"
-    return Effect(name="angles", text=text, pattern_um=np.hstack(pieces), spread=LOOSE)
+    return Effect(name="angles", text=text, pattern_um=np.hstack(pieces), sought=True)
 
 
 def _elapsed(layout: Layout) -> Vector:
@@ -118,7 +117,7 @@ def _by(index: NDArray[np.int64], values: Vector) -> Vector:
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
     """Return a ramp for each unbroken count; where the return pass lets the adjustment find the ramp, its price is nil."""
     pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
-    return Effect(name="drift", text=f"a ramp of {assumed.drift_um:g} um in a pass", pattern_um=pattern, spread=SURE)
+    return Effect(name="drift", text=f"a ramp of {assumed.drift_um:g} um in a pass", pattern_um=pattern, sought=True)
 
 
 def _wander(layout: Layout, assumed: Assumptions) -> Effect:
@@ -131,7 +130,7 @@ def _wander(layout: Layout, assumed: Assumptions) -> Effect:
     waves = [np.sqrt(2.0 * whole) * np.sin(turn * elapsed / np.maximum(whole, 1e-9)) / turn for turn in turns]
     pattern = assumed.wander_um * np.hstack([_by(layout.offset_index, wave) for wave in waves])
     text = f"beside the ramp, a pass wanders by {assumed.wander_um:g} um"
-    return Effect(name="wander", text=text, pattern_um=pattern, spread=SURE)
+    return Effect(name="wander", text=text, pattern_um=pattern, sought=True)
 
 
 def travel_mm(layout: Layout) -> Vector:
@@ -149,7 +148,7 @@ def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
         f"from setup to setup the machine warms by {assumed.setup_c:g} C unseen, the air changes by {1e6 * assumed.index_setup:g} ppm, "
         f"beams within {assumed.alignment_mrad:g} mrad: {size_um_m:.2g} um/m"
     )
-    return Effect(name="setup scale", text=text, pattern_um=size_um_m * _by(layout.setup_index, along_m), spread=SURE)
+    return Effect(name="setup scale", text=text, pattern_um=size_um_m * _by(layout.setup_index, along_m), sought=True)
 
 
 def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
@@ -160,10 +159,14 @@ def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:
 
 
 def _material(layout: Layout, assumed: Assumptions) -> Effect:
-    """Return per axis the effect of its temperature and of its coefficient where the readings were reduced to 20 C (theory 8.7)."""
+    """Return per axis the effect of its temperature and of its coefficient (theory 8.7).
+
+    Both are in the lengths where the readings were reduced to 20 C; the coefficient also where they were brought to one temperature.
+    """
     along_m = 1e-3 * travel_mm(layout) * float(assumed.reduced_to_20_c)
     excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C
     by_temperature = along_m * np.array(assumed.expansion_um_m_c) * assumed.u_material_c
-    by_coefficient = along_m * excess * assumed.u_expansion_um_m_c
+    levelled = 1e-3 * counted_mm(layout) * excess_c(layout, assumed)[:, None]
+    by_coefficient = (along_m * excess + levelled) * assumed.u_expansion_um_m_c
     text = f"temperature of each axis known to {assumed.u_material_c:g} C, its coefficient to {assumed.u_expansion_um_m_c:g} um/m/C"
     return Effect(name="material temperature", text=text, pattern_um=np.hstack([by_temperature, by_coefficient]))

@@ -26,7 +26,8 @@ class Layout:
     the mirror (theory 4.3), ``approach`` the sign in which every axis travels in the pass, ``deviation_um`` the reading minus its nominal
     value. Readings of one ``zero_index`` share the zero of the laser's count; of them, an outward pass and its return have one
     ``offset_index``: what they do not explain together is reversal or drift. ``clock`` counts the drift within an out-and-back pair: hours
-    where ``timed`` (every stop has a stamp), else stops; ``hours`` are the stamps themselves, NaN where there are none.
+    where ``timed`` (every stop has a stamp), else stops; ``hours`` are the stamps themselves, ``temperature_c`` is the material's at each
+    stop, both NaN where there are none.
     """
 
     source: str
@@ -49,6 +50,7 @@ class Layout:
     clock: Vector
     timed: NDArray[np.bool_]
     hours: Vector
+    temperature_c: Vector
     findings: tuple[Finding, ...] = ()
 
     def __len__(self) -> int:
@@ -88,6 +90,7 @@ class Layout:
 _COLUMNS = (
     "setup_index", "pass_index", "zero_index", "offset_index", "stop", "position_mm", "direction", "beam_mm", "spot_mm", "approach",
     "reading_mm", "deviation_um", "u_um", "clock", "timed", "hours",
+    "temperature_c",
 )  # fmt: skip
 
 
@@ -192,6 +195,7 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
         clock=clock,
         timed=timed,
         hours=readings.time_s[order] / 3600.0,
+        temperature_c=readings.temperature_c[order],
     )
 
 

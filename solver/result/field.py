@@ -7,7 +7,7 @@ import numpy as np
 
 from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
 from stepdiag.solver.geometry.volume import AXES, Vector, Volume
-from stepdiag.solver.result.result import SQUARENESS, Result
+from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
 
 
 class Tabulated(NamedTuple):
@@ -25,8 +25,29 @@ class Tabulated(NamedTuple):
         return values
 
 
+class Smoothed(NamedTuple):
+    """As `Tabulated`, bent between the positions: cubic, with the slope of the parabola through each value and its neighbours."""
+
+    position_mm: Vector
+    value: Vector
+
+    def at(self, points_mm: Vector) -> Vector:
+        """Return the values at positions, shape (machines, N)."""
+        if len(self.position_mm) < 3:
+            return Tabulated(self.position_mm, self.value).at(points_mm)
+        slope = np.gradient(self.value, self.position_mm, axis=1, edge_order=2)
+        place = np.clip(np.searchsorted(self.position_mm, points_mm, side="right") - 1, 0, len(self.position_mm) - 2)
+        length = self.position_mm[place + 1] - self.position_mm[place]
+        share = np.clip((points_mm - self.position_mm[place]) / length, 0.0, 1.0)
+        left, right = self.value[:, place], self.value[:, place + 1]
+        rise = right - left
+        start, end = slope[:, place] * length - rise, rise - slope[:, place + 1] * length
+        values: Vector = left + share * rise + share * (1.0 - share) * ((1.0 - share) * start + share * end)
+        return values
+
+
 def field_of_um(
-    volume: Volume, chain: str, functions: Mapping[str, Tabulated], squareness: Mapping[str, Vector], points_mm: Vector
+    volume: Volume, chain: str, functions: Mapping[str, Tabulated | Smoothed], squareness: Mapping[str, Vector], points_mm: Vector
 ) -> Vector:
     """Return the error of one or several machines at points (N, 3), shape (machines, N, 3) in um.
 
@@ -69,6 +90,20 @@ def error_field_um(result: Result, points_mm: Vector) -> Vector:
     squareness = {name: np.array([quantity.value or 0.0]) for name, quantity in result.squareness.items()}
     field: Vector = field_of_um(result.volume, result.chain, functions, squareness, points_mm)[0]
     return field
+
+
+def bend_um(result: Result, points_mm: Vector) -> Vector:
+    """Return what smooth displacement functions do between their values beside the straight line, at points, shape (N, 3).
+
+    It is in the machine and not in tables that are straight between the values.
+    """
+    known = {name: result.errors[name] for name in DISPLACEMENTS if name in result.errors}
+    parts = []
+    for kind in (Smoothed, Tabulated):
+        tables = {name: kind(one.position_mm, one.value[None, :]) for name, one in known.items() if one.value is not None}
+        parts.append(field_of_um(result.volume, result.chain, tables, {}, points_mm)[0])
+    bent: Vector = parts[0] - parts[1]
+    return bent
 
 
 def without_rigid_motion(volume: Volume, points_mm: Vector, errors_um: Vector) -> Vector:

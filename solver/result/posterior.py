@@ -4,10 +4,13 @@
 
 A mode is a machine of its own: functions and squarenesses that go together because one cause moves them all. What is too small or
 too much alone to need a mode is ``rest``: values that differ each by itself. Everything that is said about the volume comes from here.
+
+The last modes belong to causes whose size is not known. Several sizes are equally likely; at each of them the amount of such a mode
+is ``shift + scale z`` instead of z, with a mean square of one over all sizes.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -17,16 +20,39 @@ from stepdiag.solver.result.json_tree import Node
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UnknownSize:
+    """How the last modes reach at each of the equally likely sizes: ``scale`` and ``shift``, shapes (sizes, modes)."""
+
+    scale: Vector
+    shift: Vector
+
+    @classmethod
+    def nothing(cls) -> "UnknownSize":
+        """Return that no mode depends on a size."""
+        return cls(scale=np.ones((1, 0)), shift=np.zeros((1, 0)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Posterior:
     """``position_mm`` by axis letter, shapes (k,); ``offset`` (k,), ``modes`` (modes, k) and ``rest`` (k,) by function (um, urad) and
-    squareness (urad, k = 1), absent where nothing is uncertain. ``between_um``: what a function may do in the middle between two
-    targets beside the straight line, one standard deviation."""
+    squareness (urad, k = 1), absent where nothing is uncertain. ``between_um``: equally likely sizes, shapes (sizes,), of what a function
+    may do in the middle between two targets beside the straight line. ``sized`` says how the last modes depend on a size that is not
+    known."""
 
     position_mm: Mapping[str, Vector]
     offset: Mapping[str, Vector]
     modes: Mapping[str, Vector]
     rest: Mapping[str, Vector]
-    between_um: Mapping[str, float]
+    between_um: Mapping[str, Vector]
+    sized: UnknownSize = field(default_factory=UnknownSize.nothing)
+
+    def drawn(self, draws: int) -> Vector:
+        """Return amounts of the `deviations` for machines drawn from the posterior, shape (draws, deviations); always the same ones."""
+        z = np.random.default_rng(0).standard_normal((draws, self.count + sum(len(values) for values in self.rest.values())))
+        size = np.arange(draws) % len(self.sized.scale)
+        mine = slice(self.count - self.sized.scale.shape[1], self.count)
+        z[:, mine] = self.sized.shift[size] + self.sized.scale[size] * z[:, mine]
+        return np.column_stack([np.ones(draws), z])
 
     @property
     def count(self) -> int:
@@ -56,7 +82,8 @@ class Posterior:
             "offset": {name: _short(values) for name, values in self.offset.items()},
             "modes": {name: [_short(mode) for mode in values] for name, values in self.modes.items()},
             "rest": {name: _short(values) for name, values in self.rest.items()},
-            "between_um": dict(self.between_um),
+            "between_um": {name: _short(sizes) for name, sizes in self.between_um.items()},
+            "sized": {"scale": [_short(one) for one in self.sized.scale], "shift": [_short(one) for one in self.sized.shift]},
         }
 
 
@@ -86,5 +113,30 @@ def parse_posterior(root: Node) -> Posterior:
     }
     if len({len(values) for values in modes.values()}) > 1:
         root.child("modes").refuse("as many modes for every name")
-    between = {name: root.child("between_um").child(name).number() for name in root.child("between_um").mapping()}
-    return Posterior(position_mm=positions, offset=columns("offset"), modes=modes, rest=columns("rest"), between_um=between)
+    between = {name: _parse_between(root.child("between_um").child(name)) for name in root.child("between_um").mapping()}
+    count = max((len(values) for values in modes.values()), default=0)
+    return Posterior(
+        position_mm=positions,
+        offset=columns("offset"),
+        modes=modes,
+        rest=columns("rest"),
+        between_um=between,
+        sized=_parse_sizes(root.child("sized"), count) if "sized" in root.mapping() else UnknownSize.nothing(),
+    )
+
+
+def _parse_between(node: Node) -> Vector:
+    """Return the sizes; results of this version once said one alone."""
+    if isinstance(node.value, int | float):
+        return np.array([node.number()])
+    sizes = node.numbers()
+    if not len(sizes):
+        node.refuse("one size at least")
+    return sizes
+
+
+def _parse_sizes(node: Node, most: int) -> UnknownSize:
+    scale, shift = ([one.numbers() for one in node.child(part).items()] for part in ("scale", "shift"))
+    if not scale or len(scale) != len(shift) or len({len(one) for one in (*scale, *shift)}) > 1 or len(scale[0]) > most:
+        node.refuse("as many rows of scale as of shift, one number a mode at most")
+    return UnknownSize(scale=np.array(scale), shift=np.array(shift))

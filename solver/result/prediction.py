@@ -5,17 +5,18 @@ holds 95 % of them (k = 2). The same draws serve everything: verify, report, pag
 """
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.result.field import Tabulated, error_field_um, field_of_um, rigid_motions
+from stepdiag.solver.result.field import Tabulated, bend_um, error_field_um, field_of_um, rigid_motions
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.posterior import Posterior
-from stepdiag.solver.result.result import DISPLACEMENTS, Result
+from stepdiag.solver.result.result import Result
 
-DRAWS = 1000
+DRAWS, FOR_LARGEST = 2000, 250
 _TOGETHER = 250
 """Draws worked out together: a few megabytes."""
 TAIL = 0.02275
@@ -51,19 +52,19 @@ class Predicted:
 
 def predicted(result: Result, points_mm: Vector, correction_um: Vector) -> Predicted:
     """Return what an independent check would find at points (N, 3) before and after ``correction_um`` (N, 3) is applied."""
-    before = error_field_um(result, points_mm)
+    before = error_field_um(result, points_mm) + bend_um(result, points_mm)
     posterior = result.posterior
     moved = _moved(result, posterior, points_mm)
-    alone = np.sqrt(_between_square_um(result, posterior, points_mm))
-    draw = np.random.default_rng(0)
-    amount = np.column_stack([np.ones(DRAWS), draw.standard_normal((DRAWS, len(moved) - 1))])
-    each = (alone * draw.standard_normal((DRAWS, *alone.shape))).reshape(DRAWS, -1) if np.any(alone) else None
+    amount = np.ones((1, 1)) if posterior is None else posterior.drawn(DRAWS)
+    between = _between(result, posterior, points_mm, len(amount))
     motions = rigid_motions(result.volume, points_mm)
     parts: dict[str, dict[str, tuple[Vector, Vector]]] = {}
     for name, free in (("as_it_is", None), ("without_rigid_motion", motions)):
+        flat = _flat(moved, free)
         parts[name] = {}
         for when, field in (("before", before), ("after", before + correction_um)):
-            parts[name][when] = _lengths_um(_flat(field[None], free)[0], _flat(moved, free), amount, each)
+            whole = np.vstack([_flat(field[None], free) + flat[:1], flat[1:]])
+            parts[name][when] = _rms_um(whole, amount, between), _largest_um(whole, amount[:FOR_LARGEST], between)
     known = posterior is not None
     return Predicted(
         **{
@@ -95,29 +96,58 @@ def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
     return flat if motions is None else flat - (flat @ motions) @ motions.T
 
 
-def _between_square_um(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
-    """Return the mean square at the points of what functions do between their values beside the straight line, shape (N, 3): an arch."""
-    total = np.zeros((len(points_mm), 3))
-    for name, arch in posterior.between_um.items() if posterior is not None else ():
+class Between(NamedTuple):
+    """What functions may do between their values beside the straight line, each point by itself: the height of an arch there
+    (functions, N), the component that is moved (functions,), and standard deviations in the middle (draws, functions)."""
+
+    arch: Vector
+    component: NDArray[np.int64]
+    size_um: Vector
+
+    def square_um(self, some: slice) -> Vector:
+        """Return the mean square at the points of some draws, shape (draws, N, 3)."""
+        found = np.zeros((len(self.size_um[some]), self.arch.shape[1], 3))
+        for place, component in enumerate(self.component):
+            found[:, :, component] += (self.size_um[some, place, None] * self.arch[place]) ** 2
+        return found
+
+
+def _between(result: Result, posterior: Posterior | None, points_mm: Vector, draws: int) -> Between:
+    all_sizes = {} if posterior is None else posterior.between_um
+    arch, size = np.zeros((len(all_sizes), len(points_mm))), np.zeros((draws, len(all_sizes)))
+    alike = np.random.default_rng(1).permutation(draws)
+    for place, (name, sizes) in enumerate(all_sizes.items()):
         at, nodes = points_mm[:, "XYZ".index(name[2])], result.errors[name].position_mm
-        place = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
-        share = np.clip((at - nodes[place]) / (nodes[place + 1] - nodes[place]), 0.0, 1.0)
-        total[:, "XYZ".index(name[1])] += (4.0 * arch * share * (1.0 - share)) ** 2
-    return total
+        low = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
+        share = np.clip((at - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0, 1.0)
+        arch[place] = 4.0 * share * (1.0 - share)
+        # one machine: what one axis hides the others hide too
+        size[:, place] = sizes[alike % len(sizes)]
+    return Between(arch, np.array(["XYZ".index(name[1]) for name in all_sizes], dtype=np.int64), size)
 
 
-def _lengths_um(field: Vector, moved: Vector, amount: Vector, each: Vector | None) -> tuple[Vector, Vector]:
-    """Return root mean square and largest length of the error vector of every draw, shapes (draws,)."""
-    rms, largest = np.empty(len(amount)), np.empty(len(amount))
+def _rms_um(whole: Vector, amount: Vector, between: Between) -> Vector:
+    """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic form of the amounts.
+
+    What lies between the targets at so many points by itself adds its mean.
+    """
+    points = whole.shape[1] // 3
+    square = np.sum((amount @ (whole @ whole.T)) * amount, axis=1) + between.size_um**2 @ np.sum(between.arch**2, axis=1)
+    found: Vector = np.sqrt(np.maximum(square, 0.0) / points)
+    return found
+
+
+def _largest_um(whole: Vector, amount: Vector, between: Between) -> Vector:
+    """Return the largest length of the error vector of every draw, shape (draws,)."""
+    rng = np.random.default_rng(2)
+    largest = np.empty(len(amount))
     for start in range(0, len(amount), _TOGETHER):
-        some = slice(start, start + _TOGETHER)
-        drawn = field + amount[some] @ moved
-        if each is not None:
-            drawn += each[some]
-        square = np.sum(drawn.reshape(len(drawn), -1, 3) ** 2, axis=2)
-        rms[some] = np.sqrt(np.mean(square, axis=1))
-        largest[some] = np.sqrt(np.max(square, axis=1))
-    return rms, largest
+        some = slice(start, min(start + _TOGETHER, len(amount)))
+        drawn = (amount[some] @ whole).reshape(some.stop - start, -1, 3)
+        if between.size_um.size:
+            drawn += np.sqrt(between.square_um(some)) * rng.standard_normal(drawn.shape)
+        largest[some] = np.sqrt(np.max(np.sum(drawn**2, axis=2), axis=1))
+    return largest
 
 
 def volumetric_u_um(result: Result, points_mm: Vector) -> float | None:
@@ -125,5 +155,9 @@ def volumetric_u_um(result: Result, points_mm: Vector) -> float | None:
     if result.posterior is None:
         return None
     moved = _flat(_moved(result, result.posterior, points_mm), rigid_motions(result.volume, points_mm))
-    between = sum(result.posterior.between_um[name] ** 2 for name in DISPLACEMENTS if name in result.posterior.between_um)
-    return float(np.sqrt(np.sum(moved[1:] ** 2) / len(points_mm) + BETWEEN_SHARE * between))
+    between = sum(float(np.mean(sizes**2)) for sizes in result.posterior.between_um.values())
+    sized = result.posterior.sized
+    own = moved[1 + result.posterior.count - sized.scale.shape[1] : 1 + result.posterior.count]
+    # what the modes of unknown size do together at one size beside what each of them does by itself
+    together = np.sum((sized.shift @ own) ** 2) / len(sized.shift) - np.sum(np.mean(sized.shift**2, axis=0) @ own**2)
+    return float(np.sqrt((np.sum(moved[1:] ** 2) + together) / len(points_mm) + BETWEEN_SHARE * between))

@@ -1,6 +1,7 @@
 """The result of a survey and its JSON form (contract 4)."""
 
 import json
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from importlib.metadata import version
@@ -29,6 +30,8 @@ _ENTRIES = (
     "format", "version", "software", "method", "volume", "chain",
     "errors", "expected", "reversal", "squareness", "scale", "setups", "findings", "posterior",
 )  # fmt: skip
+_NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
+"""A list of numbers: it stands in one line."""
 DECIMALS = 6
 """Numbers are written to this many decimals: a picometre, a picoradian, a nanometre of position."""
 
@@ -123,7 +126,8 @@ class Result:
             **self.extra,
             **({} if self.posterior is None else {"posterior": self.posterior.as_json()}),
         }
-        return json.dumps(_rounded(document), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+        text = json.dumps(_rounded(document), indent=2, ensure_ascii=False, allow_nan=False)
+        return _NUMBERS.sub(lambda found: "[" + " ".join(found[0][1:-1].split()) + "]", text) + "\n"
 
 
 def _volume_json(volume: Volume) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.linear.components import Sizes
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.mixed import Causes, MixedFit
@@ -23,13 +23,12 @@ from stepdiag.solver.model.reported import POSITIONING, reported, sloped
 from stepdiag.solver.result.field import Tabulated, field_of_um, rigid_motions
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
+from stepdiag.solver.uncertainty.modes import BySize, by_size, factored
 from stepdiag.solver.uncertainty.spread import Spread
 
 MOST_POSITIONS = 20
 """Increments of the positions at which modes are written: finer surveys are not smoother."""
-LATTICE = 5
-MOST_MODES, TOLD = 30, 0.995
-"""A mode more is written until they hold this share of the variance over the volume."""
+MOST_MODES = 40
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,19 +97,31 @@ def covariance(spread: Spread, machine: Machine) -> Vector:
     return 0.5 * (matrix + matrix.T)
 
 
-def posterior_of(found: Vector, machine: Machine, volume: Volume, chain: str, offset: Vector, between_um: Mapping[str, float]) -> Posterior:
-    """Return the modes of a covariance of the machine's values (k, k); ``offset`` (k,) is where they are to be expected beside the
-    reported ones."""
-    weight = np.sqrt(np.mean(np.sum(fields_um(machine, volume, chain) ** 2, axis=2), axis=1))
-    factor, left = _factored(found, weight)
+def posterior_of(spread: Spread, machine: Machine, volume: Volume, chain: str, offset: Vector, of_unknown_size: str) -> Posterior:
+    """Return how the machine may differ from what is reported, in modes; ``offset`` (k,) is where it is to be expected beside that.
+
+    The causes of the group ``of_unknown_size`` have modes of their own: how far these reach depends on a size that is not known either.
+    """
+    fields = fields_um(machine, volume, chain).reshape(len(machine.names), -1)
+    found = covariance(spread, machine)
+    family = spread.families.get(spread.names.index(of_unknown_size)) if of_unknown_size in spread.names else None
+    own = BySize.nothing(len(found))
+    if family is not None:
+        moved = spread.moved(machine.combination, machine.on_causes)
+        found = found - moved @ (family.surplus() + family.alone()) @ moved.T
+        own = by_size(moved @ family.direction, family, fields, MOST_MODES)
+    factor, left = factored(found, fields, MOST_MODES)
+    left = np.hypot(left, own.left)
     positions = {letter: volume.nodes_mm(axis)[mode_nodes(volume)] for axis, letter in enumerate(AXIS_LETTERS)}
     names = tuple(dict.fromkeys(machine.names))
+    modes = np.vstack([factor.T, own.modes.T])
     return Posterior(
         position_mm=positions,
         offset={name: values[0] for name, values in _by_name(machine, names, volume, offset[None, :]) if np.any(values)},
-        modes={name: values for name, values in _by_name(machine, names, volume, factor.T) if len(values)},
+        modes={name: values for name, values in _by_name(machine, names, volume, modes) if len(values)},
         rest={name: values[0] for name, values in _by_name(machine, names, volume, left[None, :]) if np.any(values)},
-        between_um=dict(between_um),
+        between_um={},
+        sized=own.sized,
     )
 
 
@@ -132,19 +143,14 @@ def volumetric_um(found: Vector, machine: Machine, volume: Volume, chain: str) -
     removed."""
     field = fields_um(machine, volume, chain)
     flat = field.reshape(len(field), -1)
-    motions = rigid_motions(volume, _lattice_mm(volume))
+    motions = rigid_motions(volume, anywhere_mm(volume))
     flat = flat - (flat @ motions) @ motions.T
     return float(np.sqrt(max(float(np.sum((found @ flat) * flat)), 0.0) / field.shape[1]))
 
 
-def _lattice_mm(volume: Volume) -> Vector:
-    axes = [low + size * np.linspace(0.0, 1.0, LATTICE) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
-    return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
-
-
 def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
     """Return what one unit of each value does to the error over the volume, shape (k, points, 3)."""
-    points = _lattice_mm(volume)
+    points = anywhere_mm(volume)
     field = np.zeros((len(machine.names), len(points), 3))
     for name in dict.fromkeys(machine.names):
         mine = np.flatnonzero(np.array(machine.names) == name)
@@ -158,26 +164,6 @@ def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
     return field
 
 
-def _factored(found: Vector, weight: Vector) -> tuple[Vector, Vector]:
-    """Return columns of which the products make the covariance but for the returned standard deviations (pivoted Cholesky).
-
-    The next pivot is what matters most over the volume; of equal ones the first, so that rounding does not choose.
-    """
-    left = np.diag(found).copy()
-    total = float(np.sum(weight**2 * left))
-    columns: list[Vector] = []
-    while len(columns) < min(MOST_MODES, len(left)):
-        matters = weight**2 * left
-        if float(np.sum(matters)) <= (1.0 - TOLD) * total:
-            break
-        pivot = int(np.argmax(matters >= (1.0 - 1e-6) * np.max(matters)))
-        column = found[:, pivot] - sum((one[pivot] * one for one in columns), np.zeros(len(left)))
-        columns.append(column / np.sqrt(left[pivot]))
-        left = np.maximum(left - columns[-1] ** 2, 0.0)
-        left[pivot] = 0.0
-    return np.column_stack([np.zeros((len(left), 0)), *columns]), np.sqrt(left)
-
-
 def usual_sizes(groups: int) -> Sizes:
     """Return sizes as assumed, for a survey that was not driven yet."""
-    return Sizes(np.ones(groups), np.zeros(groups), 1.0)
+    return Sizes(np.ones(groups), np.zeros(groups, dtype=np.bool_), 1.0)

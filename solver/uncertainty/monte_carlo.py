@@ -38,7 +38,9 @@ def monte_carlo(spread: Spread, asked: Rows, *, trials: int = TRIALS, seed: int 
     deviations = np.empty((len(asked), trials))
     for some in _blocks(trials, len(noise) + len(causes)):
         count = some.stop - some.start
-        sizes = np.exp(rng.standard_normal((count, len(spread.names))) * spread.sizes.spread)
+        sizes = np.ones((count, len(spread.names)))
+        for place, family in spread.families.items():
+            sizes[:, place] = rng.choice(family.factor, count)
         drawn = rng.standard_normal((count, len(causes))) * spread.fit.size * sizes[:, spread.group]
         deviations[:, some] = (rng.standard_normal((count, len(noise))) @ noise + drawn @ causes).T
     low, high = shortest_interval(deviations, probability)

@@ -1,8 +1,8 @@
 """What is known of unknowns and amounts after the adjustment: variances of any combination, by readings alone and with everything.
 
 ``combination @ unknowns + on_causes @ amount`` has the variance ``K C K' + T M T'`` with ``T = on_causes - K taken``: C is the
-covariance of the unknowns were the causes known, M that of the amounts. M holds also that their sizes are not known: the readings
-say them within ``spread``, and the sum over sizes is taken at three points of each (law of total variance).
+covariance of the unknowns were the causes known, M that of the amounts. M holds also that their sizes are not known: it is summed over
+the sizes that the readings and the prior leave likely (law of total variance; `solver.linear.families`).
 """
 
 from dataclasses import dataclass
@@ -12,14 +12,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.linear.components import Sizes, sized
+from stepdiag.solver.linear.components import Sizes
+from stepdiag.solver.linear.families import Family, families
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.linear.rows import Rows
 
 _NONE = 1e-9
 """A variance (um^2, urad^2) below which there is none."""
-_AWAY = np.sqrt(3.0)
-"""Three-point rule of Gauss and Hermite: at 0 and this many standard deviations to either side, weights 2/3, 1/6, 1/6."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -32,17 +31,14 @@ class Spread:
     sizes: Sizes
 
     @cached_property
+    def families(self) -> dict[int, Family]:
+        """Return what is likely of every group whose size is not known, by its number."""
+        return families(self.fit, self.group, self.sizes)
+
+    @cached_property
     def amount(self) -> Vector:
         """Return the covariance of the amounts with everything that is uncertain about them, shape (q, q)."""
-        base = self.fit.amount_covariance
-        total = base.copy()
-        for place in np.flatnonzero(self.sizes.spread > 0):
-            for side in (-1.0, 1.0):
-                factor = np.where(self.group == place, np.exp(side * _AWAY * self.sizes.spread[place]), 1.0)
-                other = sized(self.fit, factor)
-                apart = other.amount - self.fit.amount
-                total += (other.amount_covariance - base + np.outer(apart, apart)) / 6.0
-        return total
+        return sum((family.surplus() for family in self.families.values()), self.fit.amount_covariance)
 
     @cached_property
     def amount_by_readings(self) -> Vector:
@@ -67,12 +63,17 @@ class Spread:
         return found
 
     def shares(self, moved: Vector) -> dict[str, Vector]:
-        """Return the standard uncertainty that each group of causes makes by itself, shapes (k,); the rest is by their unknown sizes."""
+        """Return the standard uncertainty that each group of causes makes by itself, shapes (k,); the rest is by their unknown sizes.
+
+        Where smaller sizes are likelier than the one found, all groups make less.
+        """
         size = np.where(self.fit.size > 0, self.fit.size, np.inf)
         each = (moved @ (self.fit.amount_covariance / size)) ** 2
-        found = {name: np.sqrt(np.sum(each[:, self.group == place], axis=1)) for place, name in enumerate(self.names)}
-        known = self.variance_by_readings(moved) + np.sum(each, axis=1)
-        return {**found, SIZES_UNKNOWN: np.sqrt(np.maximum(self.variance(moved) - known, 0.0))}
+        beside = np.maximum(self.variance(moved) - self.variance_by_readings(moved), 0.0)
+        known = np.sum(each, axis=1)
+        less = np.sqrt(np.minimum(1.0, beside / np.where(known > 0, known, 1.0)))
+        found = {name: less * np.sqrt(np.sum(each[:, self.group == place], axis=1)) for place, name in enumerate(self.names)}
+        return {**found, SIZES_UNKNOWN: np.sqrt(np.maximum(beside - known, 0.0))}
 
 
 SIZES_UNKNOWN = "sizes of these"

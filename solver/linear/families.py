@@ -1,0 +1,101 @@
+"""How likely each size of a group of causes is, and what the group's amounts are at each: the posterior of a variance component.
+
+With the other groups as they were found, a group's amounts fall apart into independent directions, whatever its size:
+
+    variance = f^2 / (1 + f^2 seen),    amount = variance * shown,    f = size / size found
+
+so that all sizes cost one eigenvalue decomposition (Harville 1974 for the likelihood, Searle, Casella, McCulloch 1992, 9.2).
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.components import FURTHEST, Sizes, log_prior
+from stepdiag.solver.linear.mixed import MixedFit
+
+POINTS = 15
+"""Sizes, each as likely as the others, that stand for all."""
+_FINE = 281
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """A group's independent directions: ``direction`` (q, k) moves all amounts, the others adapting; ``seen`` and ``shown`` (k,).
+
+    ``factor`` (points,): equally likely sizes, relative to the one found.
+    """
+
+    direction: Vector
+    seen: Vector
+    shown: Vector
+    factor: Vector
+
+    def variance(self, factor: Vector) -> Vector:
+        """Return the variance of every direction's amount at sizes, shape (sizes, k)."""
+        square = factor[:, None] ** 2
+        found: Vector = square / (1.0 + square * self.seen)
+        return found
+
+    def scale(self) -> Vector:
+        """Return the standard deviation of every direction's amount at the points, shape (points, k)."""
+        found: Vector = np.sqrt(self.variance(self.factor))
+        return found
+
+    def shift(self) -> Vector:
+        """Return by how much the amounts at the points differ from those at the size found, shape (points, k)."""
+        found: Vector = (self.variance(self.factor) - self.variance(np.ones(1))) * self.shown
+        return found
+
+    def surplus(self) -> Vector:
+        """Return the covariance of the amounts over all sizes less that at the size found, in all amounts, shape (q, q)."""
+        beside = np.diag(np.mean(self.variance(self.factor), axis=0) - self.variance(np.ones(1))[0])
+        moved = self.shift()
+        matrix: Vector = self.direction @ (beside + moved.T @ moved / len(moved)) @ self.direction.T
+        return matrix
+
+    def alone(self) -> Vector:
+        """Return what the group adds to the covariance of the amounts at the size found, shape (q, q)."""
+        matrix: Vector = (self.direction * self.variance(np.ones(1))[0]) @ self.direction.T
+        return matrix
+
+
+def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Family:
+    """Return the family of the causes ``mine`` (q,) of a fit, of which the size found is ``exp(log_found)`` times the usual one."""
+    seen, shown, size = fit.causes.seen, fit.causes.shown, fit.size
+    others = np.flatnonzero(~mine)
+    own = np.flatnonzero(mine)
+    damped = np.eye(len(others)) + size[others, None] * seen[np.ix_(others, others)] * size[others]
+    across = seen[np.ix_(others, own)] * size[own]
+    adapting = size[others, None] * np.linalg.solve(damped, size[others, None] * np.column_stack([across, shown[others]]))
+    matrix = size[own, None] * seen[np.ix_(own, own)] * size[own] - across.T @ adapting[:, :-1]
+    value, vector = np.linalg.eigh(0.5 * (matrix + matrix.T))
+    direction = np.zeros((len(size), len(own)))
+    direction[own] = size[own, None] * vector
+    direction[others] = -adapting[:, :-1] @ vector
+    known = np.maximum(value, 0.0)
+    told = vector.T @ (size[own] * shown[own] - across.T @ adapting[:, -1])
+    return Family(direction, known, told, _points(known, told, log_found))
+
+
+def _points(seen: Vector, shown: Vector, log_found: float) -> Vector:
+    """Return the sizes in the middle of `POINTS` equally likely ranges, relative to the one found."""
+    log = np.linspace(-FURTHEST, FURTHEST, _FINE) - log_found
+    square = np.exp(2.0 * log)[:, None]
+    likely = 0.5 * np.sum(square * shown**2 / (1.0 + square * seen) - np.log1p(square * seen), axis=1) + log_prior(log + log_found)
+    share = np.cumsum(np.exp(likely - np.max(likely)))
+    middle = (np.arange(POINTS) + 0.5) / POINTS
+    found: Vector = np.exp(np.interp(middle, share / share[-1], log))
+    return found
+
+
+def likely_factors() -> Vector:
+    """Return equally likely sizes, relative to the usual one, of a cause that no reading shows, shape (points,)."""
+    return _points(np.zeros(1), np.zeros(1), 0.0)
+
+
+def families(fit: MixedFit, group: NDArray[np.int64], sizes: Sizes) -> dict[int, Family]:
+    """Return the family of every group whose size was sought, by its number."""
+    return {int(place): family_of(fit, group == place, float(np.log(sizes.factor[place]))) for place in np.flatnonzero(sizes.sought)}

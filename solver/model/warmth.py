@@ -1,0 +1,62 @@
+"""The machine's temperature from stop to stop: what it grows by during a survey is taken off before the adjustment.
+
+Each reading is brought to the mean temperature of the survey, with the expansion coefficients assumed: the result stands for one
+temperature, as measured. How well the coefficients are known is an effect of the adjustment (`solver.model.effects`).
+"""
+
+from dataclasses import replace
+
+import numpy as np
+
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.layout import Layout
+
+STEADY_C = 0.005
+"""Temperatures that differ by less are one: thermometers resolve 0.01 C."""
+WORTH_SAYING_C = 0.1
+
+
+def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
+    """Return how much warmer the machine was in each reading's pass than on the mean of the survey, shape (m,).
+
+    The mean of a pass counts: a thermometer's resolution must not become noise of the stops. Zero everywhere where a reading has no
+    temperature, where all have the same, and where the readings were reduced to 20 C before.
+    """
+    known = layout.temperature_c
+    if assumed.reduced_to_20_c or not len(known) or not np.all(np.isfinite(known)) or np.ptp(known) <= STEADY_C:
+        return np.zeros(len(known))
+    count = np.maximum(np.bincount(layout.pass_index), 1)
+    of_pass = np.bincount(layout.pass_index, weights=known) / count
+    warmer: Vector = of_pass[layout.pass_index] - np.mean(known)
+    return warmer
+
+
+def counted_mm(layout: Layout) -> Vector:
+    """Return the commanded travel since the zero of each reading's count along its direction, axis by axis, shape (m, 3)."""
+    first = np.unique(layout.zero_index, return_index=True)[1]
+    number = np.searchsorted(layout.zero_index[first], layout.zero_index)
+    travelled: Vector = (layout.position_mm - layout.position_mm[first][number]) * layout.direction
+    return travelled
+
+
+def at_one_temperature(layout: Layout, assumed: Assumptions) -> Layout:
+    """Return the layout with every deviation as it would be at the mean temperature of the survey, and a finding where that matters."""
+    warmer = excess_c(layout, assumed)
+    if not np.any(warmer):
+        return layout
+    grown = 1e-3 * (counted_mm(layout) @ np.array(assumed.expansion_um_m_c)) * warmer
+    return replace(layout, deviation_um=layout.deviation_um - grown, findings=(*layout.findings, *_said(layout, assumed)))
+
+
+def _said(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
+    low, mean, high = (float(of(layout.temperature_c)) for of in (np.min, np.mean, np.max))
+    if high - low < WORTH_SAYING_C:
+        return ()
+    per_axis = ", ".join(f"{one:g}" for one in dict.fromkeys(assumed.expansion_um_m_c))
+    text = (
+        f"the machine was {low:.2f} to {high:.2f} C warm: every reading is brought to the mean of {mean:.2f} C with {per_axis} um/m/C, "
+        "and the result holds for that temperature"
+    )
+    return (Finding(code="temperature-levelled", severity="info", text=text),)
