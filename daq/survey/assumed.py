@@ -2,9 +2,15 @@
 
 from dataclasses import replace
 
-from stepdiag.daq.survey.models import Survey, Uncertainty
+import numpy as np
+
+from stepdiag.daq.survey.models import Environment, Survey, Uncertainty
 from stepdiag.exporters.files.settings import convert, read_toml, refuse
 from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.standards.air import Air, AirUncertainty, index_u
+
+VACUUM_WAVELENGTH_NM = 633.0
+"""The index's uncertainty hardly depends on it."""
 
 
 def assumptions_of(survey: Survey) -> Assumptions:
@@ -12,7 +18,7 @@ def assumptions_of(survey: Survey) -> Assumptions:
     machine = survey.machine
     warm = survey.environment.material_temperature_c
     return replace(
-        _stated(survey.uncertainty),
+        _stated(survey.uncertainty, survey.environment),
         expansion_um_m_c=machine.expansion_um_m_c,
         material_c=(warm, warm, warm),
         reduced_to_20_c=machine.apply_expansion,
@@ -27,17 +33,34 @@ def parse_uncertainty(text: str, source: str) -> Assumptions:
     document = read_toml(text, source)
     if "uncertainty" not in document:
         raise refuse(source, "uncertainty", "a table [uncertainty]", list(document))
-    return _stated(convert(document["uncertainty"], Uncertainty, source, "uncertainty"))
+    return _stated(convert(document["uncertainty"], Uncertainty, source, "uncertainty"), Environment())
 
 
-def _stated(section: Uncertainty) -> Assumptions:
+def _index(section: Uncertainty, environment: Environment) -> float:
+    """Return the relative standard uncertainty of index and wavelength: from the certificates where they are stated, else as assumed."""
+    sensors = AirUncertainty(
+        temperature_c=section.u_air_temperature_c,
+        pressure_hpa=section.u_air_pressure_hpa,
+        humidity_percent=section.u_relative_humidity_percent,
+    )
+    if not any((sensors.temperature_c, sensors.pressure_hpa, sensors.humidity_percent, section.u_laser_ppm)):
+        return 1e-6 * section.index_ppm
+    air = Air(
+        temperature_c=np.array([environment.air_temperature_c]),
+        pressure_hpa=np.array([environment.air_pressure_hpa]),
+        humidity_percent=np.array([environment.relative_humidity_percent]),
+    )
+    return float(np.hypot(index_u(air, VACUUM_WAVELENGTH_NM, sensors)[0], 1e-6 * section.u_laser_ppm))
+
+
+def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
     return Assumptions(
         angles_urad=section.angles_urad,
         drift_um=section.drift_um,
         wander_um=section.wander_um,
         repeatability_um=section.repeatability_um,
         setup_c=section.setup_c,
-        index=1e-6 * section.index_ppm,
+        index=_index(section, environment),
         index_setup=1e-6 * section.index_setup_ppm,
         u_material_c=section.u_material_c,
         u_expansion_um_m_c=section.u_expansion_um_m_c,

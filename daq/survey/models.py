@@ -320,6 +320,10 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     repeatability_um: NotNegative = 0.1
     setup_c: NotNegative = 0.02
     index_ppm: NotNegative = 0.2
+    u_air_temperature_c: NotNegative = 0.0
+    u_air_pressure_hpa: NotNegative = 0.0
+    u_relative_humidity_percent: NotNegative = 0.0
+    u_laser_ppm: NotNegative = 0.0
     index_setup_ppm: NotNegative = 0.05
     u_material_c: NotNegative = 0.3
     u_expansion_um_m_c: NotNegative = 1.0

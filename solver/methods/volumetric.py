@@ -9,7 +9,7 @@ import numpy as np
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.geometry.volume import Vector, anywhere_mm
 from stepdiag.solver.linear.components import sized
-from stepdiag.solver.linear.families import likely_factors
+from stepdiag.solver.linear.families import likely_factors, normal_points
 from stepdiag.solver.methods.angular import cause_place, rms
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.quantities import Quantities
@@ -18,7 +18,7 @@ from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.prediction import predicted, volumetric_u_um
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
-from stepdiag.solver.uncertainty.machine import Machine, covariance, machine_of, posterior_of, usual_rows, volumetric_um, with_usual
+from stepdiag.solver.uncertainty.machine import Machine, covariance, machine_of, over_volume, posterior_of, usual_rows, with_usual
 from stepdiag.solver.uncertainty.monte_carlo import monte_carlo
 from stepdiag.solver.uncertainty.spread import Spread
 
@@ -62,7 +62,7 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     looked for in the positioning functions (screw, scale): no reading tells how large they are, or whether they are there at all.
     """
     factor, found = likely_factors(), {}
-    likely = np.quantile(np.random.default_rng(3).standard_normal(10_000), (np.arange(len(factor)) + 0.5) / len(factor))
+    likely = normal_points(len(factor))
     for name in DISPLACEMENTS:
         function = errors[name]
         arch, within = assumed.shape_um, 0.0
@@ -138,5 +138,5 @@ def left_with_head_um(found: Adjustment, spread: Spread, now_um: float) -> dict[
     sure = replace(found.sizes, sought=found.sizes.sought & (np.arange(len(found.effects)) != place))
     quiet = replace(spread, fit=sized(spread.fit, factor), sizes=sure)
     machine = machine_of(found.design, found.shapes, cause_place(found, "angles"), len(spread.group))
-    with_head, without = (volumetric_um(covariance(one, machine), machine, volume, chain) for one in (quiet, spread))
+    with_head, without = (over_volume(covariance(one, machine), machine, volume, chain)[0] for one in (quiet, spread))
     return {"now": now_um, "with_head": float(np.sqrt(max(now_um**2 - without**2 + with_head**2, 0.0)))}

@@ -1,12 +1,18 @@
 """The uncertainty that a survey will have, from where its stops are: the model of the adjustment without a reading."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.components import sized
+from stepdiag.solver.linear.families import likely_factors, normal_points
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.mixed import Causes, MixedFit
+from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.effects import AngleShapes, angle_shapes, effects_of
@@ -14,22 +20,44 @@ from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import starting_u_um
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import identified, reported, variance
-from stepdiag.solver.result.prediction import BETWEEN_SHARE
-from stepdiag.solver.result.result import DISPLACEMENTS
-from stepdiag.solver.uncertainty.machine import covariance, machine_of, usual_rows, usual_sizes, volumetric_um, with_usual
+from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.prediction import BETWEEN_SHARE, TAIL
+from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS
+from stepdiag.solver.uncertainty.machine import (
+    Machine,
+    covariance,
+    free_fields_um,
+    machine_of,
+    over_volume,
+    usual_names,
+    usual_rows,
+    usual_sizes,
+    usual_sizes_of,
+    with_usual,
+)
 from stepdiag.solver.uncertainty.spread import Spread
 
-ROUGH = 0.4
-"""What lies in the middle between two of n + 1 targets, as a share of shape / n^1.5: of functions whose half waves fall with the square
-of their number."""
+CURVED, BENT = 22.0, 6.7
+"""What functions of five half waves that fall with their number leave beside the smooth curve through n + 1 targets, over shape / n^3, and
+between that and the straight lines that tables run along, over shape / n^2 (root mean square over the travel; measured on drawn ones)."""
+_NEXT_TO_NONE = 1e-3
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Foresight:
-    """``u`` by name: root mean square over a function's nodes, absent where not identified; ``volumetric_um`` over the volume."""
+    """``u`` by name: root mean square over a function's nodes, absent where not identified; ``volumetric_um`` over the volume (k = 1)."""
 
     u: dict[str, float]
     volumetric_um: float
+    parts: Callable[[], "_Parts"]
+
+    @cached_property
+    def left_um(self) -> Interval:
+        """Return what an ideal compensation will be predicted to leave, at k = 2, as `solver.result.prediction` does after the survey.
+
+        It costs as much as the rest of a forecast, and only the surveys that are shown need it.
+        """
+        return _left_um(self.parts())
 
 
 def foresee(layout: Layout, chain: str, assumed: Assumptions, increments: int) -> Foresight:
@@ -49,7 +77,8 @@ def foresee(layout: Layout, chain: str, assumed: Assumptions, increments: int) -
     spread = Spread(mixed, group, tuple(effect.name for effect in effects), usual_sizes(len(effects)))
     found = reported(design)
     known = {**dict.fromkeys(DISPLACEMENTS, True), **identified(found, mixed.inverse)}
-    return Foresight(u=_u(found, known, spread), volumetric_um=_volumetric_um(spread, design, shapes, assumed, increments))
+    ahead = _Ahead(spread=spread, design=design, shapes=shapes, assumed=assumed, increments=increments)
+    return Foresight(u=_u(found, known, spread), volumetric_um=ahead.together_um(), parts=lambda: ahead.parts(known))
 
 
 def _u(found: Quantities, known: dict[str, bool], spread: Spread) -> dict[str, float]:
@@ -57,13 +86,112 @@ def _u(found: Quantities, known: dict[str, bool], spread: Spread) -> dict[str, f
     return {name: float(np.sqrt(np.mean(each[found.of(name)] ** 2))) for name in found.groups if known[name]}
 
 
-def _volumetric_um(spread: Spread, design: Design, shapes: AngleShapes, assumed: Assumptions, increments: int) -> float:
-    """Return the root mean square over the volume; every function starts from what is usual, so that a further run can only help."""
-    found = reported(design)
-    rows, u = usual_rows(found, dict.fromkeys(found.names, False), assumed)
-    wider = replace(spread, fit=with_usual(spread.fit, design, rows, u))
-    machine = machine_of(design, shapes, 0, len(spread.group))
-    at_nodes = volumetric_um(covariance(wider, machine), machine, design.volume, design.chain)
-    between = np.sqrt(9.0) * assumed.shape_um * ROUGH / increments**1.5
-    hidden = np.sqrt(3.0) * assumed.between_um
-    return float(np.sqrt(at_nodes**2 + BETWEEN_SHARE * (between**2 + hidden**2)))
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Parts:
+    """Root mean squares over the volume in um: what the result will report as far as its size is known, all that it will not, which no
+    table corrects, what the angles add as usual, waves that no target shows as usual, and what tables leave between targets; and the
+    degrees of freedom of all this."""
+
+    identified_um: float
+    missed_um: float
+    angles_um: float
+    hidden_um: float
+    bent_um: float
+    freedom: float
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Ahead:
+    """The adjustment of a survey that was not driven, in which every function starts from what is usual: a further run can only help."""
+
+    spread: Spread
+    design: Design
+    shapes: AngleShapes
+    assumed: Assumptions
+    increments: int
+
+    @cached_property
+    def machine(self) -> Machine:
+        """Return the machine's values."""
+        return machine_of(self.design, self.shapes, 0, len(self.spread.group))
+
+    @cached_property
+    def usual(self) -> tuple[Rows, Vector]:
+        """Return the rows of what is usual, and their standard uncertainties."""
+        found = reported(self.design)
+        return usual_rows(found, dict.fromkeys(found.names, False), self.assumed)
+
+    @cached_property
+    def full(self) -> tuple[float, float]:
+        """Return root mean square over the volume and degrees of freedom with everything as usual."""
+        return self.over(self.usual[1], 1.0)
+
+    def over(self, u: Vector, angles: float) -> tuple[float, float]:
+        """Return root mean square over the volume and degrees of freedom for other usual sizes, and angles larger by a factor."""
+        spread, design = self.spread, self.design
+        turning = spread.group == spread.names.index("angles") if "angles" in spread.names else np.zeros(len(spread.group), dtype=np.bool_)
+        wider = with_usual(spread.fit, design, self.usual[0], u)
+        one = replace(spread, fit=sized(wider, np.where(turning, angles, 1.0)))
+        return over_volume(covariance(one, self.machine), self.machine, design.volume, design.chain)
+
+    @property
+    def curved_um(self) -> float:
+        """Return what functions do between targets beside a smooth curve."""
+        return float(np.sqrt(9.0)) * self.assumed.shape_um * min(CURVED / self.increments**3, 1.0)
+
+    @property
+    def hidden_um(self) -> float:
+        """Return what waves too short for the targets do, as usual."""
+        return float(np.sqrt(3.0 * BETWEEN_SHARE)) * self.assumed.between_um
+
+    def together_um(self) -> float:
+        """Return the standard uncertainty of the volume's errors; the straight lines of tables are not counted."""
+        return float(np.linalg.norm([self.full[0], self.curved_um, self.hidden_um]))
+
+    def parts(self, known: dict[str, bool]) -> _Parts:
+        """Return what the compensation will leave, in parts."""
+        found = reported(self.design)
+        both, freedom = self.full
+        u = self.usual[1]
+        quiet, _ = self.over(u, _NEXT_TO_NONE)
+        missing, missed = _missed_um(found, self.machine, self.design, self.assumed, known)
+        told = self.over(np.where(missing, _NEXT_TO_NONE * u, u), _NEXT_TO_NONE)[0] if np.any(missing) else quiet
+        return _Parts(
+            identified_um=float(np.hypot(told, self.curved_um)),
+            missed_um=missed,
+            angles_um=float(np.sqrt(max(both**2 - quiet**2, 0.0))),
+            hidden_um=self.hidden_um,
+            bent_um=float(np.sqrt(9.0)) * self.assumed.shape_um * min(BENT / self.increments**2, 1.0),
+            freedom=freedom,
+        )
+
+
+def _missed_um(
+    found: Quantities, machine: Machine, design: Design, assumed: Assumptions, known: dict[str, bool]
+) -> tuple[NDArray[np.bool_], float]:
+    """Return which of the usual rows stand for what will not be identified, and the root mean square of that over the volume."""
+    names = usual_names(found, dict.fromkeys(found.names, False), assumed)
+    missing = np.array([not known.get(name, True) for name in names], dtype=np.bool_)
+    if not np.any(missing):
+        return missing, 0.0
+    fields = free_fields_um(machine, design.volume, design.chain)
+    total = 0.0
+    for name, size in usual_sizes_of(assumed).items():
+        if not known.get(name, True):
+            own = np.array(machine.names) == (f"E{name}{name}" if name in AXIS_LETTERS else name)
+            if name in AXIS_LETTERS:
+                length_m = 1e-3 * design.volume.size_mm[AXIS_LETTERS.index(name)]
+                total += float(np.sum((size * length_m * (own * machine.node / design.volume.increments) @ fields) ** 2))
+            else:
+                total += float(np.sum((size * fields[own]) ** 2))
+    return missing, float(np.sqrt(3.0 * total / fields.shape[1]))
+
+
+def _left_um(parts: _Parts) -> Interval:
+    """Return median and 95 % of what will be left, over the likely sizes of angles and hidden waves and over machines."""
+    factor = likely_factors()
+    chance = normal_points(len(factor)) / np.sqrt(2.0 * parts.freedom)
+    angles, hidden = (each[:, None] for each in (parts.angles_um * factor, parts.hidden_um * np.roll(factor, len(factor) // 2)))
+    square = (parts.identified_um**2 + parts.missed_um**2 + angles**2) * np.maximum(1.0 + chance, 0.0) ** 2 + hidden**2 + parts.bent_um**2
+    low, value, high = (float(end) for end in np.sqrt(np.quantile(square, (TAIL, 0.5, 1.0 - TAIL))))
+    return Interval(value_um=value, low_um=low, high_um=high)

@@ -12,9 +12,10 @@ from typing import Literal
 from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.planning.foresight import foresee
+from stepdiag.solver.planning.foresight import Foresight, foresee
 from stepdiag.solver.planning.identifiability import identified_with_angles
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings, plan_minutes
+from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 
 MIN_GAIN = 0.01
@@ -41,17 +42,28 @@ class Forecast:
 
     ``u``: combined standard uncertainty by name, root mean square over a function's nodes, None where not identified (units: um,
     urad, um/m). ``angles`` says whether the readings resolve all angular functions or the assumed size stands for them.
-    ``volumetric_um``: root mean square over the volume of the error vector's uncertainty, rigid motion removed. ``hidden``: independent
-    combinations of the unknowns that no reading shows when the angular functions are unknowns too.
+    ``volumetric_um``: root mean square over the volume of the error vector's uncertainty (k = 1), rigid motion removed; ``left_um``: what
+    an ideal compensation will leave of it there (rms, k = 2), the figure that result and ``verify`` predict after the survey. ``hidden``:
+    independent combinations of the unknowns that no reading shows when the angular functions are unknowns too.
     """
 
     plan: Plan
     minutes: float
-    volumetric_um: float
+    ahead: Foresight
     angles: Literal["assumed", "solved"]
     u: dict[str, float | None]
     resolved: tuple[str, ...]
     hidden: int
+
+    @property
+    def volumetric_um(self) -> float:
+        """Return the uncertainty over the volume."""
+        return self.ahead.volumetric_um
+
+    @property
+    def left_um(self) -> Interval:
+        """Return what compensation will leave."""
+        return self.ahead.left_um
 
     @property
     def resolves_all(self) -> bool:
@@ -113,7 +125,7 @@ def forecast(survey: Plan, about: Circumstances) -> Forecast:
     return Forecast(
         plan=survey,
         minutes=plan_minutes(survey),
-        volumetric_um=ahead.volumetric_um,
+        ahead=ahead,
         angles="solved" if set(resolved) == set(FUNCTIONS) else "assumed",
         u={name: ahead.u.get(name) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)},
         resolved=resolved,
@@ -213,7 +225,7 @@ def bare_survey(survey: Plan) -> Plan:
 def best_survey(
     start: Plan, about: Circumstances, *, available_min: float | None = None, target_um: float | None = None
 ) -> Forecast | None:
-    """Return the survey for a given time, a target uncertainty, or both.
+    """Return the survey for a given time, a target of what compensation leaves (rms over the volume), or both.
 
     None where the start alone takes too long or nothing reaches the target in time. Grown step by step, the highest gain per minute
     first. Resolving all functions pays only when its last step is made, so it is offered as one step as well, with linear runs.
@@ -223,7 +235,7 @@ def best_survey(
     if here.minutes > limit:
         return None
     whole = [*(step.text for step in resolving(here, about)), *(_LINEAR.format(axis.upper()) for axis in AXES)]
-    while target_um is None or here.volumetric_um > target_um:
+    while target_um is None or here.left_um.value_um > target_um:
         steps = [*rank(here, about), *_as_one_step(_walk(here, whole, about), here)]
         fitting = [one for one in steps if one.forecast.minutes <= limit and one.gain_um > MIN_GAIN * here.volumetric_um]
         if not fitting:

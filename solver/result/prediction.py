@@ -52,8 +52,10 @@ class Predicted:
 
 def predicted(result: Result, points_mm: Vector, correction_um: Vector) -> Predicted:
     """Return what an independent check would find at points (N, 3) before and after ``correction_um`` (N, 3) is applied."""
-    before = error_field_um(result, points_mm) + bend_um(result, points_mm)
     posterior = result.posterior
+    before = error_field_um(result, points_mm)
+    if posterior is not None:
+        before = before + bend_um(result, points_mm)
     moved = _moved(result, posterior, points_mm)
     amount = np.ones((1, 1)) if posterior is None else posterior.drawn(DRAWS)
     between = _between(result, posterior, points_mm, len(amount))

@@ -70,11 +70,22 @@ def mode_nodes(volume: Volume) -> NDArray[np.int64]:
     return np.unique(np.round(np.linspace(0, volume.increments, min(volume.increments, MOST_POSITIONS) + 1)).astype(np.int64))
 
 
-def usual_rows(found: Quantities, known: Mapping[str, bool], assumed: Assumptions) -> tuple[Rows, Vector]:
-    """Return rows that hold what is not ``known`` to nothing within what is usual, and their standard uncertainties."""
+def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
+    """Return what a machine of its class usually has, by name: functions in um, squareness in urad, scales in um/m."""
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
     usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad) | dict.fromkeys(AXIS_LETTERS, assumed.scale_um_m)
-    kept = [row for name, size in usual.items() if not known.get(name, True) and size > 0 for row in found.of(name)]
+    return {name: size for name, size in usual.items() if size > 0}
+
+
+def usual_names(found: Quantities, known: Mapping[str, bool], assumed: Assumptions) -> tuple[str, ...]:
+    """Return the name behind each of the `usual_rows`."""
+    return tuple(name for name in usual_sizes_of(assumed) if not known.get(name, True) for _ in found.of(name))
+
+
+def usual_rows(found: Quantities, known: Mapping[str, bool], assumed: Assumptions) -> tuple[Rows, Vector]:
+    """Return rows that hold what is not ``known`` to nothing within what is usual, and their standard uncertainties."""
+    usual = usual_sizes_of(assumed)
+    kept = [row for name in usual if not known.get(name, True) for row in found.of(name)]
     some = found.select(np.array(kept, dtype=np.int64))
     return some.combination, np.array([usual[name] for name in some.names])
 
@@ -138,14 +149,21 @@ def _by_name(machine: Machine, names: Sequence[str], volume: Volume, values: Vec
     return found
 
 
-def volumetric_um(found: Vector, machine: Machine, volume: Volume, chain: str) -> float:
+def over_volume(found: Vector, machine: Machine, volume: Volume, chain: str) -> tuple[float, float]:
     """Return the root mean square over the volume of the error vector that a covariance of the machine's values means, rigid motion
-    removed."""
-    field = fields_um(machine, volume, chain)
-    flat = field.reshape(len(field), -1)
+    removed, and of how many equal independent parts that mean square might consist."""
+    flat = free_fields_um(machine, volume, chain)
+    across = found @ (flat @ flat.T)
+    square = max(float(np.trace(across)), 1e-30)
+    return float(np.sqrt(3.0 * square / flat.shape[1])), square**2 / max(float(np.sum(across * across.T)), 1e-60)
+
+
+def free_fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
+    """Return what one unit of each value does to the error over the volume, rigid motion removed, shape (k, 3 points)."""
+    flat = fields_um(machine, volume, chain).reshape(len(machine.names), -1)
     motions = rigid_motions(volume, anywhere_mm(volume))
-    flat = flat - (flat @ motions) @ motions.T
-    return float(np.sqrt(max(float(np.sum((found @ flat) * flat)), 0.0) / field.shape[1]))
+    free: Vector = flat - (flat @ motions) @ motions.T
+    return free
 
 
 def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:

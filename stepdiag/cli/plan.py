@@ -23,7 +23,9 @@ def register(app: typer.Typer) -> None:
 def plan(
     file: Annotated[Path, typer.Argument(help="The survey file (TOML).")],
     minutes: Annotated[float | None, typer.Option(help="The time there is: the best survey within it.")] = None,
-    target_um: Annotated[float | None, typer.Option(help="The volumetric uncertainty (k = 1) wanted: the best survey down to it.")] = None,
+    target_um: Annotated[
+        float | None, typer.Option(help="What compensation may leave (rms over the volume): the best survey down to it.")
+    ] = None,
     apply: Annotated[
         bool, typer.Option("--apply", help="Write the best survey into the file; without --minutes or --target-um the first addition.")
     ] = False,
@@ -140,6 +142,7 @@ def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
                  for run in forecast.plan.runs],
         "minutes": forecast.minutes,
         "volumetric_u_um": forecast.volumetric_um,
+        "left_um": forecast.left_um.as_json(),
         "angles": forecast.angles,
         "u": forecast.u,
         "resolved": list(forecast.resolved),

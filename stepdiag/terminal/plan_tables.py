@@ -16,10 +16,9 @@ def in_words(forecast: Forecast) -> str:
     """Return runs, time, volumetric uncertainty and how the angular errors are dealt with."""
     runs = ", ".join(run.setup + (f" x{run.repeats}" if run.repeats > 1 else "") for run in forecast.plan.runs)
     hours, minutes = divmod(round(forecast.minutes), 60)
-    expanded = COVERAGE * forecast.volumetric_um
     return (
-        f"{runs}: {hours} h {minutes:02d} min with setting up; volumetric uncertainty {expanded:.2f} um (k = 2, rms over the volume); "
-        f"angular errors {_ANGLES[forecast.angles]}"
+        f"{runs}: {hours} h {minutes:02d} min with setting up; an ideal compensation leaves {forecast.left_um.words()} um "
+        f"(rms over the volume, k = 2), {forecast.left_um.best()} um most probably; angular errors {_ANGLES[forecast.angles]}"
     )
 
 
