@@ -13,6 +13,7 @@ from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.methods.angular import angle_findings, expected_angles
 from stepdiag.solver.methods.contradictions import contradictions
+from stepdiag.solver.methods.coverage import coverage, coverage_findings
 from stepdiag.solver.methods.head_report import head_findings, head_report
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
 from stepdiag.solver.methods.volumetric import budget, drawn_surveys, left_with_head_um, make_posterior, volume_report
@@ -145,6 +146,7 @@ def solve_estimate(
         *contradictions(found, reports),
         *standards_findings(layout),
     )
+    factors = coverage(found, done.quantities, done.known, done.u, done.u_readings)
     of_head = head_report(found, straightness)
     expected = expected_angles(found, done.spread)
     errors = _errors(done)
@@ -170,10 +172,13 @@ def solve_estimate(
         **volume,
         **({"head_straightness": of_head} if of_head else {}),
         "budget": budget(done.spread, done.quantities, done.known, done.u, done.u_readings, texts),
+        **({"coverage": factors} if factors else {}),
         "standards": standards_report(layout, found.assumed),
         **({"monte_carlo": drawn_surveys(done.spread, done.quantities, done.known, done.u, trials)} if trials else {}),
     }
-    return replace(result, findings=(*result.findings, *angle_findings(found, done.spread, resolved, left)), extra=extra)
+    return replace(
+        result, findings=(*result.findings, *coverage_findings(factors), *angle_findings(found, done.spread, resolved, left)), extra=extra
+    )
 
 
 def _noise_text(found: Adjustment) -> str:

@@ -1,0 +1,51 @@
+"""Where k = 2 is not 95 %: the noise was found from few degrees of freedom (GUM G.4, Welch and Satterthwaite)."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from stepdiag.solver.adjustment.adjustment import Adjustment
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.model.noise import noise_classes
+from stepdiag.solver.model.quantities import Quantities
+
+WORTH_SAYING = 2.1
+_MOST = 1e6
+
+
+def t_factor(freedom: float) -> float:
+    """Return the factor that holds 95.45 % of Student's t, 2 for many degrees of freedom (GUM table G.2; good to 2 % from three on)."""
+    z, v = 2.0, max(freedom, 1.0)
+    first = (z**3 + z) / 4.0
+    second = (5.0 * z**5 + 16.0 * z**3 + 3.0 * z) / 96.0
+    third = (3.0 * z**7 + 19.0 * z**5 + 17.0 * z**3 - 15.0 * z) / 384.0
+    return z + first / v + second / v**2 + third / v**3
+
+
+def coverage(found: Adjustment, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector) -> dict[str, Any]:
+    """Return effective degrees of freedom and k for 95 % by name, for those of which k is not about 2: readings that state their own
+    uncertainty are known well enough."""
+    if not noise_classes(found.layout):
+        return {}
+    report = {}
+    for name in (name for name in quantities.groups if known.get(name, True)):
+        rows = quantities.of(name)
+        combined, alone = (float(np.sum(each[rows] ** 2)) for each in (u, u_readings))
+        freedom = min(found.fit.freedom * (combined / alone) ** 2, _MOST) if alone > 0 else _MOST
+        if t_factor(freedom) > WORTH_SAYING:
+            report[name] = {"degrees_of_freedom": freedom, "k": t_factor(freedom)}
+    return report
+
+
+def coverage_findings(report: Mapping[str, Mapping[str, float]]) -> list[Finding]:
+    """Return the finding on uncertainties that want a larger factor than 2."""
+    if not report:
+        return []
+    worst = max(report, key=lambda name: report[name]["k"])
+    text = (
+        "the noise was found from few readings beyond the unknowns: 2 u holds less than 95 %, "
+        f"for {worst} k = {report[worst]['k']:.2g} does ({report[worst]['degrees_of_freedom']:.0f} degrees of freedom); state u_um or repeat passes"
+    )
+    return [Finding(code="coverage-factor", severity="info", text=text)]
