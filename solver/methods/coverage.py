@@ -44,8 +44,9 @@ def coverage_findings(report: Mapping[str, Mapping[str, float]]) -> list[Finding
     if not report:
         return []
     worst = max(report, key=lambda name: report[name]["k"])
+    told = report[worst]
     text = (
         "the noise was found from few readings beyond the unknowns: 2 u holds less than 95 %, "
-        f"for {worst} k = {report[worst]['k']:.2g} does ({report[worst]['degrees_of_freedom']:.0f} degrees of freedom); state u_um or repeat passes"
+        f"for {worst} k = {told['k']:.2g} does ({told['degrees_of_freedom']:.0f} degrees of freedom); state u_um or repeat passes"
     )
     return [Finding(code="coverage-factor", severity="info", text=text)]
