@@ -107,7 +107,7 @@ def estimate(
         adjustment=adjustment,
         quantities=found,
         value=found.combination.times(adjustment.fit.unknowns),
-        u=deviation(alone + spread.variance(moved)),
+        u=deviation(alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
         # of a single increment a function has only its ends: the shape between them is zero, and no combination stands for it
         known={**dict.fromkeys(DISPLACEMENTS, True), **identified(found, inverse)},

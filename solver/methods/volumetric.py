@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag.solver.adjustment.adjustment import Adjustment
+from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector, anywhere_mm
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import likely_factors, normal_points
@@ -27,6 +28,9 @@ HEAD_URAD = 1.0
 SHORTEST = 0.5
 """What is known of the logarithm of an arch where the waves are hardly longer than two increments: drawn functions of five half waves on
 five increments differ from what their values say by a factor of 1.3 on average."""
+HARMFUL = 0.5
+"""Where a function leaves the curve through its values by more than this share of itself, they say little of what is between them: more
+than three and a half waves on ten increments."""
 _ENDS = 1.2
 """Drawn functions leave the curve so much more than single waves do: it is less sure at its ends."""
 _BENT, _BENT_TWICE = 6.0, 70.0
@@ -71,6 +75,25 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
         hidden = assumed.between_um * float(name in POSITIONING) * np.roll(factor, len(factor) // 2)
         found[name] = np.hypot(arch * np.exp(within * likely), hidden)
     return found
+
+
+def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
+    """Return the finding on functions whose waves are hardly longer than two increments: between the targets nobody knows them."""
+    names = []
+    for name in DISPLACEMENTS:
+        value = errors[name].value
+        if value is not None and len(value) > 4:
+            u_readings = errors[name].u_readings
+            arch, _ = arch_um(value, 0.0 if u_readings is None else rms(u_readings))
+            if arch > HARMFUL * rms(value - np.linspace(value[0], value[-1], len(value))):
+                names.append(name)
+    if not names:
+        return []
+    text = (
+        f"{', '.join(names)}: these errors have waves hardly longer than two increments; between the targets a table can make the machine "
+        "worse; drive the survey again with twice as many increments"
+    )
+    return [Finding(code="increments-coarse", severity="warning", text=text)]
 
 
 def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:

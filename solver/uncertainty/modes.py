@@ -12,6 +12,7 @@ TOLD = 0.995
 """A mode more is written until they hold this share of the variance over the volume."""
 UNSEEN = 1e-3
 """A direction of which no likely size shows by more than this share of its variance is not seen: all such are alike."""
+ROUNDING = 1e-9
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,45 +49,51 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
         rest -= np.outer(column, column)
         across -= np.outer(column, seen)
         open_um2 = np.maximum(open_um2 - seen**2, 0.0)
-    return np.column_stack([np.zeros((len(found), 0)), *columns]), _each(np.diag(rest), float(np.sum(open_um2)), fields)
+    return np.column_stack([np.zeros((len(found), 0)), *columns]), _each(np.diag(rest), float(np.sum(open_um2)), total, fields)
 
 
-def _each(square: Vector, over_volume: float, fields: Vector) -> Vector:
-    """Return standard deviations of values by themselves, all smaller by the factor that makes their mean square over the volume right."""
-    alone = float(np.maximum(square, 0.0) @ np.sum(fields**2, axis=1))
-    share = over_volume / alone if alone > 0 else 0.0
-    found: Vector = np.sqrt(np.maximum(square, 0.0) * min(share, 1.0))
+def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> Vector:
+    """Return standard deviations of values by themselves, all smaller by the factor that makes their mean square over the volume right.
+
+    None where what is left of the ``total`` is rounding, and none of values that move nothing in the volume.
+    """
+    moving = np.sum(fields**2, axis=1)
+    kept = np.where(moving > ROUNDING * np.max(moving, initial=0.0), np.maximum(square, 0.0), 0.0)
+    alone = float(kept @ moving)
+    share = over_volume / alone if over_volume > ROUNDING * total and alone > 0 else 0.0
+    found: Vector = np.sqrt(kept * min(share, 1.0))
     return found
 
 
 def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> BySize:
     """Return directions (k, q) of a family as modes at the root of their mean square over all sizes.
 
-    Those that the readings do not see have one scale for each size and no order of their own: they are factored like any covariance.
+    Directions that the readings see equally well, within a factor of two, are taken together and factored like any covariance: which of
+    equal ones an eigenvalue decomposition returns is an accident of rounding. By how much their most likely amounts follow the size is one
+    mode for each such group.
     """
-    scale, shift = family.scale(), family.shift()
     unseen = family.seen * np.max(family.factor) ** 2 < UNSEEN
-    size = np.sqrt(np.mean(family.factor**2))
-    hidden, left = factored(size**2 * direction[:, unseen] @ direction[:, unseen].T, fields, most)
-    usual = np.sqrt(np.mean(scale[:, ~unseen] ** 2 + shift[:, ~unseen] ** 2, axis=0))
-    seen = direction[:, ~unseen] * usual
-    matters = np.sum((seen.T @ fields) ** 2, axis=1)
+    level = np.where(unseen, -np.inf, np.floor(np.log2(np.where(unseen, 1.0, family.seen))))
+    square = family.factor**2
+    columns, scale, shift, left = [np.zeros((len(direction), 0))], [], [], np.zeros(len(direction))
+    for group in np.unique(level):
+        mine = level == group
+        seen = float(np.exp(np.mean(np.log(family.seen[mine])))) if np.isfinite(group) else 0.0
+        variance = square / (1.0 + square * seen)
+        usual = float(np.sqrt(np.mean(variance)))
+        own, rest = factored(usual**2 * direction[:, mine] @ direction[:, mine].T, fields, most)
+        left = np.hypot(left, rest)
+        follows = variance - 1.0 / (1.0 + seen)
+        moved = max(float(np.sqrt(np.mean(follows**2))), 1e-30)
+        columns += [own, moved * (direction[:, mine] @ family.shown[mine])[:, None]]
+        scale += [np.sqrt(variance) / usual] * own.shape[1] + [np.zeros(len(square))]
+        shift += [np.zeros(len(square))] * own.shape[1] + [follows / moved]
+    modes = np.hstack(columns)
+    matters = np.sum((modes.T @ fields) ** 2, axis=1)
     order = np.argsort(-matters, kind="stable")
     share = np.cumsum(matters[order]) / max(float(np.sum(matters)), 1e-30)
-    kept, dropped = np.split(order, [min(most, int(np.searchsorted(share, TOLD)) + 1)])
-    seen, turned = _turned(seen, fields)
-    more = _each(np.sum(seen[:, dropped] ** 2, axis=1), float(np.sum(matters[dropped])), fields)
-    safe = np.where(usual > 0, usual, 1.0)
-    sized = UnknownSize(
-        scale=np.column_stack([np.repeat(family.factor[:, None] / size, hidden.shape[1], axis=1), (scale[:, ~unseen] / safe)[:, kept]]),
-        shift=np.column_stack([np.zeros((len(scale), hidden.shape[1])), (turned * shift[:, ~unseen] / safe)[:, kept]]),
-    )
-    return BySize(np.column_stack([hidden, seen[:, kept]]), sized, np.hypot(left, more))
-
-
-def _turned(modes: Vector, fields: Vector) -> tuple[Vector, Vector]:
-    """Return modes with the sign in which they do most over the volume made positive, and those signs: an eigenvector has none."""
-    done = modes.T @ fields
-    largest = np.argmax(np.abs(done) >= (1.0 - 1e-6) * np.max(np.abs(done), axis=1, initial=0.0)[:, None], axis=1)
-    sign = np.where(done[np.arange(len(done)), largest] < 0, -1.0, 1.0)
-    return modes * sign, sign
+    kept, dropped = np.split(order, [min(2 * most, int(np.searchsorted(share, TOLD)) + 1)])
+    more = _each(np.sum(modes[:, dropped] ** 2, axis=1), float(np.sum(matters[dropped])), float(np.sum(matters)), fields)
+    kept = np.sort(kept)
+    sized = UnknownSize(scale=np.array(scale).T[:, kept], shift=np.array(shift).T[:, kept])
+    return BySize(modes[:, kept], sized, np.hypot(left, more))

@@ -128,7 +128,13 @@ def compare(
         _write_as_left(read[0], read[-1], left, exported, out, letterhead=letterhead, pdf=pdf, language=language)
     if as_json:
         changes = [{**asdict(change), "difference": change.difference} for change in comparison.changes]
-        volumetric = {"before_um": comparison.rms_before_um, "after_um": comparison.rms_after_um, "improvement": comparison.improvement}
+        volumetric = {
+            "before_um": comparison.rms_before_um,
+            "after_um": comparison.rms_after_um,
+            "before": comparison.before.as_json(),
+            "after": comparison.after.as_json(),
+            "improvement": comparison.improvement,
+        }
         told = {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
         document = {"changes": changes, "volumetric_rms": volumetric, "trend": [asdict(one) for one in trends], **told}
         typer.echo(json.dumps(document, indent=2))
@@ -190,7 +196,7 @@ def _print(comparison: Any, trends: Any, names: list[str]) -> None:
 
     console = Console()
     console.print(comparison_table(comparison, names[0], names[-1]))
-    told = f"volumetric error (rms): {comparison.rms_before_um:.2f} um, then {comparison.rms_after_um:.2f} um"
+    told = f"volumetric error (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um"
     console.print(told)
     if trends:
         console.print(trend_table(trends, names))

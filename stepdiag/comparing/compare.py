@@ -7,14 +7,20 @@ from statistics import NormalDist
 import numpy as np
 
 from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 
 GRID = 11
 """Points per axis of the grid over which volumetric errors are compared."""
 TWO_SIGMA = 2 * (1 - NormalDist().cdf(2.0))
 """Chance that one quantity differs by more than k = 2 although nothing changed: 4.6 %."""
+
+
+Known = tuple[float | None, float | None]
+Shares = tuple[float, float]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,11 +48,14 @@ class Change:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comparison:
-    """All changes from one result to another, and the volumetric error of both over their common volume (rms, rigid motion removed)."""
+    """All changes from one result to another, and the volumetric error of both over their common volume (rms, rigid motion removed): as
+    the functions say it, and as intervals at k = 2 (`solver.result.prediction`)."""
 
     changes: tuple[Change, ...]
     rms_before_um: float
     rms_after_um: float
+    before: Interval
+    after: Interval
     common: Volume
 
     @property
@@ -90,30 +99,67 @@ def compare(before: Result, after: Result) -> Comparison:
         )
     common = _common_volume([before, after])
     rms = [_rms_um(result, common) for result in (before, after)]
-    return Comparison(changes=_changes(before, after), rms_before_um=rms[0], rms_after_um=rms[1], common=common)
+    intervals = [_interval(result, common) for result in (before, after)]
+    return Comparison(
+        changes=_changes(before, after), rms_before_um=rms[0], rms_after_um=rms[1], before=intervals[0], after=intervals[1], common=common
+    )
+
+
+def _interval(result: Result, common: Volume) -> Interval:
+    """Return the volumetric error as found, with what is not known of it."""
+    points = anywhere_mm(common)
+    return predicted(result, points, np.zeros(points.shape)).without_rigid_motion["before"].rms_um
 
 
 def _changes(before: Result, after: Result) -> tuple[Change, ...]:
-    numbers = [_number_change(name, q.unit, (q.value, q.u), (after.squareness[name].value, after.squareness[name].u))
-               for name, q in before.squareness.items()]  # fmt: skip
-    numbers += [_number_change(f"scale {name}", s.unit, (s.value, s.u), (after.scale[name].value, after.scale[name].u))
-                for name, s in before.scale.items()]  # fmt: skip
+    both = (before, after)
+    numbers = []
+    for name, q in before.squareness.items():
+        other = after.squareness[name]
+        numbers.append(_number_change(name, q.unit, (q.value, q.u), (other.value, other.u), _alike(both, name)))
+    for name, s in before.scale.items():
+        found = after.scale[name]
+        numbers.append(_number_change(f"scale {name}", s.unit, (s.value, s.u), (found.value, found.u), _alike(both, name)))
     shared = [name for name in (*DISPLACEMENTS, *ROTATIONS) if name in before.errors and name in after.errors]
-    return (*numbers, *(_function_change(name, before.errors[name], after.errors[name]) for name in shared))
+    return (*numbers, *(_function_change(name, before.errors[name], after.errors[name], _alike(both, name)) for name in shared))
 
 
-Known = tuple[float | None, float | None]
+ALIKE = ("angles", "angle origin")
+"""Sources that are the same in two surveys of one machine: what nobody measured is in both, and not in their difference."""
 
 
-def _number_change(name: str, unit: str, before: Known, after: Known) -> Change:
-    u = None if before[1] is None or after[1] is None else float(np.hypot(before[1], after[1]))
+def _alike(results: Sequence[Result], name: str) -> Shares:
+    """Return for both results which share of a quantity's standard uncertainty the sources of `ALIKE` make; 0 where no budget says it."""
+    first, second = (_share(result.extra.get("budget"), name) for result in results)
+    return first, second
+
+
+def _share(budget: object, name: str) -> float:
+    try:
+        shares, combined = budget["shares"][name], float(budget["combined"][name])  # type: ignore[index]
+        alike = float(np.linalg.norm([float(shares.get(source, 0.0)) for source in ALIKE]))
+    except (KeyError, TypeError, ValueError, AttributeError):
+        return 0.0
+    return min(alike / combined, 1.0) if combined > 0 else 0.0
+
+
+def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
+    """Return the standard uncertainty of a difference of which each side's share ``alike`` is one cause for both."""
+    own = [u * np.sqrt(1.0 - share**2) for u, share in ((before, alike[0]), (after, alike[1]))]
+    found: Vector = np.sqrt(own[0] ** 2 + own[1] ** 2 + (alike[1] * after - alike[0] * before) ** 2)
+    return found
+
+
+def _number_change(name: str, unit: str, before: Known, after: Known, alike: Shares) -> Change:
+    told = None if before[1] is None or after[1] is None else (np.array(before[1]), np.array(after[1]))
+    u = None if told is None else float(_u_of_difference(*told, alike))
     significant = None
     if before[0] is not None and after[0] is not None and u is not None:
         significant = abs(after[0] - before[0]) > coverage_factor(1) * u
     return Change(name=name, unit=unit, before=before[0], after=after[0], u=u, significant=significant)
 
 
-def _function_change(name: str, before: Function, after: Function) -> Change:
+def _function_change(name: str, before: Function, after: Function, alike: Shares) -> Change:
     """Return the change at the node where it stands out most; shapes where one of the two is a shape only."""
     if before.value is None or after.value is None:
         return Change(name=name, unit=before.unit, before=None, after=None, u=None)
@@ -124,7 +170,7 @@ def _function_change(name: str, before: Function, after: Function) -> Change:
     if before.u is None or after.u is None:
         node = int(np.argmax(np.abs(b - a)))
         return _at_node(name, before.unit, nodes, a, b, node)
-    u = np.hypot(_at(before, before.u, nodes), _at(after, after.u, nodes))
+    u = _u_of_difference(_at(before, before.u, nodes), _at(after, after.u, nodes), alike)
     ratio = np.divide(np.abs(b - a), u, out=np.zeros(len(nodes)), where=u > 0)
     node = int(np.argmax(ratio))
     beyond = bool(ratio[node] > coverage_factor(int(np.count_nonzero(u > 0))))

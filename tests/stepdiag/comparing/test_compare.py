@@ -124,7 +124,7 @@ def test_the_command_prints_a_table_and_json(tmp_path: Path) -> None:
     paths = [str(tmp_path / f"{name}.json") for name in "abc"]
     told = CliRunner().invoke(build(), ["compare", *paths], env={"COLUMNS": "160"})
     assert told.exit_code == 0, told.output
-    assert "volumetric error (rms)" in told.output
+    assert "volumetric error (rms, k = 2)" in told.output
     assert "factor" not in told.output
     assert "trend" in told.output
     document = json.loads(CliRunner().invoke(build(), ["compare", *paths, "--json"]).output)
