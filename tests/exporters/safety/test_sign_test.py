@@ -48,6 +48,11 @@ class TestBump:
         profile = profile_of("siemens", VOLUME, sections=8, reference_at=8)
         assert bump(controller_named("siemens"), profile, "EXX").top_mm < 200.0
 
+    def test_five_points_on_one_side_are_enough(self):
+        """One of them stays zero next to the reference; the bump is up between the third and the fourth, and back at the fifth."""
+        test = bump(controller_named("siemens"), profile_of("siemens", VOLUME, sections=4, reference_at=0), "EXX")
+        assert [value != 0.0 for value in test.tables[0].value_um] == [False, False, True, True, False]
+
     def test_a_travel_that_is_too_short_is_refused(self):
         with pytest.raises(SafetyError) as refusal:
             bump(controller_named("siemens"), quick_profile(controller_named("siemens"), VOLUME, 200.0), "EXX")

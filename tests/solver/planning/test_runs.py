@@ -74,6 +74,12 @@ def test_second_run_of_a_setup_gets_the_next_number():
     assert [run.setup for run in grown.runs[4:]] == ["ppp+1", "ppp+2", "linear-x"]
 
 
+def test_a_plan_of_one_run_takes_the_same_run_again():
+    box = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(100.0, 100.0, 100.0), increments=2)
+    again = Plan(volume=box, runs=(Run(setup="ppp"),)).with_runs(Run(setup="ppp"), Run(setup="ppp+1"))
+    assert [run.setup for run in again.runs] == ["ppp", "ppp+1", "ppp+2"]
+
+
 def test_plan_without_laser_is_refused():
     with pytest.raises(UsageError, match="at least one run of the laser"):
         perfect_readings(plan(Run(setup="fourdof-x")), 0.3)
