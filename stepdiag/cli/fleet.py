@@ -1,4 +1,4 @@
-"""``stepdiag archive``, ``trend`` and ``fleet``: many machines over years (extra ``stepdiag[fleet]``)."""
+"""``stepdiag archive``, ``trend``, ``fleet`` and ``resolve``: many machines over years (extra ``stepdiag[fleet]``)."""
 
 import json
 from collections.abc import Iterator
@@ -29,6 +29,7 @@ def register(app: typer.Typer) -> None:
     app.add_typer(archive, name="archive")
     app.command("trend")(trend)
     app.command("fleet")(fleet)
+    app.command("resolve")(resolve)
 
 
 @contextmanager
@@ -122,6 +123,42 @@ def fleet(
     serve(
         create_app(lambda: _trends(store, "", tolerance or [], software), store, _language(language), (*LOOPBACK, host.lower())), host, port
     )
+
+
+def resolve(
+    store: StoreName,
+    workers: Annotated[int, typer.Option(min=1, max=256, help="Processes on this computer.")] = 2,
+    scheduler: Annotated[
+        str, typer.Option(help="Instead: a Dask scheduler, tcp://HOST:PORT; its workers need stepdiag[fleet] and the store.")
+    ] = "",
+    machine: Annotated[str, typer.Option(help="Only this machine.")] = "",
+    as_json: AsJson = False,
+) -> None:
+    """Solve every archived survey anew with this version.
+
+    New results stand beside the old ones; said is what changed by more than its U. Without a change of version the bytes are the same.
+    """
+    with extra_needed("fleet"):
+        from stepdiag.fleet import resolve as resolving
+        from stepdiag.fleet.archive import refresh_index
+        from stepdiag.fleet.store import Store
+    from stepdiag.solver.errors import DataError
+
+    place = Store(store)
+    surveys = resolving.open_surveys(place, machine)
+    found = []
+    try:
+        for each in resolving.resolve(place, surveys, workers=workers, scheduler=scheduler):
+            found.append(each)
+            told = "; ".join([each.outcome, *each.changed, *filter(None, [each.reason])])
+            typer.echo(f"{len(found)} of {len(surveys)}: {each.place.folder}: {told}", err=as_json)
+    finally:
+        refresh_index(place)
+    if as_json:
+        typer.echo(resolving.as_json(found))
+    failed = [each for each in found if each.outcome == "failed"]
+    if failed:
+        raise DataError(store, expected="surveys that this version solves", found=f"{len(failed)} of {len(found)} that it does not")
 
 
 def _trends(address: str, machine: str, tolerances: list[str], software: str) -> "list[Trend]":

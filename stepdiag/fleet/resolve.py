@@ -1,0 +1,141 @@
+"""Today's solver over every archived survey: one task a survey on Dask, what comes of it beside the old result.
+
+A worker that is lost costs its task, which another one takes over; a run that was ended goes on where it stopped, since what stands in the
+store is not computed again. Without a change of software the bytes are the same: that is the self-test.
+"""
+
+import json
+import os
+import tempfile
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from itertools import islice
+from pathlib import Path
+from typing import Any, Literal
+
+from distributed import Client, LocalCluster, as_completed
+
+from stepdiag.comparing.compare import compare
+from stepdiag.daq.recording.verdicts import ACCEPTED, JUDGED
+from stepdiag.daq.records.survey_folder import RESULT, logs_in
+from stepdiag.daq.service.completion import complete
+from stepdiag.fleet.rows import about, rows_of
+from stepdiag.fleet.store import LISTED, Place, Store
+from stepdiag.fleet.tables import table_of, to_parquet
+from stepdiag.solver.errors import DeviceError, StepdiagError
+from stepdiag.solver.result.result import parse_result, software
+
+IN_FLIGHT = 200
+"""Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
+RETRIES = 3
+"""How often a survey is begun anew when its worker is lost or the store is away for a moment."""
+WORKER_MEMORY = "2GB"
+PATIENCE_S = 20
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Solved:
+    """What came of one survey; ``changed`` says what is now different by more than its U, ``reason`` why there is no result."""
+
+    place: Place
+    outcome: Literal["the same bytes", "solved anew", "failed"]
+    changed: tuple[str, ...] = ()
+    reason: str = ""
+
+    def as_json(self) -> dict[str, Any]:
+        """Return it for programs."""
+        return {"survey": self.place.folder, "outcome": self.outcome, "changed": list(self.changed), "reason": self.reason}
+
+
+def open_surveys(store: Store, machine: str = "") -> list[Place]:
+    """Return the archived surveys that this version of the software has not solved yet."""
+    known = store.tables()
+    done = {(each.machine, each.survey) for each in known if each.software == software()["version"]}
+    archived = (each for each in known if not each.software and machine in ("", each.machine))
+    return [each for each in archived if (each.machine, each.survey) not in done]
+
+
+def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, scheduler: str = "") -> Iterator[Solved]:
+    """Solve surveys anew on ``workers`` processes of this computer, or on those of a ``scheduler``; yield each as it is done.
+
+    Raises DeviceError where the scheduler cannot be reached.
+    """
+    with _client(workers, scheduler) as client:
+        waiting = iter(places)
+
+        def submitted(count: int) -> list[Any]:
+            return [client.submit(solve_anew, store.address, tuple(each), retries=RETRIES, pure=False) for each in islice(waiting, count)]
+
+        running = as_completed(submitted(IN_FLIGHT))
+        for future in running:
+            yield future.result()
+            future.release()
+            for more in submitted(1):
+                running.add(more)
+
+
+def solve_anew(address: str, at: tuple[str, str, str, str]) -> Solved:
+    """Solve one survey of a store anew and write what differs beside it; a survey that cannot be solved is said, not raised."""
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    place, store = Place(*at), Store(address)
+    with tempfile.TemporaryDirectory() as scratch:
+        try:
+            folder = _fetched(store, place, Path(scratch) / "survey")
+            complete(logs_in(folder), Path(scratch) / "out")
+            text = (Path(scratch) / "out" / RESULT).read_text(encoding="utf-8")
+            old = store.read(f"{place.folder}/{RESULT}").decode("utf-8")
+            if text == old:
+                return Solved(place=place, outcome="the same bytes")
+            return Solved(place=place, outcome="solved anew", changed=_kept(store, place, old, text))
+        except StepdiagError as error:
+            return Solved(place=place, outcome="failed", reason=str(error))
+
+
+def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
+    """Write the new result and its numbers; return what changed by more than its U."""
+    after = parse_result(new, RESULT)
+    here = place._replace(software=after.software["version"])
+    store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
+    store.write_checked(here.table, to_parquet(table_of(about(after, place.survey), list(rows_of(after)))))
+    found = compare(parse_result(old, RESULT), after).changes
+    return tuple(
+        f"{each.name} by {each.difference:+.2f} {each.unit} (U {2 * (each.u or 0.0):.2f})"
+        for each in found
+        if each.significant and each.difference is not None
+    )
+
+
+def _fetched(store: Store, place: Place, folder: Path) -> Path:
+    """Copy logs and words of a survey out of the store."""
+    listed = store.json(f"{place.folder}/{LISTED}")
+    names = [name for name in listed["files"] if name.endswith(".mcap") or name in (ACCEPTED, JUDGED)]
+    folder.mkdir()
+    for name in names:
+        if "/" not in name:
+            (folder / name).write_bytes(store.read(f"{place.folder}/{name}"))
+    return folder
+
+
+@contextmanager
+def _client(workers: int, scheduler: str) -> Iterator[Client]:
+    if scheduler:
+        try:
+            client = Client(scheduler, timeout=PATIENCE_S)
+        except (OSError, ValueError) as error:
+            raise DeviceError(scheduler, expected="a Dask scheduler", found=str(error) or type(error).__name__) from error
+        with client:
+            yield client
+        return
+    with (
+        LocalCluster(
+            n_workers=workers, threads_per_worker=1, processes=True, memory_limit=WORKER_MEMORY, dashboard_address=None, silence_logs=50
+        ) as cluster,
+        Client(cluster) as client,
+    ):
+        yield client
+
+
+def as_json(solved: Sequence[Solved]) -> str:
+    """Return what came of all surveys, for programs."""
+    return json.dumps([each.as_json() for each in solved], indent=2)
