@@ -14,7 +14,7 @@ from itertools import islice
 from pathlib import Path
 from typing import Any, Literal
 
-from distributed import Client, LocalCluster, as_completed
+from distributed import Client, KilledWorker, LocalCluster, as_completed
 
 from stepdiag.comparing.compare import compare
 from stepdiag.daq.recording.verdicts import ACCEPTED, JUDGED
@@ -23,7 +23,7 @@ from stepdiag.daq.service.completion import complete
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import LISTED, Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.solver.errors import DeviceError, StepdiagError
+from stepdiag.solver.errors import DataError, DeviceError, StepdiagError
 from stepdiag.solver.result.result import parse_result, software
 
 IN_FLIGHT = 200
@@ -64,15 +64,30 @@ def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, schedule
     with _client(workers, scheduler) as client:
         waiting = iter(places)
 
+        asked: dict[Any, Place] = {}
+
         def submitted(count: int) -> list[Any]:
-            return [client.submit(solve_anew, store.address, tuple(each), retries=RETRIES, pure=False) for each in islice(waiting, count)]
+            futures = []
+            for each in islice(waiting, count):
+                futures.append(client.submit(solve_anew, store.address, tuple(each), retries=RETRIES, pure=False))
+                asked[futures[-1].key] = each
+            return futures
 
         running = as_completed(submitted(IN_FLIGHT))
         for future in running:
-            yield future.result()
+            yield _outcome(future, asked.pop(future.key))
             future.release()
             for more in submitted(1):
                 running.add(more)
+
+
+def _outcome(future: Any, place: Place) -> Solved:
+    """Return what a task came to; one that costs every worker its life is a survey that failed, and no reason to end."""
+    try:
+        solved: Solved = future.result()
+    except KilledWorker:
+        return Solved(place=place, outcome="failed", reason=f"every worker that tried it was lost (memory limit {WORKER_MEMORY})")
+    return solved
 
 
 def solve_anew(address: str, at: tuple[str, str, str, str]) -> Solved:
@@ -109,7 +124,10 @@ def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
 def _fetched(store: Store, place: Place, folder: Path) -> Path:
     """Copy logs and words of a survey out of the store."""
     listed = store.json(f"{place.folder}/{LISTED}")
-    names = [name for name in listed["files"] if name.endswith(".mcap") or name in (ACCEPTED, JUDGED)]
+    files = listed.get("files") if isinstance(listed, dict) else None
+    if not isinstance(files, dict):
+        raise DataError(f"{place.folder}/{LISTED}", expected="the list of a survey's files", found=str(listed)[:100])
+    names = [name for name in files if name.endswith(".mcap") or name in (ACCEPTED, JUDGED)]
     folder.mkdir()
     for name in names:
         if "/" not in name:
