@@ -110,14 +110,15 @@ def test_both_languages(page: Page, daemon: Served) -> None:
 @pytest.mark.parametrize("size", SIZES)
 @pytest.mark.parametrize("scheme", ["light", "dark"])
 def test_contrast_and_labels(watched: Watched, daemon: Served, size: str, scheme: str) -> None:
-    """axe-core finds nothing, neither while all is live nor while all is old, and nothing is wider than the screen."""
+    """axe-core finds nothing, neither while all is live nor while all is old and an alarm, and nothing is wider than the screen."""
     width, height = SIZES[size]
     page = watched.open(daemon.address, width=width, height=height, scheme=scheme)
     daemon.do(lambda: daemon.survey.stop("npp", 1, 12))
     expect(page.locator("#deviations canvas")).to_be_visible()
     daemon.do(lambda: daemon.survey.silent.update({"laser", "plc"}))
     expect(page.locator(".figures.stale")).to_be_visible()
-    assert violations(page) == []
+    expect(page.locator("body.alarm")).to_be_attached(timeout=20_000)
+    assert violations(page) == [], "old, and an alarm: both links are silent"
     daemon.do(daemon.survey.complete)
     daemon.do(daemon.survey.silent.clear)
     expect(page.locator("#result figure")).to_have_count(9)
