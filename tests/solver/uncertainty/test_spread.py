@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.solver.linear.components import sized
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
@@ -78,3 +79,16 @@ def test_angles_beyond_the_usual_are_found_by_the_closure():
     place = [effect.name for effect in still.effects].index("angles")
     assert still.sizes.factor[place] < 1.0
     assert turning.sizes.factor[place] > 2.5
+
+
+@pytest.mark.parametrize("factor", [0.2, 3.0])
+def test_a_family_is_the_fit_at_any_size(done, factor):
+    """One eigenvalue decomposition stands for the fit with another size: covariance and amounts, the other causes adapting."""
+    place = done.spread.names.index("angles")
+    family, fit = done.spread.families[place], done.spread.fit
+    other = sized(fit, np.where(done.spread.group == place, factor, 1.0))
+    variance = family.variance(np.array([factor]))[0]
+    covariance = fit.amount_covariance - family.alone() + (family.direction * variance) @ family.direction.T
+    assert covariance == pytest.approx(other.amount_covariance, abs=1e-8)
+    moved = family.direction @ ((variance - family.variance(np.ones(1))[0]) * family.shown)
+    assert fit.amount + moved == pytest.approx(other.amount, abs=1e-7)
