@@ -15,7 +15,9 @@ def patterns(tree: ast.AST) -> list[tuple[int, str]]:
     calls = [node for node in ast.walk(tree) if isinstance(node, ast.Call)]
     given = [argument for call in calls if _of_re(call) for argument in call.args[:1]]
     given += [each.value for call in calls for each in call.keywords if each.arg == "pattern"]
-    literals = [inner for each in given for inner in ast.walk(each) if isinstance(inner, ast.Constant)]
+    literals = [
+        inner for each in given for inner in ast.walk(each) if isinstance(inner, ast.Constant) and isinstance(inner.value, str | bytes)
+    ]
     return [(each.lineno, each.value if isinstance(each.value, str) else str(each.value, "latin-1")) for each in literals]
 
 
