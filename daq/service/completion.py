@@ -41,9 +41,13 @@ REFUSED = "REFUSED.txt"
 
 @dataclass(frozen=True, slots=True)
 class Completed:
-    """What came of a survey: where it was written, the result, what was exported, and why an export was refused, by controller."""
+    """What came of a survey: where it was written, the result, what was exported, and why an export was refused, by controller.
+
+    ``recorded`` is the folder of its logs: a replay writes elsewhere and rests on the same logs.
+    """
 
     folder: Path
+    recorded: Path
     result: Result
     exports: tuple[ExportReport, ...]
     refusals: dict[str, str]
@@ -78,7 +82,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
     _write_prediction(out / PREDICTION, exports)
     write_once(out / RESULT, text)
-    return Completed(out, result, exports, refusals, replayed.survey.page.language)
+    return Completed(out, _folder(replayed), result, exports, refusals, replayed.survey.page.language)
 
 
 def solve_logs(replayed: Replayed, method: str | None = None, environment: Mapping[str, float] | None = None) -> tuple[Result, str]:

@@ -23,7 +23,7 @@ def write_completed_report(done: Completed) -> Path:
     write_once(done.folder / CONCLUSION, conclusion_json(conclusion, field_of(done.result, correction)))
     report = build_report(
         done.result, source=RESULT, exported=exported, readings=readings, conclusion=conclusion, language=done.language,
-        logs=logs_beside(done.folder),
+        logs=logs_beside(done.recorded),
     )  # fmt: skip
     return write_report(report, done.folder / "report.html")[0]
 
