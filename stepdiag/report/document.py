@@ -12,7 +12,7 @@ import jinja2
 from stepdiag.conclusion import Conclusion, conclude, conclusion_document, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
 from stepdiag.report.certificate import AsLeft, Letterhead
-from stepdiag.report.exported import Exported, ExportedFile
+from stepdiag.report.exported import Exported
 from stepdiag.report.figure import Figure
 from stepdiag.report.figures import (
     budget_figures,
@@ -20,7 +20,7 @@ from stepdiag.report.figures import (
     field_figures,
     function_figures,
 )
-from stepdiag.report.logs import logs_table
+from stepdiag.report.logs import Recorded, logs_table
 from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.readings.readings import Readings
@@ -49,7 +49,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     conclusion: Conclusion | None = None,
     letterhead: Letterhead | None = None,
     left: AsLeft | None = None,
-    logs: Sequence[ExportedFile] = (),
+    logs: Sequence[Recorded] = (),
     language: Language = "en",
 ) -> Report:
     """Return the report of a result; ``source`` names the result file in it, ``logs`` are the recordings it rests on.

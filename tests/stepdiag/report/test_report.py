@@ -18,6 +18,8 @@ from typer.testing import CliRunner
 from stepdiag.cli.app import build
 from stepdiag.cli.report import read_result
 from stepdiag.comparing.compare import same_machine
+from stepdiag.daq.recording.archive import digest
+from stepdiag.daq.records.events import Chunk
 from stepdiag.exporters.safety.compensation import Statement, stated
 from stepdiag.report.certificate import facts_table, read_letterhead
 from stepdiag.report.charts import ticks
@@ -37,6 +39,7 @@ from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import Result
 from stepdiag.texts.texts import LANGUAGES, SECTIONS, catalogue
 from testkit.madeup import VOLUME, made_up_result
+from testkit.recording import START_NS, write_log
 
 
 class Outline(HTMLParser):
@@ -340,13 +343,14 @@ def test_the_annex_lists_the_logs_with_their_hashes(tmp_path: Path) -> None:
     alone = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), "--out", str(tmp_path / "alone.html")])
     assert alone.exit_code == 0, alone.output
     assert "Recordings" not in (tmp_path / "alone.html").read_text(encoding="utf-8")
-    for name in ("0002.mcap", "0001.mcap"):
-        (tmp_path / name).write_bytes(name.encode())
+    for count in (2, 1):
+        write_log(tmp_path / f"000{count}.mcap", [Chunk("laser", START_NS, b"x" * count)])
+    (tmp_path / "0003.mcap").write_bytes(b"no log at all")
     run = CliRunner().invoke(build(), ["report", str(tmp_path / "result.json"), "--out", str(tmp_path / "report.html")])
     assert run.exit_code == 0, run.output
     html = (tmp_path / "report.html").read_text(encoding="utf-8")
-    digests = [sha256(name.encode()).hexdigest() for name in ("0001.mcap", "0002.mcap")]
-    assert 0 < html.index(digests[0]) < html.index(digests[1])
+    digests = [digest(tmp_path / name) for name in ("0001.mcap", "0002.mcap")]
+    assert 0 < html.index(digests[0]) < html.index(digests[1]) < html.index("damaged")
 
 
 def test_as_left_states_predicted_against_measured(tmp_path: Path) -> None:
