@@ -17,8 +17,8 @@ TILT_LIMIT_MRAD = 2.0
 DRIFT_LIMIT_UM = 2.0
 NOISE_LIMIT_UM = 1.0
 MISCLOSED, MISCLOSED_FAR = 2.0, 2.6
-"""A scale misclosure beyond so many standard uncertainties is said, and stops an export. Of a hundred good surveys with angles to 30 urad
-one was said and none stopped."""
+"""A scale misclosure beyond so many standard uncertainties is said, and stops an export. Set on ninety good surveys with angles to 30 urad,
+with the usual sizes as they were before they could be nothing: one was said and none stopped."""
 NORMAL_999 = 3.09
 """The 99.9 % point of the normal distribution."""
 
