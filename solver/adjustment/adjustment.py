@@ -84,8 +84,13 @@ class Adjustment:
     @property
     def as_usual(self) -> MixedFit:
         """Return the fit with no cause larger than usual: what contradicts it is named, however large a cause could hold it."""
-        group = np.repeat(np.arange(len(self.effects)), [effect.count for effect in self.effects])
-        return sized(self.fit, np.minimum(1.0, 1.0 / self.sizes.factor)[group])
+        return self.as_usual_but_for()
+
+    def as_usual_but_for(self, *found: str) -> MixedFit:
+        """Return the fit with no cause larger than usual, but for those of these names, whose sizes are as found."""
+        kept = np.array([effect.name in found for effect in self.effects], dtype=np.bool_)
+        factor = np.where(kept, 1.0, np.minimum(1.0, 1.0 / self.sizes.factor))
+        return sized(self.fit, factor[np.repeat(np.arange(len(self.effects)), [effect.count for effect in self.effects])])
 
     @property
     def residual_um(self) -> Vector:

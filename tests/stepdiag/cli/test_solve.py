@@ -60,10 +60,12 @@ class TestSolve:
         assert words in told.refusal
 
     def test_readings_that_are_no_survey_are_refused(self, tmp_path):
-        (tmp_path / "r.csv").write_text("setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\nppp,1,0,0,0,0,0\nppp,1,2,1,1,1,1\n", encoding="utf-8")
+        (tmp_path / "r.csv").write_text(
+            "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\nppp,1,0,0,0,0,0\nppp,1,2,100,100,100,173\n", encoding="utf-8"
+        )
         told = stepdiag("solve", tmp_path / "r.csv")
         assert told.code == 3
-        assert "setup ppp, pass 1: expected stop 1" in told.refusal
+        assert "setup ppp, pass 1, stop 2: expected a move of one axis" in told.refusal
 
     def test_a_laser_of_the_wrong_sign_is_named_with_the_file(self, tmp_path):
         """The reading is the column before the last one of the golden survey."""
