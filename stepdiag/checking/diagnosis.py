@@ -58,7 +58,7 @@ def diagnose(seen: Observation) -> tuple[Finding, ...]:
 def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     name = stream.link.name
     if not stream.byte_count:
-        yield _absent(stream.link)
+        yield _absent(stream.link, seconds)
     elif not stream.samples:
         yield _finding(f"{name}-garbage", "error", _senseless(stream))
     else:
@@ -116,7 +116,7 @@ def _machine(machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]
         yield _finding("machine-answer", "error", machine.trouble)
     if not machine.polls:
         if not machine.trouble:
-            yield _absent(machine.link)
+            yield _absent(machine.link, seconds)
         return
     yield from _lasting(machine.link)
     yield from _map(machine, plc, air)
@@ -166,8 +166,11 @@ def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
         yield _finding("heartbeat-slow", "warning", text)
 
 
-def _absent(link: LinkSeen) -> Finding:
-    """Return the finding for a link that never gave anything."""
+def _absent(link: LinkSeen, seconds: float) -> Finding:
+    """Return the finding for a link that never gave anything, open or not."""
+    if link.state == "connected":
+        text = f"{link.detail or link.address}: open, and nothing came in {seconds:g} s: power, cable, rate, or another instrument"
+        return _finding(f"{link.name}-silent", "error", text)
     kind = "silent" if link.was_silent else "unreachable"
     return _finding(f"{link.name}-{kind}", "error", link.detail or f"{link.address}: no connection came about")
 
