@@ -106,7 +106,7 @@ class Page:
         if not await self.access.reads(request):
             return _locked()
         path = (await self._daemon.picture()).result
-        if not path or not Path(path).is_file():
+        if not path or not await run_in_threadpool(Path(path).is_file):
             return refused(404, "no result yet")
         return FileResponse(path, media_type="application/json", headers={"Cache-Control": "no-store"})
 
