@@ -132,7 +132,8 @@ def _data_link(text: str) -> str:
 
 def template(name: str) -> jinja2.Template:
     """Return a template of this room; everything is escaped but what this package drew itself."""
-    environment = jinja2.Environment(autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
+    loader = jinja2.FunctionLoader(_part)
+    environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
     environment.filters["data_link"] = _data_link
     environment.filters["shown"] = sections.shown
-    return environment.from_string(_part(name))
+    return environment.get_template(name)

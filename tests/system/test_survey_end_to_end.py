@@ -4,14 +4,13 @@ import json
 import os
 import re
 import signal
-import subprocess
-import sys
 import time
 
 import pytest
 
 from testkit.hall import daemon, hall, until, until_complete
 from testkit.steady import on_a_steady_computer
+from testkit.survey_runs import stepdiag
 from testkit.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -45,19 +44,6 @@ measuring_system = 1
 
 OTHER_PROCESSOR = {"OPENBLAS_CORETYPE": "Prescott", "OPENBLAS_NUM_THREADS": "1"}
 """Kernels of an old processor: numpy's products then differ in their last bits."""
-
-
-def stepdiag(*arguments, environment=None):
-    """Run a command; return (exit code, standard output, standard error)."""
-    done = subprocess.run(
-        [sys.executable, "-m", "stepdiag", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        env=os.environ | (environment or {}),
-    )
-    return done.returncode, done.stdout, done.stderr
 
 
 def assert_solved(place, folder="0001"):
