@@ -86,6 +86,24 @@ def check_change(case: Case) -> Iterator[Finding]:
                 yield _error(
                     "old-table-left-active", f"{old.label}: would act together with the new {table.label}; give the new one its place"
                 )
+    yield from _left_or_lost(case)
+
+
+def _left_or_lost(case: Case) -> Iterator[Finding]:
+    """Yield what is wrong with previous tables of functions that are not exported: products that go on, and tables whose place is taken."""
+    exported = {table.name for table in case.tables}
+    for old in case.previous:
+        if old.name in exported or not np.any(old.value_um):
+            continue
+        taken = [new for new in case.tables if _replaces(new, old)]
+        if taken:
+            text = f"{old.label}: the new {taken[0].label} takes its place, and nothing does its work"
+            yield _error("old-table-lost", f"{text}: export its function as well, or move the new one")
+        elif "*" in old.name:
+            text = (
+                f"{old.label}: this product of tables would act beside the new tables, which do not count on it; take it out of the control"
+            )
+            yield _error("old-table-left-active", text)
 
 
 def check_slope(case: Case) -> Iterator[Finding]:
@@ -288,8 +306,11 @@ def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
 
 
 def _replaces(new: Table, old: Table) -> bool:
-    """Return whether the new table overwrites the old one; numbered tables act together unless they have the same number."""
-    return new.kind == old.kind and new.place.get("table") == old.place.get("table")
+    """Return whether the new table overwrites the old one: that of its number, where tables are numbered, else that of its function."""
+    numbers = [table.place.get("table", table.place.get("pair")) for table in (new, old)]
+    if new.kind != old.kind:
+        return False
+    return numbers[0] == numbers[1] if numbers[1] is not None else new.name == old.name
 
 
 def _error(code: str, text: str) -> Finding:

@@ -317,6 +317,26 @@ class TestActiveTables:
         )
         profile = replace(machine(), existing=(ControlFile(name="ALL.INI", data=old),))
         assert refusal_of(RESULT, profile, tmp_path).code == "old-table-left-active"
+
+    def test_an_axis_that_goes_from_one_kind_of_table_to_another_keeps_no_old_one(self, tmp_path):
+        """Two directions go into CEC tables: the old EEC of X would act beside them, whatever becomes of the EEC of other axes."""
+        both = made_result({"EXX": [0, 5, 10, 15, 20], "EYY": [0, 1, 2, 3, 4]}, reversal={"EXX": [3, 3, 3, 3, 3]})
+        refused = refusal_of(both, self.directional(), tmp_path)
+        assert refused.code == "old-table-left-active"
+        assert "eec" in str(refused)
+
+    def directional(self):
+        active = self.active("off")
+        return replace(active, machine=msgspec.structs.replace(active.machine, direction="both"))
+
+    def test_a_table_whose_place_another_function_takes_is_not_lost_in_silence(self, tmp_path):
+        """Number 0 held what Z does to X; the new number 0 is what X does to Y."""
+        old = (
+            b"CHANDATA(1)\n$AN_CEC[0,0]=0\n$AN_CEC[0,1]=0.002\n$AN_CEC_INPUT_AXIS[0]=(AX3)\n$AN_CEC_OUTPUT_AXIS[0]=(AX1)\n"
+            b"$AN_CEC_STEP[0]=400\n$AN_CEC_MIN[0]=-200\n$AN_CEC_MAX[0]=200\nM17\n"
+        )
+        profile = replace(machine(functions=("EXX", "EYX")), existing=(ControlFile(name="NC_CEC.INI", data=old),))
+        assert refusal_of(RESULT, profile, tmp_path).code == "old-table-lost"
         numbered = replace(profile, options=msgspec.structs.replace(profile.options, cec_tables={"EYX": [7]}))
         assert export(RESULT, "siemens", numbered, out_dir=tmp_path / "out", today=TODAY).files
 
