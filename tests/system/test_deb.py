@@ -65,7 +65,8 @@ def test_a_bare_debian_installs_it_uses_it_and_is_rid_of_it(package):
         return as_root("chroot", root, *command, check=check)
 
     as_root("cp", file, root / "tmp/stepdiag.deb")
-    as_root("rm", "-rf", root / "opt/stepdiag")  # what the test of the boot has left
+    left = [path for name in ("system/stepdiag@*", "system/*.wants/stepdiag@*") for path in (root / "etc/systemd").glob(name)]
+    as_root("rm", "-rf", root / "opt/stepdiag", *left, root / "etc/udev/rules.d/90-stepdiag.rules")  # what the test of the boot has left
     inside("dpkg", "--install", "/tmp/stepdiag.deb")
     try:
         before = set(inside("find", "/opt/stepdiag", "-name", "*.pyc").split())
