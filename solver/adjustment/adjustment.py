@@ -1,6 +1,6 @@
 """The adjustment of a survey: fit, correction for the tilts just found, noise, wrong stops."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -81,21 +81,23 @@ class Adjustment:
         """Return the lean of every setup's mirror from the machine's diagonal, shape (setups, 3)."""
         return _tilts(self.design, _smallest_machine(self.design, self.fit), len(self.layout.setups))
 
-    @property
-    def as_usual(self) -> MixedFit:
-        """Return the fit with no cause larger than usual: what contradicts it is named, however large a cause could hold it."""
-        return self.as_usual_but_for()
+    def as_usual(self, *found: str) -> MixedFit:
+        """Return the fit with no cause larger than usual: what contradicts it is named, however large a cause could hold it.
 
-    def as_usual_but_for(self, *found: str) -> MixedFit:
-        """Return the fit with no cause larger than usual, but for those of these names, whose sizes are as found."""
-        kept = np.array([effect.name in found for effect in self.effects], dtype=np.bool_)
-        factor = np.where(kept, 1.0, np.minimum(1.0, 1.0 / self.sizes.factor))
-        return sized(self.fit, factor[np.repeat(np.arange(len(self.effects)), [effect.count for effect in self.effects])])
+        Causes of the names ``found`` keep the size that was found.
+        """
+        return _as_usual(self.fit, self.effects, self.sizes, found)
 
     @property
     def residual_um(self) -> Vector:
         """Return the residuals of the readings, shape (m,)."""
         return self.fit.residual[: len(self.layout)]
+
+
+def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()) -> MixedFit:
+    kept = np.array([effect.name in found for effect in effects], dtype=np.bool_)
+    factor = np.where(kept, 1.0, np.minimum(1.0, 1.0 / sizes.factor))
+    return sized(fit, np.repeat(factor, [effect.count for effect in effects]))
 
 
 def adjust(
@@ -315,14 +317,10 @@ class _Task:
         only if it explains the readings better than that large size does. What is left is looked for with the sizes found.
         """
         every = counts(current.fixed, self.layout)
-        usual = most_suspicious(self._with_usual_sizes(current), self.design.columns, self.layout, every)
+        usual = most_suspicious(_as_usual(current, self.effects, self.sizes), self.design.columns, self.layout, every)
         if usual is not None and self._explains(usual, current):
             return usual
         return most_suspicious(current, self.design.columns, self.layout, every)
-
-    def _with_usual_sizes(self, current: MixedFit) -> MixedFit:
-        factor = np.minimum(1.0, 1.0 / self.sizes.factor)
-        return sized(current, np.repeat(factor, [effect.count for effect in self.effects]))
 
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
         """Tell whether the readings are likelier with the suspicion true, all sizes found anew, than without it."""

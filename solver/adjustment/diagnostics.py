@@ -118,7 +118,7 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     Angles are as large as the readings say. Drift and the scales of setups are no larger than usual: this one length could make them as
     large as it is itself, and would then contradict nothing.
     """
-    layout, fit = found.layout, found.as_usual_but_for("angles")
+    layout, fit = found.layout, found.as_usual("angles")
     used = np.flatnonzero(np.isfinite(found.u_um))
     linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
     if not linear.any() or linear.all():

@@ -44,7 +44,7 @@ def _of_function(passes: Sequence[tuple[MeasuredStraightness, NDArray[np.int64]]
     value = np.concatenate([residuals_um(one.position_mm, one.value_um) for one, _ in passes])
     rows = np.concatenate([mine for _, mine in passes])
     at, mean = _mean(position, value)
-    usual = found.as_usual
+    usual = found.as_usual()
     residual, weight = usual.residual[rows], usual.weight[rows]
     freedom = float(np.sum(usual.redundancy[rows]))
     excess = float(np.sum(weight * residual**2)) / chi_square_limit(max(round(freedom), 1)) if freedom >= LEAST_FREEDOM else None

@@ -2,7 +2,6 @@
 
 import json
 import re
-import shutil
 import struct
 import subprocess
 from pathlib import Path
@@ -103,7 +102,6 @@ def test_stopped_is_written_after_what_belongs_to_it(file):
     assert written[-1] == 2
 
 
-@pytest.mark.skipif(shutil.which("node") is None, reason="needs Node.js")
 @pytest.mark.parametrize("changed", CASES)
 def test_the_flow_says_what_the_machine_is(changed):
     """The function node as Node-RED runs it, with the message of the node before it; what it sends is a message of the server node."""

@@ -18,6 +18,7 @@ from stepdiag.virtual.physics.machine import Machine
 from testkit.cli import stepdiag
 from testkit.hall import daemon, hall, until
 from testkit.results import made_result
+from testkit.siemens_files import HALL_AXES
 from testkit.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
@@ -46,20 +47,6 @@ measured_with = "{state}"
 existing = {existing}
 [limits]
 slope_um_mm = 2.0
-[axes.X]
-name = "AX1"
-step_mm = 50.0
-reference_mm = 0.0
-[axes.Y]
-name = "AX2"
-step_mm = 50.0
-reference_mm = 0.0
-[axes.Z]
-name = "AX3"
-step_mm = 50.0
-reference_mm = 0.0
-[siemens]
-measuring_system = 1
 """
 ACCEPT = ("change-large", "correction-within-uncertainty", "value-large", "repeatability-exceeds-correction")
 ON = 'compensation = "on"\nactive = ["AX_EEC.INI", "NC_CEC.INI"]\nactive_date = 2026-01-31\nactive_source = "archive"'
@@ -108,7 +95,7 @@ def errs_um(machine: Machine, files: list[Path]) -> float:
 def survey_of_a_compensated_machine(folder: Path) -> tuple[str, Path]:
     """Let the daemon measure the machine with the tables active; return its bench without them, and the folder of the result."""
     for state, given in product(["off", "on"], GIVEN):
-        (folder / f"{state}-{given}.toml").write_text(PROFILE.format(state=state, existing=GIVEN[given]), encoding="utf-8")
+        (folder / f"{state}-{given}.toml").write_text(PROFILE.format(state=state, existing=GIVEN[given]) + HALL_AXES, encoding="utf-8")
     (folder / "other").mkdir()
     bench = f"seed = 5\n[volume]\nsize_mm = [300.0, 200.0, 100.0]\nincrements = 2\n{MACHINE}"
     tables_for(bench, SHARE, folder, folder)

@@ -9,6 +9,7 @@ import time
 import pytest
 
 from testkit.hall import daemon, hall, until, until_complete
+from testkit.siemens_files import HALL_AXES
 from testkit.steady import on_a_steady_computer
 from testkit.survey_runs import stepdiag
 from testkit.verdict import nothing_silently_wrong
@@ -25,20 +26,6 @@ measured_with = "off"
 slope_um_mm = 2.0
 value_um = 500.0
 warn_value_um = 500.0
-[axes.X]
-name = "AX1"
-step_mm = 50.0
-reference_mm = 0.0
-[axes.Y]
-name = "AX2"
-step_mm = 50.0
-reference_mm = 0.0
-[axes.Z]
-name = "AX3"
-step_mm = 50.0
-reference_mm = 0.0
-[siemens]
-measuring_system = 1
 """
 
 
@@ -56,7 +43,7 @@ def assert_solved(place, folder="0001"):
 
 @on_a_steady_computer
 def test_a_survey_is_recorded_solved_exported_and_replayed_to_the_same_bytes(tmp_path):
-    (tmp_path / "siemens.toml").write_text(PROFILE)
+    (tmp_path / "siemens.toml").write_text(PROFILE + HALL_AXES)
     with hall(tmp_path, back=True, exports=SIEMENS) as place:
         with daemon(place.survey) as process:
             place.start_setups()

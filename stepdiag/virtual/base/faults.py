@@ -13,10 +13,20 @@ A fault strikes once: when the program comes to its place, ``delay_s`` after it;
 """
 
 import threading
-from typing import Literal
+from typing import Literal, get_args
 
 import msgspec
 
+ProgramFault = Literal[
+    "stop-skipped",
+    "stop-unsignalled",
+    "count-missed",
+    "count-doubled",
+    "count-stuck",
+    "feed-hold",
+    "axis-order",
+    "program-aborted",
+]
 FaultKind = Literal[
     "beam-lost",
     "laser-reset",
@@ -39,27 +49,9 @@ FaultKind = Literal[
     "plc-sensor",
     "stop-flicker",
     "plc-alarm",
-    "stop-skipped",
-    "stop-unsignalled",
-    "count-missed",
-    "count-doubled",
-    "count-stuck",
-    "feed-hold",
-    "axis-order",
-    "program-aborted",
+    ProgramFault,
 ]
-PROGRAM = frozenset(
-    {
-        "stop-skipped",
-        "stop-unsignalled",
-        "count-missed",
-        "count-doubled",
-        "count-stuck",
-        "feed-hold",
-        "axis-order",
-        "program-aborted",
-    }
-)
+PROGRAM = frozenset(get_args(ProgramFault))
 
 
 class Fault(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -32,3 +32,20 @@ $AN_CEC_MULT_BY_TABLE[0]=0
 $AN_CEC_IS_MODULO[0]=0
 M17
 """
+HALL_AXES = """\
+[axes.X]
+name = "AX1"
+step_mm = 50.0
+reference_mm = 0.0
+[axes.Y]
+name = "AX2"
+step_mm = 50.0
+reference_mm = 0.0
+[axes.Z]
+name = "AX3"
+step_mm = 50.0
+reference_mm = 0.0
+[siemens]
+measuring_system = 1
+"""
+"""The axes of the hall's machine in a profile."""
