@@ -1,7 +1,7 @@
 """The machine's Modbus: the only code that knows pymodbus (3.16; its API changes within a major version).
 
-One connection, one block of ranges read with the same requests at every poll. Time-outs are short and nothing is retried inside
-pymodbus: a poll that failed is known to have failed, and the next one asks for the present.
+One connection, one block of ranges read with the same requests at every poll. Answers are waited for shortly and nothing is retried
+inside pymodbus: a poll that failed is known to have failed, and the next one asks for the present.
 """
 
 import asyncio
@@ -25,6 +25,9 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
 
+CONNECT_S = 2.0
+"""How long connecting may take, however soon answers must come: TCP asks again after one second where the first packet was lost
+(RFC 6298, 2.1)."""
 RTU_WORST_ANSWER_S = 1.0
 """How long late answers are waited for on a serial line; one that comes later still is found by its length."""
 _ATTEMPTS_TO_GET_IN_STEP = 3
@@ -46,6 +49,7 @@ class TcpSettings:
     port: int = 502
     unit: int = 1
     timeout_s: float = 0.3
+    connect_s: float = CONNECT_S
 
     @property
     def address(self) -> str:
@@ -63,6 +67,7 @@ class RtuSettings:
     stopbits: Literal[1, 2] = 1
     unit: int = 1
     timeout_s: float = 0.3
+    connect_s: float = CONNECT_S
 
     @property
     def address(self) -> str:
@@ -190,27 +195,33 @@ async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> Mo
         raise unusable(settings.address, str(error)) from error
     if not connected:
         client.close()
-        raise unreachable(settings.address, settings.timeout_s)
+        raise unreachable(settings.address, settings.connect_s)
+    answer_within(client, settings.timeout_s)
     return ModbusLink(settings, ranges, client, lateness)
+
+
+def answer_within(client: Client, timeout_s: float) -> None:
+    """Have the client wait for answers this long from now on; it has one time for connecting and for answers."""
+    client.ctx.comm_params.timeout_connect = timeout_s
 
 
 def _client(settings: ModbusSettings, lateness: Lateness) -> Client:
     """Return a client that neither retries nor reconnects by itself: the reconnector does."""
     if isinstance(settings, TcpSettings):
         return AsyncModbusTcpClient(
-            settings.host, port=settings.port, timeout=settings.timeout_s, retries=0, reconnect_delay=0, trace_packet=lateness.trace
+            settings.host, port=settings.port, timeout=settings.connect_s, retries=0, reconnect_delay=0, trace_packet=lateness.trace
         )
     line = network_line(settings.port)
     if line is not None:
         return AsyncModbusTcpClient(
-            line.host, port=line.port, framer=FramerType.RTU, timeout=settings.timeout_s, retries=0, reconnect_delay=0
+            line.host, port=line.port, framer=FramerType.RTU, timeout=settings.connect_s, retries=0, reconnect_delay=0
         )
     return AsyncModbusSerialClient(
         settings.port,
         baudrate=settings.baud,
         parity=settings.parity,
         stopbits=settings.stopbits,
-        timeout=settings.timeout_s,
+        timeout=settings.connect_s,
         retries=0,
         reconnect_delay=0,
         trace_packet=lateness.trace,

@@ -13,11 +13,12 @@ from hypothesis import strategies as st
 from structlog.testing import capture_logs
 
 from stepdiag.daq.links import poller
-from stepdiag.daq.links.modbus import ModbusLink, TcpSettings, open_link
+from stepdiag.daq.links.lateness import Lateness
+from stepdiag.daq.links.modbus import ModbusLink, TcpSettings, answer_within, open_link
 from stepdiag.daq.links.modbus_errors import LostConnectionError, RefusedRequestError, SilentDeviceError, StaleAnswerError, WrongUnitError
 from stepdiag.daq.links.poller import ModbusPoller
 from stepdiag.daq.links.reconnect import Reconnector
-from stepdiag.daq.records.events import ReadRange
+from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.solver.errors import DeviceError
 from testkit.slaves import TcpServer, wait_until
@@ -43,15 +44,16 @@ def serve():
         server.stop()
 
 
-def settings(server, **changes):
-    return TcpSettings(host="127.0.0.1", port=server.port, timeout_s=changes.pop("timeout_s", 0.3), **changes)
+def settings(server, timeout_s=60.0):
+    """What is meant to come may take its time; only what is meant to fail is given a short one."""
+    return TcpSettings(host="127.0.0.1", port=server.port, timeout_s=timeout_s, connect_s=60.0)
 
 
-def ask(server, ranges, work=None, **changes):
+def ask(server, ranges, work=None, timeout_s=60.0):
     """Open a link, read one block (or do ``work`` with the link), close it; nothing is left running."""
 
     async def run():
-        link = await open_link(settings(server, **changes), ranges)
+        link = await open_link(settings(server, timeout_s), ranges)
         try:
             return await (work(link) if work else link.read())
         finally:
@@ -147,12 +149,14 @@ def test_a_late_answer_on_tcp_is_dropped_by_its_transaction_number(serve):
 
     async def work(link):
         first = await link.read()
+        answer_within(link._client, 0.1)
         with pytest.raises(SilentDeviceError):
             await link.read()
+        answer_within(link._client, 60.0)
         given_up.set()
         return [first, *[await link.read() for _ in range(2)]]
 
-    blocks = ask(serve(answer), [BLOCK], work, timeout_s=0.5)
+    blocks = ask(serve(answer), [BLOCK], work)
     assert [struct.unpack(">3H", block.data[0])[0] for block in blocks] == [0, 2, 3]
 
 
@@ -189,15 +193,31 @@ def test_the_handshake_writes_one_register_with_function_10h(serve, value):
     assert asked == [b"\x10\x00\x64\x00\x01\x02\xab\xcd"]
 
 
-def poll_for(server, seconds, *, period_s=0.02, timeout_s=0.1, during=None):
-    """Keep the machine for a while; return blocks, changes of state, and the log."""
+class Deaf:
+    """A link whose device says nothing as long as it is deaf."""
+
+    def __init__(self):
+        self.deaf, self.lateness, self.refusals = False, Lateness(numbered=True), {}
+
+    async def read(self):
+        await asyncio.sleep(0)
+        if self.deaf:
+            raise SilentDeviceError("machine", expected="an answer", found="silence")
+        return ModbusBlock(now_ns(), now_ns(), (BLOCK,), (bytes(6),))
+
+    def close(self):
+        pass
+
+
+def poll_for(server, during, *, period_s=0.02):
+    """Keep the machine while ``during`` runs; return blocks, changes of state, and the log."""
     blocks, states = [], []
-    machine = ModbusPoller(settings(server, timeout_s=timeout_s), [BLOCK], period_s, blocks.append)
+    machine = ModbusPoller(settings(server), [BLOCK], period_s, blocks.append)
 
     async def run():
         keeper = Reconnector("machine", machine.session, lambda state, detail: states.append(state))
         task = asyncio.create_task(keeper.run())
-        await asyncio.to_thread(during, machine, blocks) if during else await asyncio.sleep(seconds)
+        await asyncio.to_thread(during, machine, blocks, states)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
         assert asyncio.all_tasks() == {asyncio.current_task()}
@@ -207,59 +227,71 @@ def poll_for(server, seconds, *, period_s=0.02, timeout_s=0.1, during=None):
     return blocks, states, logs
 
 
+def until_more(count):
+    """Return what waits until so many blocks more have come."""
+
+    def during(_machine, blocks, _states):
+        polled = len(blocks)
+        wait_until(lambda: len(blocks) >= polled + count)
+
+    return during
+
+
 def test_polls_keep_their_beat_and_are_never_queued(serve):
     def answer(pdu):
         time.sleep(0.03)
         return b"\x03" + registers(1, 2, 3)
 
-    blocks, states, _ = poll_for(serve(answer), 1.0)
+    blocks, states, _ = poll_for(serve(answer), until_more(15))
     assert states == ["connecting", "connected"]
     steps = [round((b.send_ns - a.send_ns) / 20e6) for a, b in pairwise(blocks)]
     assert min(steps) >= 2  # 30 ms an answer: never more often than every second beat of 20 ms, on a busy computer less often
     assert all(a.recv_ns <= b.send_ns for a, b in pairwise(blocks))
 
 
-def test_after_three_silent_polls_the_connection_is_made_anew(serve):
-    deaf = [False]
-    server = serve(lambda pdu: None if deaf[0] else b"\x03" + registers(1, 2, 3))
+def test_after_three_silent_polls_the_connection_is_made_anew(serve, monkeypatch):
+    link, opened = Deaf(), []
 
-    def during(machine, blocks):
+    async def open_link(*_):
+        opened.append(link)
+        return link
+
+    monkeypatch.setattr(poller, "open_link", open_link)
+
+    def during(machine, blocks, states):
         wait_until(lambda: len(blocks) > 3)
-        deaf[0] = True
-        time.sleep(0.6)
-        deaf[0] = False
-        heard = len(blocks)
-        wait_until(lambda: len(blocks) > heard, 2.0)
+        link.deaf = True
+        wait_until(lambda: len(opened) == 2)
+        link.deaf = False
+        until_more(1)(machine, blocks, states)
 
-    _, states, logs = poll_for(server, 0, during=during)
+    _, states, logs = poll_for(serve(lambda pdu: None), during)
     assert states[:4] == ["connecting", "connected", "silent", "lost"]
     assert states[-1] == "connected"
     assert [entry["log_level"] for entry in logs].count("warning") == 1
 
 
-def test_a_server_that_comes_back_is_polled_within_two_seconds(serve):
+def test_a_server_that_comes_back_is_polled_again(serve):
+    """How soon is what the reconnector waits between two attempts (test_reconnect)."""
     server = serve(lambda pdu: b"\x03" + registers(1, 2, 3))
-    waited = []
 
-    def during(machine, blocks):
+    def during(machine, blocks, states):
         wait_until(lambda: len(blocks) > 3)
         server.stop()
-        time.sleep(1.7)
+        wait_until(lambda: states[-1] == "lost")
+        heard = len(blocks)
         server.start()
-        heard, began = len(blocks), time.monotonic()
         wait_until(lambda: len(blocks) > heard)
-        waited.append(time.monotonic() - began)
 
-    _, states, _ = poll_for(server, 0, during=during)
-    assert waited[0] < 2.0
-    assert states[-2:] == ["lost", "connected"]
+    _, states, _ = poll_for(server, during)
+    assert states == ["connecting", "connected", "lost", "connected"]
 
 
 def test_a_device_that_refuses_everything_is_asked_again(serve, monkeypatch):
     monkeypatch.setattr(poller, "REFUSED_WAIT_S", 0.05)
     starting = iter([True] * 3)
     server = serve(lambda pdu: b"\x83\x06" if next(starting, False) else b"\x03" + registers(1, 2, 3))
-    blocks, states, _ = poll_for(server, 0.8)
+    blocks, states, _ = poll_for(server, until_more(1))
     assert states == ["connecting", "silent", "connected"]
     assert blocks
 
@@ -273,54 +305,54 @@ def test_a_handshake_waits_for_the_connection_and_a_refused_one_does_not_stop_th
             return b"\x90\x02" if pdu[-2:] == b"\x00\x02" else pdu[:5]
         return b"\x03" + registers(1, 2, 3)
 
-    def during(machine, blocks):
+    def during(machine, blocks, states):
         machine.write_soon(100, 1)
         wait_until(lambda: len(written) == 1)
         machine.write_soon(100, 2)
         wait_until(lambda: len(written) == 2)
-        polled = len(blocks)
-        wait_until(lambda: len(blocks) > polled + 3)
+        until_more(4)(machine, blocks, states)
 
-    _, states, logs = poll_for(serve(answer), 0, during=during)
+    _, states, logs = poll_for(serve(answer), during)
     assert written == [b"\x00\x01", b"\x00\x02"]
     assert states == ["connecting", "connected"]
     assert "write-refused" in [entry["event"] for entry in logs]
 
 
 def test_a_handshake_does_not_wait_for_the_next_poll(serve):
-    """The machine stands idle until it is written; polls ten seconds apart do not hold it up, nor come sooner for it."""
-    written = []
+    """The machine stands idle until it is written; polls an hour apart do not hold it up, nor come sooner for it."""
+    written, blocks = threading.Event(), []
 
     def answer(pdu):
-        if pdu[0] == 0x10:
-            written.append(pdu[-2:])
-            return pdu[:5]
-        return b"\x03" + registers(1, 2, 3)
+        return pdu[:5] if pdu[0] == 0x10 else b"\x03" + registers(1, 2, 3)
 
-    blocks = []
-    machine = ModbusPoller(settings(serve(answer)), [BLOCK], 10.0, blocks.append)
+    def on_written(refused):
+        assert not refused
+        written.set()
+
+    machine = ModbusPoller(settings(serve(answer)), [BLOCK], 3600.0, blocks.append, on_written)
 
     async def run():
         task = asyncio.create_task(Reconnector("machine", machine.session, lambda state, detail: None).run())
-        await asyncio.sleep(0.3)
+        await asyncio.to_thread(wait_until, lambda: bool(blocks))
         machine.write_soon(100, 7)
-        await asyncio.sleep(0.3)
+        assert await asyncio.to_thread(written.wait, 60.0)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
 
     asyncio.run(run())
-    assert written == [b"\x00\x07"]
     assert len(blocks) == 1
 
 
 def test_an_order_to_end_is_heeded_even_if_the_client_forgets_it(serve, monkeypatch):
     """`asyncio.wait_for` of Python 3.11 returns the answer that came together with the cancellation, which is then lost."""
     whole = ModbusLink.read
+    answered = []
 
     async def read(link):
         block = await whole(link)
+        answered.append(block)
         with suppress(asyncio.CancelledError):
-            await asyncio.sleep(0.2)
+            await asyncio.sleep(3600.0)
         return block
 
     monkeypatch.setattr(ModbusLink, "read", read)
@@ -328,9 +360,9 @@ def test_an_order_to_end_is_heeded_even_if_the_client_forgets_it(serve, monkeypa
 
     async def run():
         task = asyncio.create_task(Reconnector("machine", machine.session, lambda state, detail: None).run())
-        await asyncio.sleep(0.1)
+        await asyncio.to_thread(wait_until, lambda: bool(answered))
         task.cancel()
-        done, _ = await asyncio.wait({task}, timeout=2.0)
+        done, _ = await asyncio.wait({task}, timeout=60.0)
         assert done == {task}
 
     asyncio.run(run())

@@ -68,7 +68,12 @@ def test_every_byte_arrives_in_order_with_a_stamp_of_the_moment(pty):
     assert not serial_threads()
 
 
-def test_a_chunk_is_what_came_within_a_hundredth_of_a_second_stamped_by_its_last_line(pty):
+def assert_gathered(handed_ns):
+    """Two chunks are about as far apart as what is gathered into one, however slowly a busy computer lets the bytes come."""
+    assert len(handed_ns) <= 2 + (handed_ns[-1] - handed_ns[0]) / 1e9 / (serial.GATHER_S / 2)
+
+
+def test_a_chunk_is_what_came_within_two_hundredths_of_a_second_stamped_by_its_last_line(pty):
     """500 lines a second, each holding the moment it was written: few chunks, each stamped between its last line and its handing over."""
     chunks, states, handed_ns = [], States(), []
 
@@ -84,21 +89,25 @@ def test_a_chunk_is_what_came_within_a_hundredth_of_a_second_stamped_by_its_last
         wait_until(lambda: sum(data.count(b"\n") for data, _ in chunks) == 300)
 
     asyncio.run(while_running(SerialStream(settings(pty), take).session, work, states))
-    assert len(chunks) < 150
+    assert_gathered(handed_ns)
     for (data, stamp), handed in zip(chunks, handed_ns, strict=True):
         assert int(data.splitlines()[-1]) - 1000 <= stamp <= handed
 
 
 def test_a_busy_line_is_read_whole_and_its_silence_and_its_end_are_seen(pty):
     """A megabyte at full speed, a silence, a single line again after it, and the cable."""
-    chunks, states = [], States()
+    chunks, states, handed_ns = [], States(), []
     block = bytes(range(256)) * 16
 
     def heard():
         return sum(len(data) for data, _ in chunks)
 
+    def take(*chunk):
+        chunks.append(chunk)
+        handed_ns.append(now_ns())
+
     async def serve():
-        task = asyncio.create_task(SerialStream(settings(pty), lambda *chunk: chunks.append(chunk)).session(states))
+        task = asyncio.create_task(SerialStream(settings(pty), take).session(states))
         await asyncio.to_thread(work)
         pty.close()
         await task
@@ -117,7 +126,7 @@ def test_a_busy_line_is_read_whole_and_its_silence_and_its_end_are_seen(pty):
     with pytest.raises(DeviceError, match="it is gone"):
         asyncio.run(serve())
     assert b"".join(data for data, _ in chunks) == block * 256 + b"last"
-    assert len(chunks) < 200
+    assert len(chunks) < 200 or len(handed_ns) <= (handed_ns[-1] - handed_ns[0]) / 1e9 / (serial.GATHER_S / 2)
     assert not serial_threads()
 
 
@@ -245,8 +254,9 @@ def test_a_fault_in_the_reading_thread_is_seen_by_its_supervisor(pty):
         raise ZeroDivisionError
 
     async def serve():
-        task = asyncio.create_task(SerialStream(settings(pty), broken).session(States()))
-        await asyncio.sleep(0.1)
+        states = States()
+        task = asyncio.create_task(SerialStream(settings(pty), broken).session(states))
+        await asyncio.to_thread(wait_until, lambda: states == ["connected"])
         pty.write(b"x")
         await task
 

@@ -129,7 +129,7 @@ class TcpServer:
                     connection.sendall(request[:4] + struct.pack(">H", len(pdu) + 1) + request[6:7] + pdu)
 
 
-def wait_until(true: Callable[[], bool], timeout_s: float = 5.0) -> None:
+def wait_until(true: Callable[[], bool], timeout_s: float = 60.0) -> None:
     """Wait for a condition of another thread; fail after ``timeout_s``."""
     deadline = time.monotonic() + timeout_s
     while not true():
