@@ -18,6 +18,9 @@ import numpy as np
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.json_tree import Node
 
+POSTERIOR_DECIMALS = 4
+"""Numbers of it are written to this many decimals."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class UnknownSize:
@@ -88,7 +91,7 @@ class Posterior:
 
 
 def _short(values: Vector) -> list[float]:
-    return [round(float(value), 4) + 0.0 for value in values]
+    return [round(float(value), POSTERIOR_DECIMALS) + 0.0 for value in values]
 
 
 def parse_posterior(root: Node) -> Posterior:

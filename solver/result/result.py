@@ -14,8 +14,8 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.kinematics import abbe_mask
 from stepdiag.solver.geometry.volume import AXES, MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.json_tree import Node, load_json
-from stepdiag.solver.result.posterior import Posterior, parse_posterior
-from stepdiag.solver.result.rounding import steady
+from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS, Posterior, parse_posterior
+from stepdiag.solver.result.rounding import same_but_for_rounding, steady
 
 FORMAT = "stepdiag-result"
 FORMAT_VERSION = 2
@@ -128,6 +128,16 @@ class Result:
         }
         text = json.dumps(_rounded(document), indent=2, ensure_ascii=False, allow_nan=False)
         return _NUMBERS.sub(lambda found: "[" + " ".join(found[0][1:-1].split()) + "]", text) + "\n"
+
+
+def same_result(one: bytes, other: bytes) -> bool:
+    """Tell whether two ``result.json`` say the same but for the last digit of a number, as two processors may write it."""
+    try:
+        first, second = json.loads(one), json.loads(other)
+        shape, other_shape = first.pop("posterior", None), second.pop("posterior", None)
+    except (ValueError, AttributeError, RecursionError):
+        return False
+    return same_but_for_rounding(first, second, DECIMALS) and same_but_for_rounding(shape, other_shape, POSTERIOR_DECIMALS)
 
 
 def _volume_json(volume: Volume) -> dict[str, Any]:

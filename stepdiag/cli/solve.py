@@ -147,7 +147,7 @@ def replay(
 ) -> None:
     """Make result and files again from the logs.
 
-    And compare them with what the live run wrote, byte for byte.
+    And compare them with what the live run wrote, byte for byte; another processor may write a last digit otherwise, which is said.
     """
     from stepdiag.daemon.replay import replay_and_compare
 

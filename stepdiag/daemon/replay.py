@@ -1,5 +1,6 @@
-"""A replay beside what the live run wrote: the same bytes, or which files differ."""
+"""A replay beside what the live run wrote: the same bytes, the same but for a last digit (another processor), or which files differ."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -8,15 +9,23 @@ from stepdiag.daq.records.survey_folder import CONCLUSION, EXPORTS, READINGS, RE
 from stepdiag.daq.replay import find_logs
 from stepdiag.daq.service.completion import complete
 from stepdiag.report.completed import write_completed_report
+from stepdiag.solver.result.result import same_result
+
+_HASH = re.compile(rb"\b[0-9a-f]{64}\b")
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
-    """What a replay wrote into ``out``, against the live run's folder. ``missing`` are files that the live run does not have."""
+    """What a replay wrote into ``out``, against the live run's folder.
+
+    ``rounded`` are files that differ in the last digit of a number of the result, as another processor's products make it, or in nothing
+    but the hash of such a file. ``missing`` are files that the live run does not have.
+    """
 
     out: Path
     live: Path
     identical: tuple[str, ...]
+    rounded: tuple[str, ...]
     different: tuple[str, ...]
     missing: tuple[str, ...]
 
@@ -26,6 +35,7 @@ class Compared:
             "out": str(self.out),
             "live": str(self.live),
             "identical": list(self.identical),
+            "rounded": list(self.rounded),
             "different": list(self.different),
             "missing": list(self.missing),
         }
@@ -35,6 +45,8 @@ class Compared:
         lines = [f"replayed into {self.out}"]
         if self.identical:
             lines.append(f"identical to the live run, byte for byte: {', '.join(self.identical)}")
+        if self.rounded:
+            lines.append(f"the same but for the last digit of a number, as another processor writes it: {', '.join(self.rounded)}")
         if self.missing:
             lines.append(f"not there from a live run, nothing to compare with: {', '.join(self.missing)}")
         return "\n".join(lines)
@@ -52,9 +64,20 @@ def replay_and_compare(paths: Sequence[Path], out: Path | None, survey_file: Pat
     write_completed_report(done)
     written = [target / RESULT, target / READINGS, target / CONCLUSION, target / "report.html", *sorted((target / EXPORTS).rglob("*"))]
     names = [path.relative_to(target) for path in written if path.is_file()]
-    verdicts: dict[str, list[str]] = {"identical": [], "different": [], "missing": []}
-    for name in names:
-        other = live / name
-        same = "missing" if not other.is_file() else "identical" if other.read_bytes() == (target / name).read_bytes() else "different"
-        verdicts[same].append(str(name))
-    return Compared(target, live, tuple(verdicts["identical"]), tuple(verdicts["different"]), tuple(verdicts["missing"]))
+    verdicts: dict[str, list[str]] = {"identical": [], "rounded": [], "different": [], "missing": []}
+    for name in names:  # the result comes first: the hashes of others follow from it
+        verdict = _verdict(live / name, (target / name).read_bytes(), rounded=bool(verdicts["rounded"]))
+        verdicts[verdict].append(str(name))
+    return Compared(target, live, **{verdict: tuple(found) for verdict, found in verdicts.items()})
+
+
+def _verdict(other: Path, again: bytes, *, rounded: bool) -> str:
+    """Return what a file is beside the live run's; ``rounded``: an earlier one was the same but for a last digit."""
+    if not other.is_file():
+        return "missing"
+    before = other.read_bytes()
+    if before == again:
+        return "identical"
+    if other.name == RESULT:
+        return "rounded" if same_result(before, again) else "different"
+    return "rounded" if rounded and _HASH.sub(b"", before) == _HASH.sub(b"", again) else "different"

@@ -72,7 +72,7 @@ def test_diagonals_lines_and_head_give_one_result_and_replay_to_the_same_bytes(t
         replayed = CliRunner().invoke(app, ["replay", str(place.round), "--out", str(tmp_path / "again"), "--json"])
         assert replayed.exit_code == 0, replayed.output
         compared = json.loads(replayed.stdout)
-        assert compared["different"] == compared["missing"] == []
+        assert compared["different"] == compared["rounded"] == compared["missing"] == []
         assert_head_commands_read_the_logs(place.round, truth, tmp_path)
 
 

@@ -30,7 +30,7 @@ warn_value_um = 500.0
 
 
 OTHER_PROCESSOR = {"OPENBLAS_CORETYPE": "Prescott", "OPENBLAS_NUM_THREADS": "1"}
-"""Kernels of an old processor: numpy's products then differ in their last bits."""
+"""Kernels of an old processor: numpy's products then differ in their last bits, a number on the edge of its rounding in its last digit."""
 
 
 def assert_solved(place, folder="0001"):
@@ -59,7 +59,9 @@ def test_a_survey_is_recorded_solved_exported_and_replayed_to_the_same_bytes(tmp
             assert code == 0, refusal
             compared = json.loads(out)
             assert compared["different"] == compared["missing"] == []
-        assert {"result.json", "readings.csv", "report.html", "exports/siemens/AX_EEC_UNTESTED_SIGN.INI"} <= set(compared["identical"])
+            assert environment or compared["rounded"] == []
+            files = {"result.json", "readings.csv", "report.html", "exports/siemens/AX_EEC_UNTESTED_SIGN.INI"}
+            assert files <= {*compared["identical"], *compared["rounded"]}
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,6 @@ def drive_and_replay(place):
     code, out, refusal = stepdiag("replay", place.round, "--out", place.folder / "again", "--json")
     assert code == 0, refusal
     compared = json.loads(out)
-    assert compared["different"] == compared["missing"] == []
+    assert compared["different"] == compared["rounded"] == compared["missing"] == []
     assert {"result.json", "readings.csv"} <= set(compared["identical"])
     return said

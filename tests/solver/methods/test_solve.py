@@ -14,6 +14,7 @@ from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.methods.registry import METHODS
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import parse_readings, render_readings
+from stepdiag.solver.result.result import same_result
 from testkit.surveys import DIAGONALS, Bench
 
 SURVEY = Bench(increments=4).survey()
@@ -108,7 +109,7 @@ def test_what_is_not_identified_leaves_no_trace_of_the_processor():
         environment = os.environ | kernel | {"PYTHONPATH": lib}
         done = subprocess.run([sys.executable, "-c", ELSEWHERE], capture_output=True, text=True, check=True, env=environment, timeout=120)
         told.append(done.stdout)
-    assert told[0] == told[1]
+    assert same_result(told[0].encode(), told[1].encode())
     result = json.loads(told[0])
     unidentified = {name for name, function in result["errors"].items() if function["value"] is None}
     assert unidentified

@@ -5,7 +5,7 @@ import math
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from stepdiag.solver.result.rounding import steady
+from stepdiag.solver.result.rounding import same_but_for_rounding, steady
 
 
 @given(st.integers(-(10**8), 10**8), st.integers(1, 6), st.integers(-20, 20))
@@ -22,3 +22,14 @@ def test_it_stays_within_half_a_unit_and_has_no_negative_zero(value, decimals):
     rounded = steady(value, decimals)
     assert abs(rounded - value) <= 0.5005 * 10**-decimals + 2 * math.ulp(value)
     assert math.copysign(1.0, rounded) == 1.0 or rounded < 0
+
+
+def test_the_last_digit_may_be_another_processors_and_nothing_else():
+    value = {"a": [0.28991, None, "x"], "b": 3}
+    assert same_but_for_rounding(value, {"a": [0.289911, None, "x"], "b": 3}, 6)
+    assert not same_but_for_rounding(value, {"a": [0.289912, None, "x"], "b": 3}, 6)
+    assert not same_but_for_rounding(value, {"a": [0.28991, None, "y"], "b": 3}, 6)
+    assert not same_but_for_rounding(value, {"a": [0.28991, None, "x"], "b": 4}, 6)
+    assert not same_but_for_rounding(value, {"a": [0.28991, 0.0, "x"], "b": 3}, 6)
+    assert not same_but_for_rounding(value, {"a": [0.28991, None], "b": 3}, 6)
+    assert not same_but_for_rounding(value, {"a": [0.28991, None, "x"]}, 6)
