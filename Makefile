@@ -10,6 +10,7 @@ STEPDIAG := $(VENV)/bin/stepdiag
 # what builds the wheel is checked by its hash, like everything else
 BUILD := --quiet --wheel --build-constraint tools/build.txt --require-hashes
 RELEASE ?= release
+MINUTES ?= 10
 
 .DEFAULT_GOAL := help
 .PHONY: help demo test matrix explore mutants soak bench honesty format rooms release deb docs clean
@@ -27,10 +28,11 @@ test: $(TEST_VENV)/.ready .setup/debian .setup/node ## style, types, layers and 
 matrix: $(TEST_VENV)/.ready ## the unit tests on Python 3.11, 3.12 and 3.13
 	tools/matrix dist
 
-# the property tests with examples that nobody has seen, ten times the changed files of somebody else, and every file door of the command
-# line with files that are right but for one field
+# the property tests with examples that nobody has seen, ten times the changed files of somebody else, every file door of the command line
+# with files that are right but for one field, and then these doors by turns for so many minutes: `make explore MINUTES=60`
 explore: $(TEST_VENV)/.ready ## property tests and fuzzing with examples nobody has seen
 	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control" tests
+	$(TEST_VENV)/bin/python tests/fuzz/by_turns.py $(MINUTES)
 
 # every change: a night; a sample: `make mutants COUNT=400 SEED=10`, see docs/testing.md
 mutants: $(MUTANTS_VENV)/.ready ## how sharp the tests are: small changes that a test must notice

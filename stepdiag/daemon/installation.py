@@ -13,6 +13,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
+from stepdiag.daemon.program_places import at_its_places, places_of_program
 from stepdiag.daq.links.address import network_line
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.daq.survey.models import Survey
@@ -22,8 +23,9 @@ from stepdiag.solver.errors import UsageError
 
 SURVEYS = Path("etc/stepdiag")
 UNITS = Path("etc/systemd/system")
+UNIT = "stepdiag@.service"
 SHARED = {
-    "stepdiag@.service": UNITS / "stepdiag@.service",
+    UNIT: UNITS / UNIT,
     "90-stepdiag.rules": Path("etc/udev/rules.d/90-stepdiag.rules"),
     "stepdiag.modules.conf": Path("etc/modules-load.d/stepdiag.conf"),
 }
@@ -48,7 +50,7 @@ def plan_install(survey_file: Path, root: Path) -> list[Step]:
     """Return what an installation below ``root`` does. Raises UsageError for a survey file that is wrong or stands elsewhere."""
     survey = load_survey(survey_file)
     name = _name(survey_file, root)
-    steps = [_written(root / place, _shared(source)) for source, place in SHARED.items()]
+    steps = [_written(root / place, _shared(source, root)) for source, place in SHARED.items()]
     token = survey_file.parent / survey.page.token_file
     if survey.page.token_file:
         steps.append(Step(token, "keep" if token.exists() else "make secret"))
@@ -119,19 +121,13 @@ def _drop_in(name: str) -> Path:
     return UNITS / f"stepdiag@{name}.service.d" / DROP_IN
 
 
-def _shared(source: str) -> str:
-    """Return a file for systemd as it came with this program, the unit with the command of this installation."""
+def _shared(source: str, root: Path) -> str:
+    """Return a file for systemd as it came with this program, the unit with the places of this installation. Raises UsageError."""
     for folder in (Path(sys.prefix) / "share/stepdiag/systemd", Path(str(files("stepdiag"))).parent / "systemd"):
         if (folder / source).is_file():
             text = (folder / source).read_text(encoding="utf-8")
-            return text.replace("BindReadOnlyPaths=/opt/stepdiag", f"BindReadOnlyPaths={_program()}").replace("/opt/stepdiag", sys.prefix)
+            return at_its_places(text, places_of_program(), reachable=root == Path("/")) if source == UNIT else text
     raise UsageError(source, expected="the files for systemd that come with the program", found="none", remedy="install the wheel again")
-
-
-def _program() -> str:
-    """Return where this installation stands: its own folder, and its Python's where that is not the system's."""
-    base = () if Path(sys.base_prefix) == Path("/usr") else (sys.base_prefix,)
-    return " ".join(dict.fromkeys((sys.prefix, *base)))
 
 
 def _network(survey: Survey) -> Iterator[str]:

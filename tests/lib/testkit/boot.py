@@ -120,7 +120,12 @@ def booted(root, name, *binds):
         [*ELEVATED, *map(str, command)], stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, start_new_session=True
     )
     with container.stdout:
-        system = Booted(root, _first_process(container))
+        try:
+            system = Booted(root, _first_process(container))
+        except BaseException:
+            for pid in (*_descendants(container.pid), container.pid):
+                as_root("kill", f"-{signal.SIGKILL}", pid, check=False)
+            raise
         try:
             yield system
         finally:
@@ -133,17 +138,20 @@ def booted(root, name, *binds):
 
 
 def _first_process(container):
-    """Return the id of the container's process 1 once its manager answers."""
-    end = time.monotonic() + 30
+    """Return the id of the container's process 1 once its manager has started everything, or what it could."""
+    end = time.monotonic() + 120
+    said = ""
     while time.monotonic() < end:
         for pid in _descendants(container.pid):
             name = Path(f"/proc/{pid}/comm")
-            answers = name.exists() and name.read_text().strip() == "systemd"
-            if answers and "running" in as_root("nsenter", "-t", pid, "-m", "-p", "-C", "systemctl", "is-system-running", check=False):
+            if not name.exists() or name.read_text().strip() != "systemd":
+                continue
+            said = as_root("nsenter", "-t", pid, "-m", "-p", "-C", "systemctl", "is-system-running", check=False).strip()
+            if said in {"running", "degraded"}:
                 return pid
         assert container.poll() is None, container.stdout.read()
         time.sleep(0.1)
-    raise AssertionError("the system did not come up")
+    raise AssertionError(f"the system did not come up: {said}")
 
 
 def _descendants(pid):

@@ -50,6 +50,9 @@ MADE: dict[str, Callable[[str], bytes]] = {
 
 ACCEPTED = {"heidenhain": ("--accept", "column-widths-assumed")}
 
+LONGEST_SAID = 20_000
+"""Characters of a refusal."""
+
 Change = Callable[[str, random.Random], str]
 
 
@@ -87,6 +90,19 @@ class Door:
         self.place(folder)
         with chdir(folder):
             return stepdiag(*self.command)
+
+
+def how_it_broke(door: Door, folder: Path) -> str:
+    """Go through a door; return where the command did not end as the contract says, empty where it did."""
+    told = door.go_through(folder)
+    left = [path.name for path in folder.rglob("*") if path.name.startswith(".") and path.is_file()]
+    wrong = {
+        f"exit code {told.code}": told.code not in {0, 2, 3, 5},
+        "a refusal without a reason": told.code != 0 and not told.refusal and not told.out,
+        f"a refusal of {len(told.refusal)} characters": len(told.refusal) >= LONGEST_SAID,
+        f"half written: {left}": bool(left),
+    }
+    return "; ".join(how for how, is_so in wrong.items() if is_so)
 
 
 @cache

@@ -1,0 +1,78 @@
+"""Where this program stands on the disk, and the unit that sees these places and no other.
+
+A Python that pyenv or uv fetched stands in somebody's home, which the unit otherwise does not see at all; a virtual environment reaches it
+through links, and each folder on the way must be there inside the unit too.
+"""
+
+import re
+import sys
+from collections.abc import Iterator
+from importlib.resources import files
+from pathlib import Path
+
+from stepdiag.solver.errors import UsageError
+
+PACKAGED = "/opt/stepdiag"
+"""Where the program stands in the unit as it is packaged."""
+SYSTEM = Path("/usr")
+"""What the unit sees anyway."""
+HOMES = (Path("/home"), Path("/root"), Path("/run/user"))
+"""What ProtectHome=yes hides (systemd.exec(5)): even places that are bound there."""
+OTHERS_READ = 0o005
+LINKS = 40
+"""More in a row than a kernel follows."""
+
+
+def places_of_program() -> list[Path]:
+    """Return the folders that hold the environment, its Python and the package, outermost alone, those of the system left out."""
+    found = [Path(sys.prefix), Path(sys.base_prefix), Path(str(files("stepdiag"))).parent, *_homes_of(Path(sys.executable))]
+    every = sorted({place for each in found for place in (each, each.resolve()) if SYSTEM not in (place, *place.parents)})
+    return [place for place in every if not set(place.parents) & set(every)]
+
+
+def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> str:
+    """Return the packaged unit for a program at these places. Raises UsageError for one that the service's account could not run."""
+    for place in places:
+        _assert_plain(place)
+        if reachable:
+            _assert_read_by_all(place)
+    bound = f"BindReadOnlyPaths={' '.join(map(str, places))}"
+    unit = unit.replace(f"BindReadOnlyPaths={PACKAGED}", bound).replace(f"{PACKAGED}/bin", f"{sys.prefix}/bin")
+    if any(set(place.parents) & set(HOMES) for place in places):
+        # empty but for what is bound there: `yes` would hide that too
+        unit = unit.replace("ProtectHome=yes", "ProtectHome=tmpfs")
+    return unit
+
+
+def _homes_of(executable: Path) -> Iterator[Path]:
+    """Yield the installation of every link between an environment's Python and the one that runs: PLACE of PLACE/bin/python."""
+    for _ in range(LINKS):
+        yield executable.parent.parent
+        if not executable.is_symlink():
+            return
+        executable = executable.parent / executable.readlink()
+
+
+def _assert_plain(place: Path) -> None:
+    if not re.fullmatch(r"[\w./@+-]+", str(place), re.ASCII):
+        raise UsageError(
+            "the program's place", expected="a path of letters, digits and ./@+-_ for a unit of systemd", found=repr(str(place)),
+            remedy="install the wheel into /opt/stepdiag (docs/install.md)",
+        )  # fmt: skip
+
+
+def _assert_read_by_all(place: Path) -> None:
+    """The service runs as an account of its own; folders above do not count, since a bound place is entered without them."""
+    place = place.resolve()  # not every chmod follows a link
+    closed = next(
+        (each for each in (place, *sorted(place.glob("bin")), *sorted(place.glob("bin/python*"))) if not _read_by_all(each)), None
+    )
+    if closed is not None:
+        raise UsageError(
+            str(closed), expected="what the service's own account may read and run: the program and its Python", found="closed to others",
+            remedy=f"chmod -R o+rX {place}, or install with the system's Python into /opt/stepdiag (docs/install.md)",
+        )  # fmt: skip
+
+
+def _read_by_all(place: Path) -> bool:
+    return place.stat().st_mode & OTHERS_READ == OTHERS_READ
