@@ -30,6 +30,8 @@ from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.verify import Verification, controller_for, verify_files
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import Angles, parse_angles
+from stepdiag.solver.model.lateral import MeasuredStraightness
+from stepdiag.solver.model.straightness_file import parse_straightness
 from stepdiag.solver.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
 from stepdiag.solver.result.result import Result, parse_result
 
@@ -41,6 +43,7 @@ __all__ = [
     "load_angles",
     "load_readings",
     "load_result",
+    "load_straightness",
     "make_readings",
     "read_log",
     "render_readings",
@@ -69,6 +72,11 @@ def load_readings(path: Path | str) -> Readings:
 def load_angles(path: Path | str) -> Angles:
     """Return angular functions of a CSV file (axis, position_mm, EA_urad, EB_urad, EC_urad). Raises as `load_readings`."""
     return parse_angles(read_text(Path(path)), Path(path).name)
+
+
+def load_straightness(path: Path | str) -> tuple[MeasuredStraightness, ...]:
+    """Return straightness functions of a CSV file (position_mm, EYX_um, u_EYX_um ..). Raises as `load_readings`."""
+    return parse_straightness(read_text(Path(path)), Path(path).name)
 
 
 def load_result(path: Path | str) -> Result:

@@ -1,5 +1,6 @@
 """Commissioning and tests of a 4-DOF head: signs and lever, curves, stability, comparison (theory.md 9, Feng 2008 section 3)."""
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal, get_args
@@ -11,7 +12,15 @@ from stepdiag.daq.head.record import HeadRecord, require_angles
 from stepdiag.daq.survey.head_file import AxisName, AxisTable, DetectorName, HeadFile, LeverTable
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
-from stepdiag.solver.fourdof.commissioning import CurveFit, SignsAndLever, Standstill, fit_curve, signs_and_lever
+from stepdiag.solver.fourdof.commissioning import (
+    U_SCALE_ASSUMED,
+    CurveFit,
+    SignsAndLever,
+    Standstill,
+    fit_curve,
+    lever_line,
+    signs_and_lever,
+)
 from stepdiag.solver.fourdof.detector import CurveKind, spots
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, beam_angle_urad, motion
 from stepdiag.solver.fourdof.statistics import Comparison, Stability, compare, stability
@@ -29,7 +38,7 @@ def stability_of(record: HeadRecord, file: HeadFile, distance_mm: float, interva
     """Return the stability of ``straightness x``, ``.. y`` in um and ``angle x``, ``.. y`` in arc-seconds over means of ``interval_s``."""
     require_angles(record, "stability")
     means = record.averaged(interval_s)
-    found = motion(means.channels, distance_mm, file.calibrated())
+    found = motion(means.channels, distance_mm, file.calibrated(), time_s=means.time_s)
     if not found.usable.all():
         texts = "; ".join(finding.text for finding in found.findings)
         raise DataError("stability", expected="light on every detector all the time", found=texts, remedy="align the head, repeat")
@@ -95,16 +104,25 @@ def _signs_along(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile
 
 
 def _common_lever(axes: Sequence[SignsAndLever]) -> tuple[LeverTable, list[Finding]]:
-    weight = np.array([1.0 / max(one.u_dead_path_mm, 1e-3) ** 2 for one in axes])
-    dead = np.array([one.dead_path_mm for one in axes])
-    difference = float(abs(dead[0] - dead[1]))
+    """Return the line of both lateral axes' levers; what the axes differ by beyond chance is in its uncertainty, and named."""
+    travel, lever, u = (np.concatenate([getattr(one, name) for one in axes]) for name in ("travel_mm", "lever_mm", "u_lever_mm"))
+    common = lever_line(travel, lever, u)
+    lines = [lever_line(one.travel_mm, one.lever_mm, one.u_lever_mm) for one in axes]
+    apart = abs(lines[0].at(common.u_at_mm) - lines[1].at(common.u_at_mm))
     findings = []
-    if difference > 3 * float(np.sqrt(np.sum(1 / weight))):
-        text = f"x and y see dead paths {difference:.1f} mm apart: their curves or gains are not alike; calibrate both"
+    if apart > 3 * math.hypot(*(line.u_at(common.u_at_mm) for line in lines)):
+        text = f"x and y see levers {apart:.1f} mm apart: their curves or gains are not alike; calibrate both"
         findings.append(Finding(code="fourdof-lever-differs", severity="warning", text=text))
-    scale = float(np.average([one.lever_scale for one in axes], weights=weight))
-    u = float(np.hypot(weight.sum() ** -0.5, difference / np.sqrt(12.0)))
-    return LeverTable(dead_path_mm=float(np.average(dead, weights=weight)), scale=scale, u_mm=u), findings
+    turned = abs(lines[0].scale - lines[1].scale)
+    u_scale = U_SCALE_ASSUMED if common.u_scale is None else float(np.hypot(common.u_scale, turned / np.sqrt(12.0)))
+    table = LeverTable(
+        dead_path_mm=common.dead_path_mm,
+        scale=common.scale,
+        u_mm=float(np.hypot(common.u_mm, apart / np.sqrt(12.0))),
+        u_at_mm=common.u_at_mm,
+        u_scale=u_scale,
+    )
+    return table, findings
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -200,16 +218,6 @@ def parse_curves(text: str, source: str) -> Curves:
     if not curves:
         raise DataError(f"{source}: header", expected="columns such as EYX_um or EBX_arcsec", found=",".join(table[0][1]))
     return curves
-
-
-def render_straightness(curves: Curves) -> str:
-    """Return straightness functions as the CSV that `parse_curves` reads; a field is empty where a function has no value."""
-    positions = sorted({float(at) for position, _ in curves.values() for at in position})
-    lines = ["position_mm," + ",".join(f"{name}_um" for name in curves)]
-    for at in positions:
-        found = [value[position == at] for position, value in curves.values()]
-        lines.append(f"{at:.6f}," + ",".join(f"{each[0]:.6f}" if len(each) else "" for each in found))
-    return "\n".join(lines) + "\n"
 
 
 def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]:

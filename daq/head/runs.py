@@ -23,6 +23,11 @@ from stepdiag.solver.standards.straightness import residuals_um
 
 CHANNELS = 9
 QD_ONLY = 3
+SHIFT_SHARE = float(0.5 / np.sqrt(6.0))
+"""A beam that wanders parallel by 1 in a pass moves the spot by 1 and straightness by half; free of its end-point line (a Brownian bridge)
+that is 1 / sqrt(6) in the rms over the pass."""
+QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
+"""The channels of each detector."""
 END_MM = 0.01
 """As near to the end of the volume counts as its end."""
 LEAST_STOPS = 3
@@ -56,7 +61,7 @@ def evaluate_head(survey: Survey, passes: Sequence[Pass], files: Mapping[str, by
     if not driven or survey.head is None:
         return HeadMeasured(angles={})
     calibration = _calibration(survey.head, files)
-    seen = [_evaluate(survey.head, calibration, each, level) for each in driven]
+    seen = [_evaluate(survey, survey.head, calibration, each, level) for each in driven]
     angles, incomplete = _whole(_over_passes([each.turns for each in seen]), survey)
     return HeadMeasured(
         straightness=tuple(one for each in seen for one in each.straightness),
@@ -90,7 +95,7 @@ def _calibration(section: HeadSection, files: Mapping[str, bytes]) -> HeadFile:
     return file
 
 
-def _evaluate(section: HeadSection, file: HeadFile, each: Pass, level: Angles) -> _PassSeen:
+def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, level: Angles) -> _PassSeen:
     name = f"{each.route.setup} pass {each.number}"
     axis = AXES.index(each.route.setup[-1])
     run = section.run_along(AXES[axis])
@@ -100,13 +105,21 @@ def _evaluate(section: HeadSection, file: HeadFile, each: Pass, level: Angles) -
     distance = _distance_mm(section, run, stops, position, name)
     qd_only = len(stops[0].channels) == QD_ONLY
     head = replace(file.calibrated(), psd1=Detector(), psd2=Detector()) if qd_only else file.calibrated()
-    found = motion(channels, distance, head, _roll_urad(run, axis, level, position))
+    found = motion(
+        channels,
+        distance,
+        head,
+        _roll_urad(run, axis, level, position),
+        time_s=None if qd_only else np.array([stop.time_s for stop in stops]),
+        u_psd1_urad=_by_channel(channels, u_channels, distance, head, PSD1).drift_urad,
+    )
     findings = tuple(Finding(code=one.code, severity=one.severity, text=f"{name}: {one.text}") for one in found.findings)
     count = int(np.count_nonzero(found.usable))
     if count < LEAST_STOPS:
         text = f"{name}: {count} of {len(stops)} stops have usable light: the pass says nothing; drive it again"
         return _PassSeen(straightness=(), turns={}, findings=(*findings, Finding(code="fourdof-no-data", severity="error", text=text)))
-    seen = _named(each, run, position, found, _noise(found, channels, u_channels, distance, head, file.lever.u_mm))
+    shift_um = survey.uncertainty.source_shift_um
+    seen = _named(each, run, position, found, _noise(found, channels, u_channels, distance, head, file, shift_um))
     if not qd_only:
         return replace(seen, findings=findings)
     text = f"{name}: the head has a QD only: no pitch and yaw, and the straightness holds the drift of the laser's pointing"
@@ -186,22 +199,39 @@ class _Noise:
 
     straightness_um: Vector
     angle_urad: Vector
+    drift_urad: Vector
 
 
-def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector, head: Head, u_lever_mm: float) -> _Noise:
-    """Return calibration, lever and scatter of the stop's mean together; the scatter goes through the equations channel by channel."""
-    lever_um = 1e-3 * u_lever_mm * np.abs(found.drift_urad - found.drift_urad[:1])
-    straight, turn = found.u_straightness_um**2 + lever_um**2, found.u_angle_urad**2
+def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector, head: Head, file: HeadFile, shift_um: float) -> _Noise:
+    """Return calibration, lever, drift, scatter of the stop's mean and the beam's parallel shift together."""
+    lever_um = file.lever.u_at(distance)[:, None] * 1e-3 * np.abs(found.drift_urad - found.drift_urad[:1])
+    drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
+    # the drift's own uncertainty holds the scatter of the detector that saw it
+    scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
+    return _Noise(
+        straightness_um=np.sqrt(
+            found.u_straightness_um**2 + lever_um**2 + drift_um**2 + scatter.straightness_um**2 + (SHIFT_SHARE * shift_um) ** 2
+        ),
+        angle_urad=np.sqrt(found.u_angle_urad**2 + (found.u_drift_urad / 2) ** 2 + scatter.angle_urad**2),
+        drift_urad=found.u_drift_urad,
+    )
+
+
+def _by_channel(channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]) -> _Noise:
+    """Return what the scatter of some channels makes of the motion: it goes through the equations channel by channel."""
     still = motion(channels, distance, head)
-    for channel in range(CHANNELS):
+    total = [np.zeros_like(still.straightness_um) for _ in range(3)]
+    for channel in of:
         if not u_channels[:, channel].any():
             continue
         moved = channels.copy()
         moved[:, channel] += u_channels[:, channel]
         other = motion(moved, distance, head)
-        straight = straight + (other.straightness_um - still.straightness_um) ** 2
-        turn = turn + (other.angle_urad - still.angle_urad) ** 2
-    return _Noise(np.sqrt(straight), np.sqrt(turn))
+        for part, (there, here) in enumerate(
+            ((other.straightness_um, still.straightness_um), (other.angle_urad, still.angle_urad), (other.drift_urad, still.drift_urad))
+        ):
+            total[part] = total[part] + (there - here) ** 2
+    return _Noise(*map(np.sqrt, total))
 
 
 def _over_passes(seen: Sequence[dict[str, tuple[Vector, Vector, Vector]]]) -> dict[str, KnownAngle]:
@@ -214,6 +244,12 @@ def _over_passes(seen: Sequence[dict[str, tuple[Vector, Vector, Vector]]]) -> di
 
 
 def _mean_angle(passes: Sequence[tuple[Vector, Vector, Vector]]) -> KnownAngle:
+    position, value, u = _mean(passes)
+    return KnownAngle(position_mm=position, value_urad=value, u_urad=u)
+
+
+def _mean(passes: Sequence[tuple[Vector, Vector, Vector]]) -> tuple[Vector, Vector, Vector]:
+    """Return positions that all passes have, the mean there from the first on, and its uncertainty."""
     common = passes[0][0]
     for position, _, _ in passes[1:]:
         common = np.intersect1d(common, position)
@@ -224,7 +260,7 @@ def _mean_angle(passes: Sequence[tuple[Vector, Vector, Vector]]) -> KnownAngle:
     if len(passes) > 1:
         spread = float(np.sqrt(np.mean(np.var(values[:, 1:], axis=0, ddof=1)) / len(passes)))
         u = np.maximum(u, spread)
-    return KnownAngle(position_mm=common, value_urad=values.mean(axis=0), u_urad=u)
+    return common, values.mean(axis=0), u
 
 
 def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
@@ -237,13 +273,27 @@ def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tu
     return {**level, **head}, tuple(findings)
 
 
+def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
+    """Return every straightness function as the mean of its passes without their end-point lines, at the positions that all of them have.
+
+    Its uncertainty is the larger of what each pass states and what their difference shows, as with the angles.
+    """
+    names = dict.fromkeys(one.name for one in measured.straightness)
+    return tuple(_mean_straightness([one for one in measured.straightness if one.name == name]) for name in names)
+
+
+def _mean_straightness(passes: Sequence[MeasuredStraightness]) -> MeasuredStraightness:
+    position, value, u = _mean([(one.position_mm, residuals_um(one.position_mm, one.value_um), one.u_um) for one in passes])
+    ways = {one.approach for one in passes}
+    return MeasuredStraightness(
+        name=passes[0].name,
+        position_mm=position,
+        value_um=residuals_um(position, value),
+        u_um=u,
+        approach=ways.pop() if len(ways) == 1 else 0,
+    )
+
+
 def mean_straightness(measured: HeadMeasured) -> dict[str, tuple[Vector, Vector]]:
-    """Return position in mm and value in um of every straightness function, the mean of its passes without their end-point lines."""
-    mean = {}
-    for name in dict.fromkeys(one.name for one in measured.straightness):
-        mine = [one for one in measured.straightness if one.name == name]
-        position = np.concatenate([one.position_mm for one in mine])
-        value = np.concatenate([residuals_um(one.position_mm, one.value_um) for one in mine])
-        at, place = np.unique(position, return_inverse=True)
-        mean[name] = (at, np.bincount(place, weights=value) / np.bincount(place))
-    return mean
+    """Return position in mm and value in um of `over_passes` by name."""
+    return {one.name: (one.position_mm, one.value_um) for one in over_passes(measured)}

@@ -8,6 +8,7 @@ import math
 from typing import Annotated, Literal
 
 import msgspec
+import numpy as np
 from msgspec import Meta
 
 from stepdiag.daq.survey.models import Head as HeadSection
@@ -17,6 +18,7 @@ from stepdiag.exporters.files.settings import convert, read_toml
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
 from stepdiag.solver.fourdof.head import Crosstalk, Head
+from stepdiag.solver.geometry.volume import Vector
 
 Pair = tuple[float, float]
 Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}\Z", description='a day such as "2026-03-31"')]
@@ -44,11 +46,21 @@ class DetectorTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The lever is ``dead_path_mm + scale * distance``, distance from the head's reference face to the target."""
+    """The lever is ``dead_path_mm + scale * distance``, distance from the head's reference face to the target.
+
+    Its standard uncertainty is ``u_mm`` at ``u_at_mm`` of distance, where what is uncertain about the scale (``u_scale``) turns the line.
+    """
 
     dead_path_mm: float = 0.0
     scale: Positive = 1.0
     u_mm: NotNegative = 0.0
+    u_at_mm: NotNegative = 0.0
+    u_scale: NotNegative = 0.0
+
+    def u_at(self, distance_mm: Vector) -> Vector:
+        """Return the lever's standard uncertainty in mm at each distance, shape like ``distance_mm``."""
+        u: Vector = np.hypot(self.u_mm, self.u_scale * (distance_mm - self.u_at_mm))
+        return u
 
 
 class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):

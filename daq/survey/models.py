@@ -330,6 +330,7 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     alignment_mrad: NotNegative = 0.5
     between_um: NotNegative = 0.3
     reading_um: Positive = 0.3
+    source_shift_um: NotNegative = 1.0
     shape_um: Positive = 5.0
     squareness_urad: Positive = 30.0
     scale_um_m: Positive = 20.0

@@ -20,6 +20,8 @@ Vector = NDArray[np.float64]
 MIN_CORRELATION = 0.9
 """Below it the wobble of the laser drowns in other motion and a sign would be a guess."""
 MAX_GAIN_ERROR = 0.05
+U_SCALE_ASSUMED = MAX_GAIN_ERROR / np.sqrt(3.0)
+"""Of a lever seen at one distance only: that it grows with the travel is then taken for granted, within what would be named."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -40,12 +42,13 @@ class SignsAndLever:
     """What the wobble tells about one lateral axis.
 
     ``psd1_sign`` and ``psd2_sign`` are the factors to put on these detectors' present signs. ``lever_mm`` and its
-    ``u_lever_mm`` belong to the distances; ``dead_path_mm`` and ``lever_scale`` are the line through them (scale 1 assumed
+    ``u_lever_mm`` belong to the distances ``travel_mm``; ``dead_path_mm`` and ``lever_scale`` are the line through them (scale 1 assumed
     for a single distance). ``angle_gain`` is PSD2's gain over PSD1's, 1 when both focal lengths are right.
     """
 
     psd1_sign: Literal[1, -1]
     psd2_sign: Literal[1, -1]
+    travel_mm: Vector
     lever_mm: Vector
     u_lever_mm: Vector
     dead_path_mm: float
@@ -68,19 +71,20 @@ def signs_and_lever(wobbles: Sequence[Standstill]) -> SignsAndLever:
     psd1_sign, relative = _common_sign(slope, "QD"), _common_sign(angle_slope, "PSD2")
     lever, u_lever = 1e3 * np.abs(slope), 1e3 * u_slope
     travel = np.array([wobble.travel_mm for wobble in wobbles])
-    dead_path, u_dead, scale, u_scale = _lever_line(travel, lever, u_lever)
+    line = lever_line(travel, lever, u_lever)
     gain = float(np.mean(np.abs(angle_slope)))
     return SignsAndLever(
         psd1_sign=psd1_sign,
         psd2_sign=1 if psd1_sign != relative else -1,
+        travel_mm=travel,
         lever_mm=lever,
         u_lever_mm=u_lever,
-        dead_path_mm=dead_path,
-        u_dead_path_mm=u_dead,
-        lever_scale=scale,
-        u_lever_scale=u_scale,
+        dead_path_mm=line.dead_path_mm,
+        u_dead_path_mm=float(line.u_at(0.0)),
+        lever_scale=line.scale,
+        u_lever_scale=line.u_scale,
         angle_gain=gain,
-        findings=_gain_findings(scale, gain),
+        findings=_gain_findings(line.scale, gain),
     )
 
 
@@ -114,17 +118,39 @@ def _common_sign(slopes: Vector, name: str) -> Literal[1, -1]:
     return 1 if slopes[0] > 0 else -1
 
 
-def _lever_line(travel: Vector, lever: Vector, u_lever: Vector) -> tuple[float, float, float, float | None]:
-    """Return dead path, its u, scale, its u: weighted line of the lever over the travel."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LeverLine:
+    """The lever ``dead_path_mm + scale * distance``: ``u_mm`` is its standard uncertainty at ``u_at_mm``, the middle of the distances seen.
+
+    There dead path and scale have independent errors; ``u_scale`` is None where one distance was seen and 1 taken for granted.
+    """
+
+    dead_path_mm: float
+    scale: float
+    u_mm: float
+    u_at_mm: float
+    u_scale: float | None
+
+    def at(self, distance_mm: float) -> float:
+        """Return the lever at a distance."""
+        return self.dead_path_mm + self.scale * distance_mm
+
+    def u_at(self, distance_mm: float) -> float:
+        """Return the lever's standard uncertainty at a distance, by the distances that were seen."""
+        return float(np.hypot(self.u_mm, (self.u_scale or 0.0) * (distance_mm - self.u_at_mm)))
+
+
+def lever_line(travel_mm: Vector, lever_mm: Vector, u_lever_mm: Vector) -> LeverLine:
+    """Return the weighted line of levers over the travel."""
     # a noiseless wobble must not divide by zero; a nanometre of lever is far below anything real
-    weight = 1 / np.maximum(u_lever, 1e-6) ** 2
-    if np.ptp(travel) == 0.0:
-        return float(np.average(lever - travel, weights=weight)), float(weight.sum() ** -0.5), 1.0, None
-    design = np.column_stack([np.ones_like(travel), travel])
-    covariance = np.linalg.inv(design.T @ (weight[:, None] * design))
-    dead_path, scale = covariance @ design.T @ (weight * lever)
-    u_dead, u_scale = np.sqrt(np.diag(covariance))
-    return float(dead_path), float(u_dead), float(scale), float(u_scale)
+    weight = 1 / np.maximum(u_lever_mm, 1e-6) ** 2
+    middle = float(np.average(travel_mm, weights=weight))
+    there, u_there = float(np.average(lever_mm, weights=weight)), float(weight.sum() ** -0.5)
+    if np.ptp(travel_mm) == 0.0:
+        return LeverLine(dead_path_mm=there - middle, scale=1.0, u_mm=u_there, u_at_mm=middle, u_scale=None)
+    power = float(np.sum(weight * (travel_mm - middle) ** 2))
+    scale = float(np.sum(weight * (travel_mm - middle) * lever_mm)) / power
+    return LeverLine(dead_path_mm=there - scale * middle, scale=scale, u_mm=u_there, u_at_mm=middle, u_scale=power**-0.5)
 
 
 def _gain_findings(scale: float, gain: float) -> tuple[Finding, ...]:

@@ -7,7 +7,7 @@ detector (PSD1) by the angle ``-a`` and on the angle detector (PSD2) by ``+a``. 
     straightness = QD / 2 - L * psd1        angle = (PSD2 + psd1) / 2
 
 and the signs in Feng's Eqs 2 and 4 are opposite to each other. Only pointing of the source is undone: air that bends
-the beam on the way bends it back for PSD1 and stays in the result.
+the beam on the way bends it back for PSD1 and stays in the result. So does a beam that shifts without turning: half of the shift.
 """
 
 from dataclasses import dataclass, field
@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.fourdof.detector import Detector, Mask, Spots, spots
+from stepdiag.solver.fourdof.drift import slow_drift
 
 Vector = NDArray[np.float64]
 
@@ -72,8 +73,9 @@ class Head:
 class Motion:
     """The target's motion per sample in the detectors' x and y, shape (N, 2); NaN where the light was not usable.
 
-    ``raw_*`` is the same without drift compensation; ``drift_urad`` is PSD1's angle; ``u_*`` come from the detectors'
-    calibration; ``usable`` is False where the sample was blocked, saturated or outside the calibrated range.
+    ``raw_*`` is the same without drift compensation; ``drift_urad`` is PSD1's angle, freed of its noise where times were given, and
+    ``u_drift_urad`` what is uncertain about it then (else zero); ``u_*`` of the motion come from the detectors' calibration;
+    ``usable`` is False where the sample was blocked, saturated or outside the calibrated range.
     """
 
     straightness_um: Vector
@@ -81,6 +83,7 @@ class Motion:
     raw_straightness_um: Vector
     raw_angle_urad: Vector
     drift_urad: Vector
+    u_drift_urad: Vector
     u_straightness_um: Vector
     u_angle_urad: Vector
     usable: Mask
@@ -93,11 +96,21 @@ def beam_angle_urad(shift_um: ArrayLike, focal_length_mm: float) -> Vector:
     return angle
 
 
-def motion(channels: Vector, travel_mm: ArrayLike, head: Head, roll_urad: ArrayLike = 0.0) -> Motion:
+def motion(
+    channels: Vector,
+    travel_mm: ArrayLike,
+    head: Head,
+    roll_urad: ArrayLike = 0.0,
+    *,
+    time_s: Vector | None = None,
+    u_psd1_urad: Vector | None = None,
+) -> Motion:
     """Return the motion of the target from the head's nine channels (N, 9): x, y, sum of QD, PSD1, PSD2.
 
     ``travel_mm`` (N,) is the target's travel away from the head since the position to which ``dead_path_mm`` belongs;
-    ``roll_urad`` (scalar or (N,)), from a level, serves the correction of the cube's lateral offset only.
+    ``roll_urad`` (scalar or (N,)), from a level, serves the correction of the cube's lateral offset only. With ``time_s`` (N,)
+    the samples are of one run and the drift is freed of PSD1's noise (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is the noise that
+    each sample, a mean, shows by itself.
     """
     lever = head.lever_mm(np.broadcast_to(travel_mm, len(channels)))[:, None]
     seen = {
@@ -106,6 +119,9 @@ def motion(channels: Vector, travel_mm: ArrayLike, head: Head, roll_urad: ArrayL
     }
     qd_um = _qd_at_distance(seen["QD"].shift_um, lever, head.crosstalk)
     psd1 = beam_angle_urad(seen["PSD1"].shift_um, head.psd1_focal_length_mm) - np.array(head.crosstalk.psd1_leak) * qd_um
+    u_drift = np.zeros_like(psd1)
+    if time_s is not None:
+        psd1, u_drift = _freed_of_noise(psd1, qd_um / 2, lever[:, 0], time_s, u_drift if u_psd1_urad is None else u_psd1_urad)
     psd2 = beam_angle_urad(seen["PSD2"].shift_um, head.psd2_focal_length_mm)
     # the beam on PSD2 has walked sideways by its angle times the distance
     psd2 = psd2 / (1 + np.array(head.crosstalk.psd2_leak) * lever * 1e-3)
@@ -120,11 +136,24 @@ def motion(channels: Vector, travel_mm: ArrayLike, head: Head, roll_urad: ArrayL
         raw_straightness_um=qd_um / 2,
         raw_angle_urad=psd2 / 2,
         drift_urad=psd1,
+        u_drift_urad=u_drift,
         u_straightness_um=np.hypot(np.array(seen["QD"].u_um) / 2, 1e-3 * lever * u_psd1),
         u_angle_urad=np.broadcast_to(np.hypot(u_psd1, u_psd2) / 2, angle.shape).copy(),
         usable=usable,
         findings=findings,
     )
+
+
+def _freed_of_noise(psd1_urad: Vector, spot_um: Vector, lever_mm: Vector, time_s: Vector, u_urad: Vector) -> tuple[Vector, Vector]:
+    """Return the drift and its uncertainty in both lateral directions, shapes (N, 2); samples without light stay as they are."""
+    # a stop that was driven again stands in its place of the run, not of the time
+    in_time = np.argsort(time_s, kind="stable")
+    lit = in_time[np.all(np.isfinite(psd1_urad[in_time] + spot_um[in_time]), axis=1)]
+    drift, u = psd1_urad.copy(), u_urad.copy()
+    for column in range(2):
+        found = slow_drift(time_s[lit], psd1_urad[lit, column], u_urad[lit, column], spot_um[lit, column], lever_mm[lit])
+        drift[lit, column], u[lit, column] = found.angle_urad, found.u_urad
+    return drift, u
 
 
 def _qd_at_distance(qd_um: Vector, lever: Vector, crosstalk: Crosstalk) -> Vector:

@@ -14,7 +14,7 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.methods.angular import angle_findings, expected_angles
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.coverage import coverage, coverage_findings
-from stepdiag.solver.methods.head_report import head_findings, head_report
+from stepdiag.solver.methods.head_report import agreeing, beside_head, head_findings
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
 from stepdiag.solver.methods.volumetric import budget, drawn_surveys, left_with_head_um, make_posterior, volume_report
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
@@ -134,7 +134,10 @@ def solve_estimate(
 
     With ``trials`` the result says how so many drawn surveys scatter beside its ``u`` (JCGM 101).
     """
-    done = estimate(layout, chain, angles=angles, straightness=straightness, assumed=assumed)
+    done, of_head = agreeing(
+        lambda kept: estimate(layout, chain, angles=angles, straightness=kept, assumed=assumed),
+        straightness,
+    )
     found = done.adjustment
     reports = setup_reports(found)
     resolved = resolved_angles(layout, chain, found.shapes.names)
@@ -147,9 +150,8 @@ def solve_estimate(
         *standards_findings(layout),
     )
     factors = coverage(found, done.quantities, done.known, done.u, done.u_readings)
-    of_head = head_report(found, straightness)
     expected = expected_angles(found, done.spread)
-    errors = _errors(done)
+    errors, of_head = beside_head(_errors(done), of_head, straightness, found)
     posterior = make_posterior(found, done.spread, done.quantities, done.known, errors)
     result = Result(
         volume=layout.volume,

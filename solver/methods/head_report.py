@@ -1,7 +1,12 @@
-"""What a result says about the 4-DOF head's straightness: its figures by the three reference lines, and whether the diagonals agree."""
+"""What a result says about the 4-DOF head's straightness: its figures by the three reference lines, and whether the diagonals agree.
 
-from collections.abc import Sequence
-from typing import Any
+Where they contradict each other neither is known to be right, and their mean would be wrong with certainty. The result then holds what
+the diagonals say, with an uncertainty that reaches to the head's values, and nothing is exported before a person has found the cause.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from typing import Any, Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,7 +15,8 @@ from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.diagnostics import chi_square_limit
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.model.lateral import MeasuredStraightness
+from stepdiag.solver.model.lateral import MeasuredStraightness, of_known_angles
+from stepdiag.solver.result.result import Function
 from stepdiag.solver.standards.straightness import LineMethod, residuals_um, straightness_um
 
 _LINES: dict[str, LineMethod] = {
@@ -20,6 +26,61 @@ _LINES: dict[str, LineMethod] = {
 }
 LEAST_FREEDOM = 2.0
 """Where the diagonals and other passes check less than two of the head's values, nothing is said about agreement."""
+
+
+class Adjusted(Protocol):
+    """What an estimate has that is needed here."""
+
+    @property
+    def adjustment(self) -> Adjustment: ...
+
+
+Done = TypeVar("Done", bound=Adjusted)
+
+
+def agreeing(
+    estimated: Callable[[Sequence[MeasuredStraightness]], Done], measured: Sequence[MeasuredStraightness]
+) -> tuple[Done, dict[str, dict[str, Any]]]:
+    """Return the estimate from those of the head's functions that the readings do not contradict, and the report on all of them.
+
+    The worst is left out first: a function that is wrong makes others look wrong.
+    """
+    kept, apart = list(measured), dict[str, dict[str, Any]]()
+    while True:
+        done = estimated(kept)
+        report = head_report(done.adjustment, kept)
+        worst = max(_contradicting(report), key=lambda name: float(report[name]["misclosure"]), default=None)
+        if worst is None:
+            return done, {**report, **apart}
+        apart[worst] = report[worst]
+        kept = [one for one in kept if one.name != worst]
+
+
+def beside_head(
+    errors: Mapping[str, Function], report: Mapping[str, dict[str, Any]], measured: Sequence[MeasuredStraightness], found: Adjustment
+) -> tuple[dict[str, Function], dict[str, dict[str, Any]]]:
+    """Return functions and report; where head and diagonals contradict each other the report has the difference, and U reaches over it."""
+    wider, told = dict(errors), {name: dict(facts) for name, facts in report.items()}
+    for name in _contradicting(report):
+        mine, function = [one for one in measured if one.name == name], errors[name]
+        if function.value is None or function.u is None:
+            continue
+        at, of_head = _mean(
+            np.concatenate([one.position_mm for one in mine]),
+            np.concatenate(
+                [residuals_um(one.position_mm, one.value_um - of_known_angles(found.design, one, found.angles)) for one in mine]
+            ),
+        )
+        there = np.interp(at, function.position_mm, function.value)
+        apart = residuals_um(at, of_head) - residuals_um(at, there)
+        half = 0.5 * np.interp(function.position_mm, at, np.abs(apart))
+        wider[name] = replace(function, u=np.hypot(function.u, half))
+        told[name] |= {"used": False, "difference_um": {"position_mm": at, "value": apart}}
+    return wider, told
+
+
+def _contradicting(report: Mapping[str, dict[str, Any]]) -> list[str]:
+    return [name for name, facts in report.items() if facts["misclosure"] is not None and facts["misclosure"] > 1.0]
 
 
 def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness]) -> dict[str, dict[str, Any]]:
@@ -64,12 +125,15 @@ def _mean(position: Vector, value: Vector) -> tuple[Vector, Vector]:
 
 def head_findings(report: dict[str, dict[str, Any]]) -> list[Finding]:
     """Return the finding on functions that head and diagonals see differently."""
-    bad = [name for name, facts in report.items() if facts["misclosure"] is not None and facts["misclosure"] > 1.0]
+    bad = _contradicting(report)
     if not bad:
         return []
-    worst = max(report[name]["residual_um"] for name in bad)
+    worst = max(bad, key=lambda name: float(report[name]["misclosure"]))
+    apart = report[worst].get("difference_um")
+    size = "" if apart is None else f" (by up to {float(np.max(np.abs(apart['value']))):.2g} um in {worst})"
     text = (
-        f"{', '.join(bad)}: the 4-DOF head and the diagonals differ by more than their uncertainties (rms {worst:.2g} um): a roll that is "
-        "not known, air that bends the head's beam, or a wrong sign of the head; the result holds the weighted mean, uncertainties enlarged"
+        f"{', '.join(bad)}: the 4-DOF head and the diagonals differ by more than their uncertainties{size}: a roll that is not known, air "
+        "that bends the head's beam, or a wrong sign of the head; the head's values are not in the result, U reaches to them, and nothing "
+        "is exported: find the cause, or solve the readings without the head's straightness"
     )
-    return [Finding(code="straightness-misclosure", severity="warning", text=text)]
+    return [Finding(code="straightness-misclosure", severity="error", text=text)]

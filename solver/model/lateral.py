@@ -58,7 +58,7 @@ def lateral_rows(design: Design, measured: Sequence[MeasuredStraightness], angle
     columns, values = zip(*(pieces or [empty]), strict=True)
     return Observed(
         rows=Rows(np.vstack(columns), np.vstack(values), design.columns.count),
-        target=np.concatenate([np.zeros(0), *(one.value_um - _of_known_angles(design, one, angles) for one in measured)]),
+        target=np.concatenate([np.zeros(0), *(one.value_um - of_known_angles(design, one, angles) for one in measured)]),
         u=np.concatenate([np.zeros(0), *(np.maximum(one.u_um, LEAST_U_UM) for one in measured)]),
     )
 
@@ -121,7 +121,7 @@ def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vec
     return lever
 
 
-def _of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
+def of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
     """Return what the known rotations of the axis do to the measured values, shape (k,)."""
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     arms = _arms(design, axis, component, one.position_mm)

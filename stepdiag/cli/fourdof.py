@@ -57,6 +57,8 @@ def signs(
 
     The target stands, the laser's pointing is wobbled, at two distances.
     """
+    import msgspec
+
     from stepdiag.daq.head.commissioning import signs_of
     from stepdiag.head.view import signs_lines
 
@@ -65,7 +67,7 @@ def signs(
     found = signs_of([(distance, head_record(source, seconds, f"wobble, target at {distance:g} mm")) for distance, source in places], file)
     write_calibration(out, found.file)
     if as_json:
-        lever = {"dead_path_mm": found.file.lever.dead_path_mm, "scale": found.file.lever.scale, "u_mm": found.file.lever.u_mm}
+        lever = msgspec.structs.asdict(found.file.lever)
         factors = {axis: {"psd1": each.psd1_sign, "psd2": each.psd2_sign} for axis, each in found.axes.items()}
         typer.echo(json.dumps({"factors": factors, "lever": lever, "findings": [each.as_json() for each in found.findings]}, indent=2))
         return
@@ -201,21 +203,23 @@ def compare(
 @commands.command()
 def show(
     logs: Annotated[list[Path], typer.Argument(help="The logs of a survey with 4-DOF runs; other setups may be missing.")],
-    out: Annotated[Path | None, typer.Option(help="A folder for straightness.csv and angles.csv (for `solve --angles`).")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="A folder for straightness.csv and angles.csv (for `solve --straightness --angles`).")
+    ] = None,
 ) -> None:
     """Say what the head measured by itself.
 
     Straightness by three reference lines, pitch and yaw.
     """
-    from stepdiag.daq.head.commissioning import render_straightness
-    from stepdiag.daq.head.runs import mean_straightness
+    from stepdiag.daq.head.runs import over_passes
     from stepdiag.exporters.files.files import write_new
     from stepdiag.head.view import head_table
     from stepdiag.solver.model.angles import render_angles
+    from stepdiag.solver.model.straightness_file import render_straightness
     from stepdiag.terminal.tables import finding_lines
 
     measured = head_of_logs(logs)
-    straight = mean_straightness(measured)
+    straight = over_passes(measured)
     head_table(straight, measured.angles)
     for line in finding_lines(measured.findings):
         typer.echo(line)

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -33,6 +34,9 @@ def solve(
     method: Annotated[str, typer.Option(help="estimate, least-squares or wang2000.")] = "estimate",
     chain: Annotated[str, typer.Option(help="Kinematic chain from workpiece to tool; logs bring their own.")] = "FXYZ",
     angles: Annotated[Path | None, typer.Option(help="Angular functions of the axes (CSV), from a 4-DOF head or a level.")] = None,
+    straightness: Annotated[
+        Path | None, typer.Option(help="Straightness functions (CSV), as `fourdof show` writes them; logs bring their own.")
+    ] = None,
     compensation: Compensation = None,
     active: Active = None,
     active_date: ActiveDate = None,
@@ -58,10 +62,11 @@ def solve(
         if environment is not None:
             raise UsageError("--environment", expected="logs: readings are put right already", found=sources[0].name)
         _refuse_angles(angles, handed)
-        result = _solve_csv(sources[0], method, chain, angles, uncertainty, monte_carlo, run or ())
+        result = _solve_csv(sources[0], method, chain, Beside(angles, straightness, uncertainty), monte_carlo, run or ())
     else:
-        if uncertainty is not None or monte_carlo or run:
-            option = "--uncertainty" if uncertainty is not None else "--monte-carlo" if monte_carlo else "--run"
+        given = {"--uncertainty": uncertainty, "--straightness": straightness, "--monte-carlo": monte_carlo, "--run": run}
+        option = next((name for name, value in given.items() if value), None)
+        if option is not None:
             raise UsageError(option, expected="one readings file (*.csv)", found="logs", remedy="solve the readings.csv beside the result")
         result = _solve_logs(sources, method, environment)
     result = with_compensation(result, compensation, handed, active_date, active_source)
@@ -83,23 +88,41 @@ def concluded(result: "Result") -> list[str]:
     return list(conclusion_lines(words_of(conclusion_document(conclude(result)), "en"), titles_of("en")))
 
 
-def _solve_csv(
-    path: Path, method: str, chain: str, angles: Path | None, uncertainty: Path | None, monte_carlo: int, runs: Sequence[str]
-) -> "Result":
+@dataclass(frozen=True, slots=True)
+class Beside:
+    """The files that a readings file may be solved with."""
+
+    angles: Path | None
+    straightness: Path | None
+    uncertainty: Path | None
+
+
+def _solve_csv(path: Path, method: str, chain: str, beside: Beside, monte_carlo: int, runs: Sequence[str]) -> "Result":
     from stepdiag.daq.survey.assumed import parse_uncertainty
     from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.methods.solve import solve as solve_readings
     from stepdiag.solver.model.angles import parse_angles
+    from stepdiag.solver.model.straightness_file import parse_straightness
     from stepdiag.solver.readings.readings import in_mm, parse_readings
 
     if monte_carlo and not 1000 <= monte_carlo <= MOST_TRIALS:
         raise UsageError("--monte-carlo", expected=f"1000 to {MOST_TRIALS} surveys", found=str(monte_carlo))
-    known = parse_angles(read_text(angles), angles.name) if angles is not None else None
-    assumed = parse_uncertainty(read_text(uncertainty), uncertainty.name) if uncertainty is not None else None
+    known = parse_angles(read_text(beside.angles), beside.angles.name) if beside.angles is not None else None
+    straight = parse_straightness(read_text(beside.straightness), beside.straightness.name) if beside.straightness is not None else ()
+    assumed = parse_uncertainty(read_text(beside.uncertainty), beside.uncertainty.name) if beside.uncertainty is not None else None
     readings = in_mm(parse_readings(read_text(path), path.name), path.name)
     if runs:
         readings = with_files(readings, runs, path.name)
-    return solve_readings(readings, chain=chain, method=method, angles=known, assumed=assumed, source=path.name, monte_carlo=monte_carlo)
+    return solve_readings(
+        readings,
+        chain=chain,
+        method=method,
+        angles=known,
+        straightness=straight,
+        assumed=assumed,
+        source=path.name,
+        monte_carlo=monte_carlo,
+    )
 
 
 def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:

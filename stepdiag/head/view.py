@@ -1,6 +1,6 @@
 """The 4-DOF head on a terminal and in charts: live spots, tables of the commissioning and of the tests."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 
 import numpy as np
@@ -16,6 +16,7 @@ from stepdiag.report.charts import Series, line_chart
 from stepdiag.solver.fourdof.statistics import Comparison, Stability
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.angles import Angles
+from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.result.result import DISPLACEMENTS
 from stepdiag.solver.standards.straightness import LineMethod, straightness_um
 from stepdiag.terminal.tables import finding_lines
@@ -88,7 +89,8 @@ def signs_lines(found: Signed) -> Iterator[str]:
         levers = zip(each.lever_mm.tolist(), each.u_lever_mm.tolist(), strict=True)
         yield f"{axis}: effective lever {', '.join(f'{lever:.1f} mm (u {u:.1f})' for lever, u in levers)}"
     lever = found.file.lever
-    yield f"lever = {lever.dead_path_mm:.1f} mm + {lever.scale:.4f} x distance, u {lever.u_mm:.1f} mm"
+    u = f"u {lever.u_mm:.1f} mm at {lever.u_at_mm:.0f} mm, of the scale {lever.u_scale:.4f}"
+    yield f"lever = {lever.dead_path_mm:.1f} mm + {lever.scale:.4f} x distance; {u}"
     yield from finding_lines(found.findings)
 
 
@@ -143,15 +145,17 @@ def allan_charts(found: Mapping[str, Stability]) -> list[str]:
     return drawn
 
 
-def head_table(straight: Mapping[str, tuple[Vector, Vector]], angles: Angles) -> None:
-    """Print one row a function: straightness by the three lines, or the range of an angle."""
+def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None:
+    """Print one row a function: straightness by the three lines, or the range of an angle, and U (k = 2) of a value."""
     table = Table(title="measured by the 4-DOF head: largest minus smallest")
-    for heading in ("function", *LINES, "range", "unit"):
+    for heading in ("function", *LINES, "range", "U", "unit"):
         table.add_column(heading, justify="left" if heading in ("function", "unit") else "right")
-    for name, (position, value) in straight.items():
-        table.add_row(name, *(f"{straightness_um(position, value, line):.2f}" for line in LINES), "-", "um")
+    for one in straight:
+        lines = (f"{straightness_um(one.position_mm, one.value_um, line):.2f}" for line in LINES)
+        table.add_row(one.name, *lines, "-", f"{2 * float(np.max(one.u_um)):.2f}", "um")
     for name, known in angles.items():
-        table.add_row(name, *("-" for _ in LINES), f"{float(np.ptp(known.value_urad)):.2f}", "urad")
+        said = f"{float(np.ptp(known.value_urad)):.2f}"
+        table.add_row(name, *("-" for _ in LINES), said, f"{2 * float(np.max(known.u_urad)):.2f}", "urad")
     Console().print(table)
 
 

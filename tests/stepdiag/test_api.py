@@ -27,6 +27,7 @@ def test_the_public_names_are_these():
         "load_angles",
         "load_readings",
         "load_result",
+        "load_straightness",
         "make_readings",
         "read_log",
         "render_readings",

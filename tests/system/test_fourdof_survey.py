@@ -91,6 +91,10 @@ def assert_head_commands_read_the_logs(logs, truth, folder):
     assert "minimum-zone" in said.stdout
     assert set(parse_angles((folder / "head" / "angles.csv").read_text())) == {"EBX", "ECX", "EAY", "ECY", "EAZ", "EBZ"}
     assert set(parse_curves((folder / "head" / "straightness.csv").read_text(), "s")) == {"EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"}
+    beside = ("--angles", folder / "head" / "angles.csv", "--straightness", folder / "head" / "straightness.csv")
+    solved = CliRunner().invoke(app, ["solve", str(logs / "readings.csv"), *map(str, beside), "--json"])
+    assert solved.exit_code == 0, solved.output
+    assert set(json.loads(solved.stdout)["head_straightness"]) == {"EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"}
     shown = CliRunner().invoke(app, ["fourdof", "align", str(logs / "0008.mcap")])
     assert shown.exit_code == 0, shown.output
     assert "PSD2" in shown.stdout

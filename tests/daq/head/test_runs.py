@@ -8,7 +8,7 @@ from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.head.runs import evaluate_head, mean_straightness, merge_angles
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.head_file import CrosstalkTable, render_head_file
+from stepdiag.daq.survey.head_file import CrosstalkTable, LeverTable, render_head_file
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.virtual.bench.building import build_machine, head_builder
@@ -52,15 +52,15 @@ def captured(seen_by, *, chain="FXYZ", pointing=20.0, vertex="0.0, 0.0, 0.0", ch
                 place = np.zeros((1, 3))
                 place[0, axis] = (stop if outward else N - stop) * (600.0, 400.0, 300.0)[axis] / N
                 counts = head_of(setup).channels(machine.pose(place), np.array([now]))[0][:channels]
-                book.add(captured_stop(setup, outward, stop, tuple(place[0]), counts, place[0, axis] if laser else None))
+                book.add(captured_stop(setup, outward, stop, tuple(place[0]), counts, place[0, axis] if laser else None, now))
     return book.passes, machine.truth(N)
 
 
-def captured_stop(setup, outward, stop, place, counts, reading_mm):
+def captured_stop(setup, outward, stop, place, counts, reading_mm, time_s):
     u = tuple(2.0 if k % 3 < 2 else 0.0 for k in range(len(counts)))
     return CapturedStop(
         setup=setup, outward=outward, stop=stop, position_mm=place, axis=setup[-1], stop_count=None, reading_mm=reading_mm, u_um=0.1,
-        scatter_um=0.1, slope_um_s=0.0, samples=100, rejected=0, window_from_ns=0, window_to_ns=1, time_s=0.0, beam=1.0,
+        scatter_um=0.1, slope_um_s=0.0, samples=100, rejected=0, window_from_ns=0, window_to_ns=1, time_s=time_s, beam=1.0,
         channels=tuple(map(float, counts)), u_channels=u,
     )  # fmt: skip
 
@@ -182,3 +182,26 @@ def test_level_and_head_are_merged_and_a_double_is_named():
     assert merged == {"EAX": level, "EBX": ours}
     assert [finding.code for finding in findings] == ["angles-twice"]
     assert merge_angles({}, {"EBX": ours})[1] == ()
+
+
+def test_the_parallel_shift_of_the_source_is_in_the_uncertainty():
+    """No detector sees it: half of a shift of 6 um in a pass, as a Brownian bridge, is 1.2 um in the rms beside what u was."""
+    wanted = survey()
+    passes, _ = captured(wanted)
+    still = msgspec.structs.replace(wanted, uncertainty=msgspec.structs.replace(wanted.uncertainty, source_shift_um=0.0))
+    moving = msgspec.structs.replace(wanted, uncertainty=msgspec.structs.replace(wanted.uncertainty, source_shift_um=6.0))
+    before, after = (evaluate_head(each, passes, FILES, {}).straightness for each in (still, moving))
+    for one, other in zip(before, after, strict=True):
+        assert other.value_um == pytest.approx(one.value_um)
+        assert other.u_um == pytest.approx(np.hypot(one.u_um, 3.0 / np.sqrt(6.0)))
+
+
+def test_what_is_uncertain_of_the_levers_slope_counts_far_from_where_it_was_found():
+    wanted = survey()
+    passes, _ = captured(wanted, pointing=60.0)
+    sure = {"head.toml": render_head_file(head_file(lever=LeverTable(dead_path_mm=30.0))).encode()}
+    unsure = {"head.toml": render_head_file(head_file(lever=LeverTable(dead_path_mm=30.0, u_at_mm=300.0, u_scale=0.05))).encode()}
+    near, far = (evaluate_head(wanted, passes, files, {}).straightness[0].u_um for files in (sure, unsure))
+    assert far[0] == pytest.approx(near[0], rel=0.01)
+    # 0.05 of 600 mm are 30 mm of lever; times some ten urad of drift
+    assert far[-1] > near[-1] + 0.05

@@ -121,6 +121,11 @@ def _solving() -> Iterator[tuple[str, Door]]:
     readings, angles = {"r.csv": READINGS.decode()}, ANGLES.decode()
     out = ("--out", "out.json")
     yield "solve readings", Door(("solve", "r.csv", *out), readings, "r.csv", wrong_csv)
+    straight = "position_mm,approach,EYX_um,u_EYX_um\n0,1,0,0.5\n150,1,1,0.5\n300,1,0,0.5\n"
+    yield (
+        "solve straightness",
+        Door(("solve", "r.csv", "--straightness", "s.csv", *out), {**readings, "s.csv": straight}, "s.csv", wrong_csv),
+    )
     yield "solve angles", Door(("solve", "r.csv", "--angles", "a.csv", *out), {**readings, "a.csv": angles}, "a.csv", wrong_csv)
     command = ("solve", "r.csv", "--uncertainty", "u.toml", *out)
     yield "solve uncertainty", Door(command, {**readings, "u.toml": UNCERTAINTY}, "u.toml", wrong_toml)

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.solver.errors import DataError
-from stepdiag.solver.fourdof.commissioning import Standstill, fit_curve, signs_and_lever
+from stepdiag.solver.fourdof.commissioning import Standstill, fit_curve, lever_line, signs_and_lever
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inverse_erf, spots
 from testkit.optics import RayHead
 
@@ -127,6 +127,15 @@ def test_noise_of_the_drift_detector_does_not_shorten_the_lever():
     values, u = np.array(found).T
     assert np.mean(values) == pytest.approx(1350.0, rel=0.02)
     assert np.std(values) == pytest.approx(np.mean(u), rel=0.5)
+
+
+def test_the_line_of_the_lever_says_how_far_it_can_be_trusted():
+    """Two levers of u 3 and 4 mm at 0 and 1000 mm: dead path and scale as the two points have it, u as the law of propagation has it."""
+    line = lever_line(np.array([0.0, 1000.0]), np.array([350.0, 1349.0]), np.array([3.0, 4.0]))
+    assert (line.dead_path_mm, line.scale) == pytest.approx((350.0, 0.999))
+    assert line.u_scale == pytest.approx(5e-3)
+    for distance, u in ((0.0, 3.0), (1000.0, 4.0), (8000.0, np.hypot(7 * 3.0, 8 * 4.0))):
+        assert line.u_at(distance) == pytest.approx(u)
 
 
 def test_one_distance_assumes_that_the_lever_grows_with_the_travel():

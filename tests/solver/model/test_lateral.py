@@ -8,36 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import AXES, Volume
+from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from testkit.straightness import STRAIGHT, straightness
 from testkit.surveys import Bench
 
 PITCH_YAW = ("EBX", "ECX", "EAY", "ECY", "EAZ", "EBZ")
 ROLL = ("EAX", "EBY", "ECZ")
-STRAIGHT = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 HEAD_U_URAD = 1.0
 """A fifth of an arc-second: the scatter of a stop's mean of the virtual head."""
-
-
-def straightness(bench, seed, u_um=0.5, approaches=(1, -1)):
-    """What a head on the machine's table sees at the tool, with a line of its own in every pass (theory 2.2: exact kinematics)."""
-    rng = np.random.default_rng(seed)
-    machine, measured = bench.machine, []
-    nodes = bench.increments + 1
-    for name in STRAIGHT:
-        axis, component = AXES.index(name[2].lower()), AXES.index(name[1].lower())
-        points = np.tile(np.array(bench.origin_mm), (nodes, 1))
-        points[:, axis] += np.linspace(0.0, bench.size_mm[axis], nodes)
-        true = machine.error_at(points)[:, component]
-        for approach in approaches:
-            line = rng.normal(0.0, 20.0) + rng.normal(0.0, 20.0) * np.linspace(0.0, 1.0, nodes)
-            value = true + line + rng.normal(0.0, u_um, nodes)
-            measured.append(
-                MeasuredStraightness(name=name, position_mm=points[:, axis], value_um=value, u_um=np.full(nodes, u_um), approach=approach)
-            )
-    return measured
 
 
 def left_um(bench, result):
@@ -102,14 +82,24 @@ def test_every_line_gives_the_straightness_of_the_head():
         assert 0 < facts["minimum_zone_um"] <= min(facts["end_point_um"], facts["least_squares_um"]) + 1e-9
 
 
-def test_a_head_that_contradicts_the_diagonals_is_named():
-    """A detector sign the wrong way round turns a straightness function over; it must not pass unnoticed."""
+def test_a_head_that_contradicts_the_diagonals_is_not_averaged_away():
+    """A detector sign the wrong way round turns a straightness function over: it is named and left out, U reaches to it, no export."""
     bench = replace(MACHINE, seed=2, angle_urad=0.0)
-    measured = [replace(one, value_um=-one.value_um) if one.name == "EZX" else one for one in straightness(bench, 2)]
+    right = straightness(bench, 2)
+    measured = [replace(one, value_um=-one.value_um) if one.name == "EZX" else one for one in right]
     result = solve(bench.survey(passes=(1, 2)), straightness=measured)
     (finding,) = [finding for finding in result.findings if finding.code == "straightness-misclosure"]
-    assert "the 4-DOF head and the diagonals differ" in finding.text
-    agreeing = solve(bench.survey(passes=(1, 2)), straightness=straightness(bench, 2))
+    assert finding.text.startswith("EZX: the 4-DOF head and the diagonals differ")
+    assert finding.severity == "error"
+    without = solve(bench.survey(passes=(1, 2)), straightness=[one for one in right if one.name != "EZX"])
+    function = result.errors["EZX"]
+    assert function.value == pytest.approx(without.errors["EZX"].value)
+    true = bench.truth.errors["EZX"]
+    assert np.all(np.abs(function.value - true) <= 2 * function.u + 1e-9)
+    told = result.extra["head_straightness"]["EZX"]["difference_um"]["value"]
+    assert told == pytest.approx(-2 * true, abs=2.0)
+    assert 2 * function.u[1:-1] == pytest.approx(np.hypot(2 * without.errors["EZX"].u, told)[1:-1])
+    agreeing = solve(bench.survey(passes=(1, 2)), straightness=right)
     assert "straightness-misclosure" not in {finding.code for finding in agreeing.findings}
 
 

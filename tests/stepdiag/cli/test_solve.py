@@ -1,5 +1,6 @@
 """``solve`` as a person and a program meet it, and how soon the command line is there."""
 
+import json
 import subprocess
 import sys
 from pathlib import Path
@@ -58,6 +59,22 @@ class TestSolve:
         told = stepdiag("solve", GOLDEN, *arguments)
         assert told.code == code
         assert words in told.refusal
+
+    def test_straightness_that_was_measured_otherwise_joins_the_readings(self, tmp_path):
+        """A straightness far from the golden one contradicts the diagonals: named, and left out."""
+        bow = "".join(f"{x:g},{40 - 0.00016 * (x - 500) ** 2:g},0.3\n" for x in range(0, 1001, 100))
+        (tmp_path / "s.csv").write_text("position_mm,EYX_um,u_EYX_um\n" + bow, encoding="utf-8")
+        told = stepdiag("solve", GOLDEN, "--straightness", tmp_path / "s.csv", "--json")
+        assert told.code == 0, told.err
+        result = json.loads(told.out)
+        assert result["head_straightness"]["EYX"]["passes"] == 1
+        assert result["head_straightness"]["EYX"]["used"] is False
+        assert [each["severity"] for each in result["findings"] if each["code"] == "straightness-misclosure"] == ["error"]
+
+    def test_logs_bring_their_own_straightness(self, tmp_path):
+        told = stepdiag("solve", tmp_path, "--straightness", "s.csv")
+        assert told.code == 2
+        assert "--straightness: expected one readings file (*.csv), found logs" in told.refusal
 
     def test_readings_that_are_no_survey_are_refused(self, tmp_path):
         (tmp_path / "r.csv").write_text(

@@ -1,0 +1,118 @@
+"""How the source's pointing drifted during a run, freed of the drift detector's own noise.
+
+PSD1 says the drift with a noise of its own, and the lever carries that noise into the straightness: 1.7 urad at 8 m are 14 um. A source
+drifts slowly, a detector's noise has no memory: a random walk seen through white noise (the local level model; Harvey, Forecasting,
+Structural Time Series Models and the Kalman Filter, 1989, sections 2.3 and 4.3). How fast the walk is against the noise, three things say:
+the series itself, the noise that each stop shows within its dwell, and the quadrant detector, for whose spot a real drift moves as well:
+what is taken off must leave it smoother. The drift is the mean over all that is likely, its uncertainty includes what is left open.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+Vector = NDArray[np.float64]
+
+LEAST_SAMPLES = 5
+"""Fewer tell nothing of how fast a drift is."""
+QUICKEST = 1e4
+"""Variance of a step of the walk over that of the noise: beyond it the detector is taken at its word."""
+SPEEDS = 25
+MOST_BENDS = 40
+"""The bends of a longer series count no more than so many: they punish what is left too rough, not what is left of a slow drift."""
+BENDS_SHARE = 1.94
+"""Second differences of white noise have correlations of -2/3 and 1/6: 1 + 2 (4/9 + 1/36), the variance of a slope between two such."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drift:
+    """The pointing as it drifted, and its standard uncertainty, in urad, shapes (N,)."""
+
+    angle_urad: Vector
+    u_urad: Vector
+
+
+def slow_drift(time_s: Vector, seen_urad: Vector, u_urad: Vector, spot_um: Vector, lever_mm: Vector) -> Drift:
+    """Return the drift at each time, shapes (N,), from what PSD1 saw; times ascend.
+
+    ``u_urad`` is the noise that each value shows by itself (0: it shows none), ``spot_um`` half of the quadrant detector's shift, in which
+    the drift stands times ``lever_mm``. Of fewer than `LEAST_SAMPLES` the values are returned as they are.
+    """
+    if len(seen_urad) < LEAST_SAMPLES:
+        return Drift(angle_urad=seen_urad, u_urad=u_urad)
+    step_s = np.diff(time_s)
+    usual_s = float(np.mean(step_s)) or 1.0
+    # slower than the slowest the walk cannot be told from standstill within the run
+    speeds = np.geomspace(0.1 / len(seen_urad) ** 2, QUICKEST, SPEEDS)
+    found = _smoothed(seen_urad, step_s[:, None] / usual_s * speeds)
+    floor = float(np.mean(u_urad**2))
+    noise = np.maximum(found.noise, floor)
+    # a noise ten times what the dwells show is a hundred times less likely than that
+    likely = found.log_likelihood - (np.log(noise / floor) if floor > 0.0 else 0.0) + _smoothness(spot_um, lever_mm, found.level)
+    weight = np.exp(likely - likely.max())
+    weight /= weight.sum()
+    level = found.level @ weight
+    variance = (found.share * noise + (found.level - level[:, None]) ** 2) @ weight
+    quick, u_quick = _quick(seen_urad - level, spot_um - 1e-3 * lever_mm * level, lever_mm)
+    return Drift(angle_urad=level + quick, u_urad=np.sqrt(variance + u_quick**2))
+
+
+def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector, Vector]:
+    """Return what of the quick rest is no noise, since the spot moves with it, and what that leaves uncertain, shapes (N,).
+
+    Where a part g of the rest is the beam's, the spot's bends are g times lever times the rest's: a regression says g.
+    """
+    of_rest, of_spot = np.diff(1e-3 * lever_mm * rest_urad, n=2), np.diff(left_um, n=2)
+    power = float(of_rest @ of_rest)
+    if power <= 0.0:
+        return np.zeros_like(rest_urad), np.zeros_like(rest_urad)
+    slope = float(of_rest @ of_spot) / power
+    u_slope = float(np.sqrt(BENDS_SHARE * np.mean((of_spot - slope * of_rest) ** 2) / power))
+    # within 0 .. 1 with nothing known before; no part at all where the spot cannot tell
+    real = float(np.clip(slope, 0.0, 1.0)) * max(0.0, 1.0 - min(u_slope, 1.0))
+    open_share = real * (1.0 - real) * float(np.mean(rest_urad**2))
+    return real * rest_urad, np.sqrt(open_share + min(u_slope, 1.0) ** 2 * rest_urad**2 / 12.0)
+
+
+@dataclass(frozen=True, slots=True)
+class _Smoothed:
+    """For every speed, shapes (N, speeds) and (speeds,): the level, its variance in parts of the noise's, that, and the likelihood."""
+
+    level: Vector
+    share: Vector
+    noise: Vector
+    log_likelihood: Vector
+
+
+def _smoothed(seen: Vector, speed: Vector) -> _Smoothed:
+    """Return what filter and smoother say for steps of variances ``speed`` (N - 1, speeds), all in parts of the noise's variance."""
+    count = speed.shape[1]
+    level, share = np.empty((len(seen), count)), np.empty((len(seen), count))
+    ahead = np.empty_like(speed)
+    level[0], share[0] = seen[0], 1.0
+    squares, logs = np.zeros(count), np.zeros(count)
+    for k in range(len(speed)):
+        ahead[k] = share[k] + speed[k]
+        surprise, width = seen[k + 1] - level[k], ahead[k] + 1.0
+        squares += surprise**2 / width
+        logs += np.log(width)
+        level[k + 1] = level[k] + ahead[k] / width * surprise
+        share[k + 1] = ahead[k] / width
+    for k in range(len(speed) - 1, -1, -1):
+        back = share[k] / ahead[k]
+        level[k] += back * (level[k + 1] - level[k])
+        share[k] += back**2 * (share[k + 1] - ahead[k])
+    # a series without any change has no noise to divide by: a millionth of a microradian is none
+    noise = np.maximum(squares / len(speed), 1e-24)
+    return _Smoothed(level, share, noise, -0.5 * (len(speed) * np.log(noise) + logs))
+
+
+def _smoothness(spot_um: Vector, lever_mm: Vector, level: Vector) -> Vector:
+    """Return how likely each drift is by the straightness that it leaves, shape (speeds,): its bends are as small as they may be.
+
+    Second differences know nothing of the head's alignment. Neighbouring ones share their noise: half of them count.
+    """
+    bends = np.diff(spot_um[:, None] - 1e-3 * lever_mm[:, None] * level, n=2, axis=0)
+    likely: Vector = -0.25 * min(len(bends), MOST_BENDS) * np.log(np.maximum(np.sum(bends**2, axis=0), 1e-24))
+    return likely

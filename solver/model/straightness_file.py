@@ -1,0 +1,90 @@
+"""The straightness file: what a 4-DOF head or a straightedge measured, for a survey whose diagonals were taken with other software.
+
+``position_mm``, optionally ``approach``, and for each function ``EYX_um`` and ``u_EYX_um``. An empty field is no value. ``approach`` is 1
+where the axis travelled in +, -1 where in -, 0 or empty for the mean of both.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.model.lateral import MeasuredStraightness
+from stepdiag.solver.readings.csv_table import number_in, read_table
+from stepdiag.solver.result.result import DISPLACEMENTS
+
+STRAIGHTNESS = tuple(name for name in DISPLACEMENTS if name[1] != name[2])
+LEAST_POSITIONS = 3
+"""Two positions make a straight line of any guideway."""
+
+
+def parse_straightness(text: str, source: str = "straightness.csv") -> tuple[MeasuredStraightness, ...]:
+    """Return one entry for each function and direction of a straightness file.
+
+    Raises ``DataError`` naming line or column for anything else: an unknown column, a value without its uncertainty, a position twice.
+    """
+    table = read_table(text, source, ("position_mm",))
+    names = _functions(list(table[0][1]), source)
+    known: list[MeasuredStraightness] = []
+    for name in names:
+        rows = [row for number, fields in table if (row := _row(fields, name, f"{source}: line {number}")) is not None]
+        ways = sorted({row[0] for row in rows}, reverse=True)
+        known += [_function(name, way, sorted(row[1:] for row in rows if row[0] == way), f"{source}: {name}") for way in ways]
+    if not known:
+        raise DataError(source, expected="a value of a straightness function", found="empty fields only")
+    return tuple(known)
+
+
+def _functions(columns: list[str], source: str) -> list[str]:
+    names = [column.removesuffix("_um") for column in columns if column not in ("position_mm", "approach") and not column.startswith("u_")]
+    unknown = [name for name in names if name not in STRAIGHTNESS]
+    if unknown or not names:
+        expected = "columns such as EYX_um with u_EYX_um: " + ", ".join(STRAIGHTNESS)
+        raise DataError(f"{source}: header", expected=expected, found=unknown[0] if unknown else ",".join(columns))
+    alone = [name for name in names if f"u_{name}_um" not in columns]
+    if alone:
+        remedy = "state the standard uncertainty of the instrument: it is what weighs it against the diagonals"
+        raise DataError(f"{source}: header", expected=f"a column u_{alone[0]}_um", found="none", remedy=remedy)
+    return names
+
+
+def _row(fields: dict[str, str], name: str, where: str) -> tuple[int, float, float, float] | None:
+    """Return approach, position, value and uncertainty; None where the row says nothing of the function."""
+    position = number_in(fields, "position_mm", where)
+    approach = number_in(fields, "approach", where, optional=True)
+    value = number_in(fields, f"{name}_um", where, optional=True)
+    if math.isnan(value):
+        return None
+    u = number_in(fields, f"u_{name}_um", where, least=0.0)
+    if u == 0.0:
+        raise DataError(f"{where}: u_{name}_um", expected="a standard uncertainty above 0", found="0")
+    if not math.isnan(approach) and approach not in (-1.0, 0.0, 1.0):
+        raise DataError(f"{where}: approach", expected="1, -1 or 0", found=f"{approach:g}")
+    return (0 if math.isnan(approach) else int(approach), position, value, u)
+
+
+def _function(name: str, approach: int, rows: Sequence[tuple[float, float, float]], where: str) -> MeasuredStraightness:
+    if len(rows) < LEAST_POSITIONS:
+        raise DataError(where, expected=f"values at {LEAST_POSITIONS} positions at least", found=str(len(rows)))
+    position, value, u = (np.array(column) for column in zip(*rows, strict=True))
+    if np.any(np.diff(position) == 0):
+        at = position[int(np.argmin(np.diff(position)))]
+        raise DataError(where, expected="every position once a direction", found=f"{at:g} mm twice", remedy="average repeated runs first")
+    return MeasuredStraightness(name=name, position_mm=position, value_um=value, u_um=u, approach=approach)
+
+
+def render_straightness(measured: Sequence[MeasuredStraightness]) -> str:
+    """Return the straightness file, LF line ends, six decimals; one entry for each function and direction at most."""
+    names = [name for name in STRAIGHTNESS if any(one.name == name for one in measured)]
+    lines = ["position_mm,approach," + ",".join(f"{name}_um,u_{name}_um" for name in names)]
+    for approach in sorted({one.approach for one in measured}, reverse=True):
+        mine = {one.name: one for one in measured if one.approach == approach}
+        places = sorted({float(position) for one in mine.values() for position in one.position_mm})
+        lines += [f"{at:.6f},{approach}," + ",".join(_fields(mine.get(name), at) for name in names) for at in places]
+    return "\n".join(lines) + "\n"
+
+
+def _fields(one: MeasuredStraightness | None, at_mm: float) -> str:
+    place = np.flatnonzero(one.position_mm == at_mm) if one is not None else np.zeros(0, dtype=np.int64)
+    return f"{one.value_um[place[0]]:.6f},{one.u_um[place[0]]:.6f}" if one is not None and len(place) else ","
