@@ -42,7 +42,10 @@ def test_a_silent_link_is_old_within_a_second(page: Page, daemon: Served, link: 
         return seconds_until(lambda: old.count() == 1, page)
 
     soon(1.0, falls_silent)
-    assert page.locator("[data-source].stale").count() == page.locator(f"[data-source={link}]").count()
+    concerned = page.locator(f"[data-source={link}]").count()
+    seconds_until(
+        lambda: page.locator("[data-source].stale").count() == concerned == page.locator(f"[data-source={link}].stale").count(), page
+    )
     daemon.do(daemon.survey.silent.clear)
     seconds_until(lambda: old.count() == 0, page)
 

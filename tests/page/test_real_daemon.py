@@ -3,7 +3,6 @@
 import os
 import signal
 import socket
-import time
 from pathlib import Path
 
 import pytest
@@ -65,7 +64,7 @@ def test_a_cable_that_is_pulled_is_seen_within_a_second(tmp_path: Path, real: Wa
         expect(page.locator(f"[data-link={link}]")).to_have_class("chip good")
         fault(place, kind, 3.0)
         assert seconds_until(lambda: old.count() == 1, page) < 1.2
-        assert seconds_until(lambda: old.count() == 0, page, limit_s=15.0) < 3.0 + 3.0
+        assert seconds_until(lambda: old.count() == 0, page) < 3.0 + 3.0
         page.context.close()  # before the daemon ends, which the page would complain about
 
 
@@ -81,7 +80,5 @@ def test_a_killed_daemon_comes_back_to_the_page(tmp_path: Path, real: Watched) -
             assert seconds_until(offline.is_visible, page) < 1.0
             process.process.wait()
         with daemon(place.survey):
-            served = time.monotonic()
-            seconds_until(lambda: not offline.is_visible(), page)
-            assert time.monotonic() - served < 3.0
+            assert seconds_until(lambda: not offline.is_visible(), page) < 3.0
             expect(page.locator("#lead")).to_contain_text("Set up diagonal ppp")

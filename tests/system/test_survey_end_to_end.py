@@ -149,8 +149,8 @@ def test_absent_devices_are_a_state_not_a_failure(tmp_path):
         ]
         absent.write_text("\n".join(lines))
         with daemon(absent, wait_for=()) as process:
-            seen = until(process, "link-lost", link="machine", timeout_s=10)
-            seen += until(process, "link-lost", link="laser", timeout_s=10) if not any(s.get("link") == "laser" for s in seen) else []
+            seen = until(process, "link-lost", link="machine")
+            seen += until(process, "link-lost", link="laser") if not any(s.get("link") == "laser" for s in seen) else []
             time.sleep(0.5)
             assert process.process.poll() is None
         assert process.process.returncode == 0

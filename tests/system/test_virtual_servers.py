@@ -5,6 +5,7 @@ import struct
 import subprocess
 import sys
 import time
+from contextlib import closing
 
 import pytest
 import serial
@@ -26,9 +27,11 @@ feed_mm_min = 10000.0
 dwell_s = 4.0
 pause_s = 2.0
 """
+PATIENT = QUICK.replace("pause_s", "patient = true\npause_s")
+PACED = QUICK.replace("pause_s", "handshake = true\npause_s")
 
 
-def until(what, timeout_s=10.0):
+def until(what, timeout_s=60.0):
     """Wait for something to become true and return it."""
     end = time.monotonic() + timeout_s
     while time.monotonic() < end:
@@ -60,9 +63,9 @@ def master_of():
     def connect(bench, **options):
         addresses = bench.addresses
         if "plc_port" in addresses:
-            client = ModbusTcpClient("127.0.0.1", port=addresses["plc_port"], timeout=1.0, **options)
+            client = ModbusTcpClient("127.0.0.1", port=addresses["plc_port"], timeout=30.0, **options)
         else:
-            client = ModbusSerialClient(addresses["plc_link"], baudrate=115200, timeout=1.0, **options)
+            client = ModbusSerialClient(addresses["plc_link"], baudrate=115200, timeout=30.0, **options)
         assert client.connect()
         opened.append(client)
         return client
@@ -78,13 +81,18 @@ def block(client):
     return answer.registers
 
 
+def standing_at(client, count):
+    registers = block(client)
+    return registers[1] == count and registers[2] & 1
+
+
 def positions(registers):
     return [value * 1e-4 for value in struct.unpack(">3i", struct.pack(">6H", *registers[4:10]))]
 
 
 @pytest.mark.parametrize("transport", ["tcp", "rtu"])
 def test_a_master_follows_the_program_to_its_end(bench_of, master_of, transport):
-    bench = bench_of(QUICK + f'[plc]\ntransport = "{transport}"\n')
+    bench = bench_of(PATIENT + f'[plc]\ntransport = "{transport}"\n')
     client = master_of(bench)
     stops = {}
     while not bench.wait_finished(0.02):
@@ -109,18 +117,19 @@ def lines_of(port, wanted=5):
 
 
 def test_the_laser_counts_the_travel_between_two_stops(bench_of, master_of):
-    bench = bench_of(QUICK + "[machine]\nscale_um_m = 0.0\npositioning_um = 0.0\nstraightness_um = 0.0\nsquareness_urad = 0.0\n")
+    bench = bench_of(PACED + "[machine]\nscale_um_m = 0.0\npositioning_um = 0.0\nstraightness_um = 0.0\nsquareness_urad = 0.0\n")
     client = master_of(bench)
     readings = []
     with serial.Serial(bench.addresses["laser_link"], 115200, timeout=0.0) as port:
-        for count in (1, 4):
-            until(lambda wanted=count: block(client)[1] == wanted and block(client)[2] & 1)
+        for count in range(1, 5):
+            until(lambda wanted=count: standing_at(client, wanted))
             time.sleep(0.05)
             port.reset_input_buffer()
             words = [int(word) for word in lines_of(port)[-1].split()]
+            client.write_register(100, count, device_id=1)
             readings.append((words[2] - words[4] / 65536) * 632.991e-6 / 2)
     travelled = (500.0**2 + 400.0**2 + 300.0**2) ** 0.5
-    assert readings[1] - readings[0] == pytest.approx(travelled * 1.0002714, abs=0.002)
+    assert readings[3] - readings[0] == pytest.approx(travelled * 1.0002714, abs=0.002)
 
 
 def test_a_reader_who_comes_late_sees_the_present(bench_of):
@@ -133,7 +142,7 @@ def test_a_reader_who_comes_late_sees_the_present(bench_of):
 
 def test_a_display_answers_on_its_line(bench_of):
     bench = bench_of(QUICK + '[laser]\nformat = "nd"\n')
-    with serial.Serial(bench.addresses["laser_link"], 9600, timeout=2.0) as port:
+    with serial.Serial(bench.addresses["laser_link"], 9600, timeout=30.0) as port:
         port.write(b"\x1bA0000\r")
         assert port.readline() == b"\x02ND-287\r\n"
 
@@ -150,7 +159,8 @@ def test_an_unplugged_laser_comes_back_under_its_name_and_counts_from_zero(bench
     bench = bench_of(QUICK.replace("pause_s = 2.0", "pause_s = 2000.0"))
     link = bench.addresses["laser_link"]
     with serial.Serial(link, 115200, timeout=0.0) as port:
-        lines_of(port)
+        lines_of(port, 300)
+        injected_s = time.monotonic()
         bench.inject(Fault(kind="laser-unplug", duration_s=0.4))
 
         def hung_up():
@@ -168,7 +178,8 @@ def test_an_unplugged_laser_comes_back_under_its_name_and_counts_from_zero(bench
             return None
 
     with until(reopened) as port:
-        assert int(lines_of(port)[0].split()[5]) < 500
+        number, since_s = int(lines_of(port)[0].split()[5]), time.monotonic() - injected_s
+    assert number < 1000 * since_s, "without a return to zero 300 more"
 
 
 def test_garbage_and_a_wrong_baud_rate_reach_the_reader(bench_of):
@@ -177,36 +188,42 @@ def test_garbage_and_a_wrong_baud_rate_reach_the_reader(bench_of):
         for kind in ("laser-garbage", "laser-baud"):
             bench.inject(Fault(kind=kind, duration_s=0.2, value=64))
             until(lambda: any(byte > 127 for byte in port.read(4096)))
-        time.sleep(0.3)
-        port.reset_input_buffer()
-        assert all(len(line.split()) == 8 for line in lines_of(port))
+
+        def clean():
+            port.reset_input_buffer()
+            return all(len(line.split()) == 8 for line in lines_of(port, 30))
+
+        until(clean)
 
 
 def test_a_rebooting_plc_hangs_up_and_counts_from_zero(bench_of, master_of):
-    bench = bench_of(QUICK.replace("increments = 1", "increments = 3"))
+    """The machine stands at its second stop all the time."""
+    bench = bench_of(PACED)
     client = master_of(bench)
-    until(lambda: block(client)[1] >= 2)
-    bench.inject(Fault(kind="plc-reboot", duration_s=0.4))
-    time.sleep(0.2)
-    again = ModbusTcpClient("127.0.0.1", port=bench.addresses["plc_port"], timeout=0.2)
-    assert not again.connect()
-    again.close()
-    time.sleep(0.4)
+    client.write_register(100, 1, device_id=1)
+    until(lambda: standing_at(client, 2))
+    bench.inject(Fault(kind="plc-reboot", duration_s=2.0))
+
+    def answers():
+        with closing(ModbusTcpClient("127.0.0.1", port=bench.addresses["plc_port"], timeout=30.0)) as again:
+            return again.connect()
+
+    until(lambda: not answers())
+    until(answers)
     assert block(master_of(bench))[1] <= 1
 
 
 def test_a_silent_a_refusing_and_a_late_plc(bench_of, master_of):
     bench = bench_of()
     client = master_of(bench, retries=0)
-    bench.inject(Fault(kind="plc-exception", duration_s=0.3, value=6))
-    assert client.read_holding_registers(0, count=14, device_id=1).exception_code == 6
-    time.sleep(0.35)
-    bench.inject(Fault(kind="plc-late", duration_s=0.1, value=0.3))
+    assert client.read_holding_registers(0, count=1, device_id=9).exception_code == 11
+    assert client.read_holding_registers(50, count=1, device_id=1).exception_code == 2
+    bench.inject(Fault(kind="plc-late", duration_s=60.0, value=0.3))
     begin = time.monotonic()
     block(client)
     assert time.monotonic() - begin > 0.28
-    assert client.read_holding_registers(0, count=1, device_id=9).exception_code == 11
-    assert client.read_holding_registers(50, count=1, device_id=1).exception_code == 2
+    bench.inject(Fault(kind="plc-exception", duration_s=60.0, value=6))
+    assert client.read_holding_registers(0, count=14, device_id=1).exception_code == 6
 
 
 def test_the_machine_waits_for_the_captured_stop(bench_of, master_of):
@@ -219,17 +236,15 @@ def test_the_machine_waits_for_the_captured_stop(bench_of, master_of):
     until(lambda: block(client)[1] == 2)
 
 
-def test_a_hundred_thousand_lines_a_second_arrive_without_a_gap(bench_of):
-    """The load of issue 7: a lossless line, read as fast as it comes."""
+def test_a_hundred_thousand_lines_arrive_without_a_gap(bench_of):
+    """The load of issue 7, made in one second: a lossless line, read as fast as it comes. How fast that is `make bench` says."""
     bench = bench_of(QUICK.replace("pause_s = 2.0", "pause_s = 2000.0") + "[laser]\nrate_hz = 100000.0\nlossless = true\n")
     received = b""
     with serial.Serial(bench.addresses["laser_link"], 115200, timeout=0.05) as port:
-        end = time.monotonic() + 2.0
-        while time.monotonic() < end:
+        while received.count(b"\n") <= 100_000:
             received += port.read(65536)
     sequence = [int(line.split()[5]) for line in received.split(b"\r\n")[1:-1]]
     assert sequence == list(range(sequence[0], sequence[0] + len(sequence)))
-    assert len(sequence) > 100_000
 
 
 @pytest.fixture
@@ -260,7 +275,7 @@ def test_the_process_tells_where_it_is_and_obeys(process):
     assert said() == {"event": "setup", "setup": "ppp"}
     assert said()["event"] == "finished"
     tell("quit")
-    assert process.wait(5.0) == 0
+    assert process.wait(60.0) == 0
 
 
 def test_a_wrong_configuration_is_refused_by_its_field(tmp_path):
@@ -303,18 +318,19 @@ def frames_of(port, count=20):
 
 
 def test_the_head_sees_its_run_and_is_dark_before(bench_of, master_of):
-    bench = bench_of(FOURDOF)
+    bench = bench_of(FOURDOF.replace("pause_s", "handshake = true\npause_s"))
     client = master_of(bench)
     with serial.Serial(bench.addresses["head_link"], 115200, timeout=0.0) as port:
         assert max(abs(value) for frame in frames_of(port) for value in frame) < 100
         spots = []
         for count in (1, 2):
-            until(lambda wanted=count: block(client)[1] == wanted and block(client)[2] & 1)
+            until(lambda wanted=count: standing_at(client, wanted))
             time.sleep(0.1)
             frames = frames_of(port)
+            client.write_register(100, count, device_id=1)
             assert all(abs(frame[2] - 1_000_000) < 100 for frame in frames)
             spots.append(sum(frame[0] / frame[2] for frame in frames) / len(frames))
-        bench.inject(Fault(kind="head-blocked", duration_s=5.0))
+        bench.inject(Fault(kind="head-blocked", duration_s=60.0))
         until(lambda: frames_of(port)[-1][2] < 100)
     assert abs(spots[0]) < 1e-4
     assert abs(spots[1]) > 1e-3

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -30,7 +31,7 @@ def read(path: Path) -> list[Event]:
     return list(open_log(path).events())
 
 
-def wait_until(condition: Callable[[], bool], seconds: float = 10.0) -> None:
+def wait_until(condition: Callable[[], bool], seconds: float = 60.0) -> None:
     deadline = time.monotonic() + seconds
     while not condition():
         assert time.monotonic() < deadline, "waited in vain"
@@ -124,11 +125,11 @@ def test_a_stop_during_a_sync_is_synced_after_it(bench: Bench, tmp_path: Path, m
     monkeypatch.setattr(PartFile, "sync", slow)
     bench.recorder.begin(tmp_path / "a.mcap", HEADER)
     bench.admit(EVENTS[:50])
-    assert begun.acquire(timeout=10)
+    assert begun.acquire(timeout=60)
     bench.recorder.promise(STOP, lambda: None)
     wait_until(lambda: open_log_messages(tmp_path / "a.mcap.part").get("/machine/stop") == 1)
     go_on.release()
-    assert begun.acquire(timeout=10)
+    assert begun.acquire(timeout=60)
     go_on.release(100)
 
 
@@ -140,7 +141,7 @@ def test_a_sync_that_fails_is_told(bench: Bench, tmp_path: Path, monkeypatch: py
     bench.recorder.begin(tmp_path / "a.mcap", HEADER)
     bench.admit(EVENTS[:50])
     bench.recorder.promise(STOP, lambda: None)
-    wait_until(lambda: "blocked" in bench.states, seconds=5.0)
+    wait_until(lambda: "blocked" in bench.states)
     assert next(health for health in bench.said if health.state == "blocked").reason == "Input/output error"
 
 
@@ -234,7 +235,7 @@ def test_a_stop_that_a_full_disk_refuses_is_not_captured_until_there_is_space(
     wait_until(lambda: bench.recorder.health.state == "blocked")
     assert not told.is_set()
     full_disk(None)
-    assert told.wait(10.0)
+    assert told.wait(60.0)
     assert open_log_messages(tmp_path / "a.mcap.part")["/machine/stop"] == 1
     bench.recorder.end("complete")
     assert bench.recorder.stop()
@@ -259,7 +260,7 @@ def test_admitting_never_waits_for_the_disk(tmp_path: Path, monkeypatch: pytest.
     monkeypatch.setattr(PartFile, "sync", lambda _file: (begun.set(), hold.wait(60.0), synced.set()))
     bench = Bench()
     bench.recorder.begin(tmp_path / "a.mcap", HEADER)
-    assert begun.wait(10.0)
+    assert begun.wait(60.0)
     bench.admit(EVENTS)
     assert not synced.is_set()
     hold.set()
@@ -313,7 +314,8 @@ def test_a_killed_process_loses_at_most_half_a_second(tmp_path: Path, seconds: f
         stamps = [int(line) for line in process.stdout.read().split(b"\n")[:-1]]
     kept = read(path.with_name("a.mcap.part"))
     assert isinstance(kept[-1], Chunk)
-    assert stamps[-1] - kept[-1].arrival_ns < 500_000_000
+    stood_still_ns = sum(max(0, later - earlier - 2_500_000) for earlier, later in pairwise(stamps))
+    assert stamps[-1] - kept[-1].arrival_ns < 500_000_000 + stood_still_ns
 
 
 def test_flush_and_sync_keep_the_promises() -> None:

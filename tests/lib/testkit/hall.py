@@ -200,7 +200,7 @@ def daemon(survey, *, wait_for=("laser", "machine"), stepdiag=STEPDIAG):
         go_first(process.process)
         connected = set()
         while not set(wait_for) <= connected:
-            said = process.next(20.0, "daemon")
+            said = process.next(120.0, "daemon")
             assert said["event"] != "text", said
             if said["event"] == "link-connected":
                 connected.add(said["link"])
@@ -214,7 +214,7 @@ def accept_all(survey):
         assert done.code == 0, done.refusal
 
 
-def until_complete(process, survey, *, timeout_s=120.0):
+def until_complete(process, survey, *, timeout_s=200.0):
     """Accept whatever keeps a survey (its file or folder) open, also what comes; return what was said up to its completion."""
     accept_all(survey)
     seen, end = [], time.monotonic() + timeout_s
@@ -227,7 +227,7 @@ def until_complete(process, survey, *, timeout_s=120.0):
     raise AssertionError(f"no survey-complete within {timeout_s} s; last: {seen[-3:]}")
 
 
-def until(talker, event, *, timeout_s=60.0, **fields):
+def until(talker, event, *, timeout_s=200.0, **fields):
     """Return every object up to the first of an event with these fields."""
     seen, end = [], time.monotonic() + timeout_s
     while time.monotonic() < end:

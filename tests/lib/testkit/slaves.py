@@ -60,9 +60,8 @@ def crc16_modbus(frame: bytes) -> bytes:
 
 
 @contextmanager
-def rtu_slave(pty: Pty, answer: Answer, delays_s: Iterator[float]) -> Iterator[None]:
-    """Serve read requests (8 bytes) on the pty one after the other, each looked up at once and
-    answered after the next delay."""
+def rtu_slave(pty: Pty, answer: Callable[[bytes], list[bytes]]) -> Iterator[None]:
+    """Serve read requests (8 bytes) on the pty one after the other; ``answer`` takes the PDU of each and returns those to send now."""
 
     def work(ended: threading.Event) -> None:
         buffer = b""
@@ -70,9 +69,7 @@ def rtu_slave(pty: Pty, answer: Answer, delays_s: Iterator[float]) -> Iterator[N
             buffer += pty.read(0.02)
             while len(buffer) >= 8:
                 request, buffer = buffer[:8], buffer[8:]
-                pdu = answer(request[1:6])
-                time.sleep(next(delays_s))
-                if pdu is not None:
+                for pdu in answer(request[1:6]):
                     pty.write(request[:1] + pdu + crc16_modbus(request[:1] + pdu))
 
     with running(work):

@@ -15,9 +15,10 @@ ATTEMPTS = 3
 
 
 class Standstill:
-    """How long this process has stood still at most, in s, while it was watched."""
+    """How long this process has stood still at most and altogether, in s, while it was watched."""
 
     worst_s = 0.0
+    total_s = 0.0
 
 
 @contextmanager
@@ -31,7 +32,9 @@ def watched():
         while not over:
             over = ended.wait(BEAT_S)
             now = time.monotonic()
-            standstill.worst_s, last = max(standstill.worst_s, now - last - BEAT_S), now
+            late_s, last = max(0.0, now - last - BEAT_S), now
+            standstill.worst_s = max(standstill.worst_s, late_s)
+            standstill.total_s += late_s if late_s > BEAT_S / 2 else 0.0
 
     thread = threading.Thread(target=beat, name="standstill")
     thread.start()
