@@ -16,7 +16,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.daq.formats.expressions import Expression, Memory
-from stepdiag.daq.records.events import ModbusBlock, ReadRange, Table
+from stepdiag.daq.records.events import BIT_TABLES, REGISTER_TABLES, ModbusBlock, ReadRange, Table
 from stepdiag.solver.errors import DataError
 
 SignalType = Literal["bit", "uint16", "int16", "uint32", "int32", "float32"]
@@ -27,10 +27,11 @@ MAX_REGISTERS = 125
 """The most registers one request may ask for (Modbus application protocol V1.1b3, 6.3)."""
 MAX_BITS = 2000
 """The most bits one request may ask for (Modbus application protocol V1.1b3, 6.1)."""
+MAX_BYTES = 200
+"""The most bytes one range holds where an address is a byte: an S7 answers 222 in its smallest PDU, a TNC 255."""
 
 _STRUCT_CODES = {"uint16": ">H", "int16": ">h", "uint32": ">I", "int32": ">i", "float32": ">f"}
 _PLACES: dict[str, tuple[int, ...]] = {"ABCD": (0, 1, 2, 3), "CDAB": (2, 3, 0, 1), "BADC": (1, 0, 3, 2), "DCBA": (3, 2, 1, 0)}
-_BIT_TABLES = ("coil", "discrete")
 
 
 class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -47,12 +48,18 @@ class SignalSpec(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     @property
     def in_bit_table(self) -> bool:
         """Return whether the signal is a coil or a discrete input."""
-        return self.table in _BIT_TABLES
+        return self.table in BIT_TABLES
+
+    @property
+    def in_byte_table(self) -> bool:
+        """Return whether an address is a byte: in a data block of an S7, in a TNC's memory."""
+        return self.table not in (*BIT_TABLES, *REGISTER_TABLES)
 
     @property
     def width(self) -> int:
         """Return how many addresses the signal occupies."""
-        return 2 if self.type in ("uint32", "int32", "float32") else 1
+        words = 2 if self.type in ("uint32", "int32", "float32") else 1
+        return words * 2 if self.in_byte_table and self.type != "bit" else words
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -143,7 +150,7 @@ def _holds(asked: ReadRange, spec: SignalSpec) -> bool:
 
 
 def _joins(last: ReadRange, spec: SignalSpec) -> bool:
-    limit = MAX_BITS if spec.in_bit_table else MAX_REGISTERS
+    limit = MAX_BITS if spec.in_bit_table else MAX_BYTES if spec.in_byte_table else MAX_REGISTERS
     touches = spec.table == last.table and spec.address <= last.address + last.count
     return touches and spec.address + spec.width - last.address <= limit
 
@@ -182,6 +189,10 @@ class SignalDecoder:
             self._decoded = Signals(**said | made)  # type: ignore[arg-type]  # each is typed by its name
             self._data = block.data
         return self._decoded
+
+    def unanswered(self, block: ModbusBlock) -> tuple[str, ...]:
+        """Return the signals and inputs of which a decoded block holds nothing: the machine refused them."""
+        return tuple(name for name, places in self._places.items() if not any(block.data[answer] for answer, _ in places))
 
     def _value(self, name: str, data: tuple[bytes, ...]) -> bool | int | float | None:
         """Return the value of one signal, typed as ``Signals`` declares it."""
@@ -222,7 +233,7 @@ def _check_lengths(block: ModbusBlock) -> None:
     for asked, data in zip(block.ranges, block.data, strict=True):
         if data and len(data) != asked.byte_count:
             raise DataError(
-                f"Modbus answer for {asked.table} {asked.address}",
+                f"answer for {asked.table} {asked.address}",
                 expected=f"{asked.byte_count} bytes",
                 found=f"{len(data)}",
                 remedy="check the unit and whether a gateway changes the length of requests",
@@ -246,7 +257,8 @@ def _number(spec: SignalSpec, data: bytes, place: int) -> float:
     """Return the raw number of a signal before scale and offset."""
     if spec.in_bit_table:
         return data[place // 8] >> place % 8 & 1
-    raw = data[2 * place : 2 * (place + spec.width)]
+    unit = 1 if spec.in_byte_table else 2
+    raw = data[unit * place : unit * (place + spec.width)]
     if spec.type == "bit":
         return int.from_bytes(raw, "big") >> spec.bit & 1
     ordered = bytes(raw[at] for at in _PLACES[spec.order] if at < len(raw))

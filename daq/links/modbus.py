@@ -20,7 +20,7 @@ from pymodbus.pdu import ModbusPDU
 from stepdiag.daq.links.address import network_line
 from stepdiag.daq.links.lateness import Lateness
 from stepdiag.daq.links.modbus_errors import RefusedRequestError, lost, refusal, silence, stale, unreachable, unusable
-from stepdiag.daq.records.events import ModbusBlock, ReadRange, Table
+from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.host_clock import stamp_ns
 
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
@@ -32,7 +32,7 @@ RTU_WORST_ANSWER_S = 1.0
 """How long late answers are waited for on a serial line; one that comes later still is found by its length."""
 _ATTEMPTS_TO_GET_IN_STEP = 3
 _WRITE_REGISTERS = 0x10
-_READS: dict[Table, tuple[str, int]] = {
+_READS: dict[str, tuple[str, int]] = {
     "coil": ("read_coils", 1),
     "discrete": ("read_discrete_inputs", 2),
     "holding": ("read_holding_registers", 3),
@@ -112,7 +112,7 @@ class ModbusLink:
             raise self.refusals[self._ranges[0]]
         return ModbusBlock(send_ns, recv_ns, self._ranges, data)
 
-    async def write_register(self, address: int, value: int) -> None:
+    async def write_word(self, table: str, address: int, value: int) -> None:  # noqa: ARG002 - a control takes words in holding registers alone
         """Write the low 16 bits of ``value`` into a holding register, by function code 10h, which every control that can be written serves.
 
         Raises as ``read`` does.

@@ -12,12 +12,12 @@ Every event of a log has a number, its place in the order of consumption. A batc
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import accumulate, pairwise
-from typing import cast, get_args
+from typing import cast
 
 import msgspec
 
 from stepdiag.daq.log.topics import BLOCK_TOPIC, LINK_STATES, LINK_TOPICS, LOSS_TOPIC, RAW_TOPICS
-from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, Loss, ModbusBlock, ReadRange, Stream, Table
+from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, Loss, ModbusBlock, ReadRange, Stream, is_table
 from stepdiag.daq.records.status import LinkState
 
 US = 1_000
@@ -30,7 +30,6 @@ MOST_EVENTS = 100_000
 _SECOND_NS = 1_000_000_000
 _STREAMS: dict[str, Stream] = {topic: stream for stream, topic in RAW_TOPICS.items()}
 _LINKS: dict[str, Link] = {topic: link for link, topic in LINK_TOPICS.items()}
-_TABLES: tuple[str, ...] = get_args(Table)
 
 Numbered = tuple[int, Event]
 Run = tuple[int, list[Event]]
@@ -271,9 +270,9 @@ def _answers(text: str, requests: int) -> tuple[bytes, ...]:
 
 def _range(text: str) -> ReadRange:
     table, address, count = text.split(" ")
-    if table not in _TABLES:
-        raise ValueError(f"no Modbus table {table}")
-    return ReadRange(cast("Table", table), int(address), int(count))
+    if not is_table(table):
+        raise ValueError(f"no table {table}")
+    return ReadRange(table, int(address), int(count))
 
 
 def _from_runs(batch: _Batch, events: list[Event]) -> Iterator[Run]:

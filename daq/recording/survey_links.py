@@ -11,9 +11,12 @@ from collections.abc import Callable, Iterator
 from stepdiag.daq.formats.signals import plan_reads
 from stepdiag.daq.links.address import network_line
 from stepdiag.daq.links.device import SerialSettings
-from stepdiag.daq.links.modbus import ModbusSettings, RtuSettings, TcpSettings
-from stepdiag.daq.links.poller import ModbusPoller
+from stepdiag.daq.links.lsv2 import Lsv2Settings
+from stepdiag.daq.links.machine import MachineSettings
+from stepdiag.daq.links.modbus import RtuSettings, TcpSettings
+from stepdiag.daq.links.poller import MachinePoller
 from stepdiag.daq.links.reconnect import Reconnector, Report
+from stepdiag.daq.links.s7 import S7Settings
 from stepdiag.daq.links.serial import OnChunk, SerialStream, instrument_line
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.records.status import LinkState, LinkStatus
@@ -98,7 +101,8 @@ class SurveyLinks:
 
     def acknowledge(self, stop_count: int) -> None:
         """Tell the machine that a stop is captured: written before the next poll, once, to the one configured register."""
-        self._poller.write_soon(self._survey.plc.handshake.address, stop_count)
+        place = self._survey.plc.handshake
+        self._poller.write_soon(place.table, place.address, stop_count)
 
     def dead(self) -> Iterator[str]:
         """Yield the links whose worker is no more."""
@@ -119,10 +123,10 @@ class SurveyLinks:
             detail=self._details.get(name, ""),
         )
 
-    def _machine(self, on_written: Callable[[str], None]) -> ModbusPoller:
+    def _machine(self, on_written: Callable[[str], None]) -> MachinePoller:
         plc = self._survey.plc
-        reads = plan_reads(plc.signals, plc.standing)
-        return ModbusPoller(modbus_settings(plc), reads, 1.0 / plc.poll_hz, self._polled, on_written)
+        reads = plan_reads(plc.signals, () if plc.transport == "s7" else plc.standing)  # an S7 answers all of them in one telegram
+        return MachinePoller(machine_settings(plc), reads, 1.0 / plc.poll_hz, self._polled, on_written)
 
     def _line(self, stream: Stream, section: SerialSection, decoder: Decoder) -> Reconnector:
         settings = SerialSettings(
@@ -179,10 +183,14 @@ class SurveyLinks:
         self._consume(block)
 
 
-def modbus_settings(plc: Plc) -> ModbusSettings:
+def machine_settings(plc: Plc) -> MachineSettings:
     """Return how the survey's machine is reached."""
     if plc.transport == "tcp":
-        return TcpSettings(host=plc.host, port=plc.port, unit=plc.unit, timeout_s=plc.timeout_s)
+        return TcpSettings(host=plc.host, port=plc.tcp_port, unit=plc.unit, timeout_s=plc.timeout_s)
+    if plc.transport == "s7":
+        return S7Settings(host=plc.host, port=plc.tcp_port, rack=plc.rack, slot=plc.slot, timeout_s=plc.timeout_s)
+    if plc.transport == "lsv2":
+        return Lsv2Settings(host=plc.host, port=plc.tcp_port, timeout_s=plc.timeout_s)
     return RtuSettings(
         port=plc.serial_port, baud=plc.baud, parity=plc.parity, stopbits=plc.stopbits, unit=plc.unit, timeout_s=plc.timeout_s
     )
@@ -190,7 +198,7 @@ def modbus_settings(plc: Plc) -> ModbusSettings:
 
 def _address(survey: Survey, name: str) -> str:
     if name == "machine":
-        return modbus_settings(survey.plc).address
+        return machine_settings(survey.plc).address
     section: SerialSection | None = survey.laser if name == "laser" else survey.head
     if section is None:
         return ""

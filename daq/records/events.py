@@ -5,10 +5,12 @@ replay hands over the same events in the same order and so gives the same result
 (`daq.timing.host_clock`) in nanoseconds. (Structs, because a replay makes millions of them: a tenth of the time of frozen dataclasses.)
 """
 
+import re
 from dataclasses import dataclass
-from typing import Literal
+from typing import Annotated, Literal
 
 import msgspec
+from msgspec import Meta
 
 from stepdiag.daq.records.status import LinkState
 
@@ -16,13 +18,28 @@ Stream = Literal["laser", "head"]
 """A stream of bytes: the laser, or the 4-DOF head beside it."""
 Link = Literal["laser", "head", "machine"]
 """What can be connected or lost: a stream, or the machine's Modbus."""
-Table = Literal["coil", "discrete", "holding", "input"]
-"""The four Modbus tables (read with function codes 1, 2, 3, 4)."""
+_TABLE = r"^(?:coil|discrete|holding|input|db[1-9][0-9]{0,4}|[BMIO])\Z"
+Table = Annotated[
+    str,
+    Meta(
+        pattern=_TABLE,
+        description='"coil", "discrete", "holding", "input" (Modbus), "db4900" (S7: any data block) or "B", "M", "I", "O" (LSV2)',
+    ),
+]
+"""Where a machine keeps what is read: the four Modbus tables, a data block of an S7, the memories of a TNC's PLC (B holds words and double
+words too)."""
+BIT_TABLES = ("coil", "discrete")
+REGISTER_TABLES = ("holding", "input")
+
+
+def is_table(name: str) -> bool:
+    """Tell whether there is a table of this name."""
+    return re.match(_TABLE, name) is not None
 
 
 @dataclass(frozen=True, slots=True)
 class ReadRange:
-    """``count`` consecutive bits (coil, discrete) or registers (holding, input) from ``address``: one request."""
+    """``count`` consecutive bits (coil, discrete), registers (holding, input) or bytes (any other table) from ``address``: one request."""
 
     table: Table
     address: int
@@ -31,7 +48,9 @@ class ReadRange:
     @property
     def byte_count(self) -> int:
         """Return the length of the data of the answer as it stands on the wire."""
-        return (self.count + 7) // 8 if self.table in ("coil", "discrete") else 2 * self.count
+        if self.table in BIT_TABLES:
+            return (self.count + 7) // 8
+        return 2 * self.count if self.table in REGISTER_TABLES else self.count
 
 
 class Chunk(msgspec.Struct, frozen=True, gc=False):
@@ -47,8 +66,8 @@ class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
     """One poll of the machine: what was asked and the data bytes of each answer, as on the wire.
 
     ``send_ns`` is stamped before the first request, ``recv_ns`` after the last answer. ``data[i]`` answers
-    ``ranges[i]``: registers are big-endian 16-bit words, bits are packed least significant first; ``b""`` stands for a
-    range that was refused.
+    ``ranges[i]``: registers are big-endian 16-bit words, bits are packed least significant first, bytes are as they came; ``b""`` stands
+    for a range that was refused. (The name is older than the other ways to ask a machine, and stands in every log.)
     """
 
     send_ns: int

@@ -14,6 +14,7 @@ from msgspec import Meta
 
 from stepdiag.daq.formats.expressions import Expression, Kind, parse_expression
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SIGNAL_NAMES, SignalMap, SignalSpec, describe
+from stepdiag.daq.records.events import Table
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, MOST_INCREMENTS, Volume
 
 Positive = Annotated[float, Meta(gt=0)]
@@ -233,21 +234,26 @@ class Head(SerialSection, frozen=True, kw_only=True):
         return {"x": self.x, "y": self.y, "z": self.z}[axis]
 
 
+_PORTS = {"tcp": 502, "s7": 102, "lsv2": 19000}
+
+
 class Handshake(msgspec.Struct, frozen=True, kw_only=True):
     enabled: bool = False
-    table: Literal["holding"] = "holding"
+    table: Table = "holding"
     address: Annotated[int, Meta(ge=0, le=65535)] = 100
 
 
 class Plc(msgspec.Struct, frozen=True, kw_only=True):
-    transport: Literal["tcp", "rtu", "none"] = "tcp"
+    transport: Literal["tcp", "rtu", "s7", "lsv2", "none"] = "tcp"
     host: Text = "127.0.0.1"
-    port: Port = 502
+    port: Port | None = None
     serial_port: str = ""
     baud: Annotated[int, Meta(ge=300, le=4_000_000)] = 19200
     parity: Literal["N", "E", "O"] = "E"
     stopbits: Literal[1, 2] = 1
     unit: Annotated[int, Meta(ge=0, le=255)] = 1
+    rack: Annotated[int, Meta(ge=0, le=7)] = 0
+    slot: Annotated[int, Meta(ge=0, le=31)] = 2
     poll_hz: Positive = 50.0
     timeout_s: Positive = 0.3
     own_signals: dict[str, SignalSpec] = msgspec.field(name="signals", default_factory=dict)
@@ -261,11 +267,16 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         return self.transport == "none"
 
     @property
+    def tcp_port(self) -> int:
+        """Return the port of the control, that of its protocol where the file names none."""
+        return self.port or _PORTS.get(self.transport, 502)
+
+    @property
     def signals(self) -> SignalMap:
-        """Return what is read: the signals and inputs of the file, the contract's block where it names none; nothing without signals."""
+        """Return what is read: the signals and inputs of the file, the contract's block where a Modbus control's names none."""
         if self.silent:
             return {}
-        return {**self.own_signals, **self.inputs} or CONTRACT_SIGNALS
+        return {**self.own_signals, **self.inputs} or ({} if self.transport in ("s7", "lsv2") else CONTRACT_SIGNALS)
 
     @property
     def said(self) -> tuple[str, ...]:

@@ -16,6 +16,16 @@ _SETUP_NAMES = (*BODY_DIAGONALS, *LINEAR_RUNS, *FOURDOF_RUNS)
 _INPUT_NAME = re.compile(r"[A-Za-z]\w{0,31}\Z", re.ASCII)
 _LINE_GROUPS = ("position", "counter", "beam")
 _MAX_POLL_HZ = 1000.0
+_S7_PDU = 240
+_MODBUS = (re.compile(r"coil\Z|discrete\Z|holding\Z|input\Z"), '"coil", "discrete", "holding" or "input" over Modbus')
+_TABLES = {
+    "tcp": _MODBUS,
+    "rtu": _MODBUS,
+    "s7": (re.compile(r"db\d+\Z"), 'a data block, such as "db4900", over S7'),
+    "lsv2": (re.compile(r"[BMIO]\Z"), '"B" (bytes, words and double words), "M", "I" or "O" over LSV2'),
+}
+_ORDERS = {"s7": "ABCD", "lsv2": "DCBA"}
+_MAPS = {"s7": "the words of the program and the axes' exact stop", "lsv2": "the numbers of FN 19 and the axes in position"}
 _BITS_PER_CHARACTER = 11
 """Start, eight data, parity or a second stop bit, stop (Modbus over serial line V1.02, 2.5.1)."""
 
@@ -144,13 +154,11 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
     if plc.silent:
         yield from _silent(survey, source)
         return
-    if plc.transport == "rtu" and not plc.serial_port:
-        yield refuse(source, "plc.serial_port", 'a serial port for transport = "rtu"', "", "such as /dev/ttyUSB1")
-    if plc.poll_hz > _MAX_POLL_HZ:
-        yield refuse(source, "plc.poll_hz", f"at most {_MAX_POLL_HZ:g}", plc.poll_hz)
-    for name, spec in plc.own_signals.items():
-        yield from _signal(name, spec, source)
-    if wrong := list(_expressions(plc, source)):
+    if plc.transport in _MAPS and not plc.signals:
+        yield refuse(source, "plc.signals", _MAPS[plc.transport], [], "`stepdiag setup` writes them; docs/controls.md shows them")
+        return
+    yield from _asked(plc, source)
+    if wrong := [*_places(plc, source), *_expressions(plc, source)]:
         yield from wrong
         return
     if "stopped" not in plc.said:
@@ -160,6 +168,23 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
     yield from _handshake(plc, source)
     if plc.transport == "rtu":
         yield from _line_time(plc, source)
+    if plc.transport == "s7":
+        yield from _one_telegram(plc, source)
+
+
+def _asked(plc: Plc, source: str) -> Iterator[UsageError]:
+    if plc.transport == "rtu" and not plc.serial_port:
+        yield refuse(source, "plc.serial_port", 'a serial port for transport = "rtu"', "", "such as /dev/ttyUSB1")
+    if plc.poll_hz > _MAX_POLL_HZ:
+        yield refuse(source, "plc.poll_hz", f"at most {_MAX_POLL_HZ:g}", plc.poll_hz)
+
+
+def _places(plc: Plc, source: str) -> Iterator[UsageError]:
+    for name, spec in plc.own_signals.items():
+        yield from _signal(name, spec, source)
+    for field, specs in (("signals", plc.own_signals), ("inputs", plc.inputs)):
+        for name, spec in specs.items():
+            yield from _reachable(f"plc.{field}.{name}", spec, plc, source)
 
 
 def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
@@ -225,6 +250,28 @@ def _place(field: str, spec: SignalSpec, source: str) -> Iterator[UsageError]:
         yield refuse(source, f"{field}.address", "at most 65534 for a number of two registers", spec.address)
 
 
+def _reachable(field: str, spec: SignalSpec, plc: Plc, source: str) -> Iterator[UsageError]:
+    """Judge whether the control's protocol reaches a table, and whether the number is read as that control keeps it."""
+    wanted, words = _TABLES[plc.transport]
+    if not wanted.match(spec.table):
+        yield refuse(source, f"{field}.table", words, spec.table)
+    elif spec.in_byte_table and spec.bit > 7:
+        yield refuse(source, f"{field}.bit", f"0 to 7 in {spec.table}, where an address is a byte", spec.bit)
+    elif spec.in_byte_table and spec.type != "bit" and spec.order != _ORDERS[plc.transport]:
+        yield refuse(source, f"{field}.order", f'"{_ORDERS[plc.transport]}", as this control keeps its numbers', spec.order)
+
+
+def _one_telegram(plc: Plc, source: str) -> Iterator[UsageError]:
+    """What tells of one moment has to be asked for at once: as much as the smallest telegram of an S7 holds (PDU of 240 bytes)."""
+    ranges = plan_reads(plc.signals, ())
+    asked, answered = 14 + 12 * len(ranges), 14 + sum(5 + each.byte_count for each in ranges)
+    if max(asked, answered) > _S7_PDU:
+        found = f"{len(ranges)} ranges of {sum(each.byte_count for each in ranges)} bytes"
+        yield refuse(
+            source, "plc.signals", f"what one telegram of {_S7_PDU} bytes can ask for and answer", found, "lay them closer together"
+        )
+
+
 def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
     """Two signals may share a register only as different bits of it."""
     names = list(signals)
@@ -240,10 +287,18 @@ def _overlaps(signals: SignalMap, source: str) -> Iterator[UsageError]:
 def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
     if not plc.handshake.enabled:
         return
+    if plc.transport == "lsv2":
+        yield refuse(source, "plc.handshake.enabled", "false: nothing is written over LSV2", True)
+    wanted = "holding" if plc.transport != "s7" else plc.handshake.table
+    if plc.handshake.table != wanted or not _TABLES[plc.transport][0].match(wanted):
+        yield refuse(
+            source, "plc.handshake.table", _TABLES[plc.transport][1] if plc.transport == "s7" else '"holding"', plc.handshake.table
+        )
     if "stop_count" not in plc.said:
         yield refuse(source, "plc.handshake.enabled", "the signal stop_count, which is what is written back", True)
     for name, spec in plc.signals.items():
-        if (plc.handshake.table, plc.handshake.address) in registers([spec]):
+        written = {(plc.handshake.table, plc.handshake.address + at) for at in range(2 if plc.transport == "s7" else 1)}
+        if written & registers([spec]):
             yield refuse(source, "plc.handshake.address", f"a register that is not read: {name} is there", plc.handshake.address)
 
 

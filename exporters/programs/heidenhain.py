@@ -26,7 +26,7 @@ class Heidenhain(Dialect):
     )
     needs = (
         "plc: FN 19 gives the setup and the stop counter. a counter of 0 means under way, any other stopped",
-        "plc: gate stopped with the in-position signals, keep the last counter while under way",
+        "plc: gate stopped with the in-position signals, keep the last counter while under way (over LSV2 stepdiag does both)",
         "recalled, check in the manual: FN 20 WAIT FOR SYNC, and that FN 19 is not locked by a code number",
         "the tool length must be 0 and no plane may be tilted",
     )

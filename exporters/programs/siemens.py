@@ -25,6 +25,8 @@ class Siemens(Dialect):
     needs = (
         "plc: $A_DBW words 0 setup, 2 stop counter, 4 stopped (gate it with exact stop fine), 6 captured with handshake",
         "the builder says whether these words are free",
+        "828D: they are DB4900.DBW0 2 4 6, read over S7 by stepdiag itself. 840D sl: the user program calls FC 21 and copies",
+        "$A_DBW 0 2 4 into a data block of its own (words 0 2 4), with handshake its word 6 back to $A_DBW[6]",
     )
 
     def file_name(self, job: Job) -> str:

@@ -94,7 +94,7 @@ class StreamSeen:
 
 @dataclass(slots=True)
 class MachineSeen:
-    """What the machine answered. ``changes`` counts for each signal how often it changed, ``refused`` the signals never answered."""
+    """What the machine answered. ``changes`` counts for each signal how often it changed, ``unanswered`` what the last answer lacked."""
 
     link: LinkSeen
     decoder: SignalDecoder
@@ -103,6 +103,7 @@ class MachineSeen:
     changes: Counter[str] = field(default_factory=Counter)
     slowest_s: float = 0.0
     trouble: str = ""
+    unanswered: tuple[str, ...] = ()
     heard_s: float = 0.0
     _first_ns: int = 0
 
@@ -119,6 +120,7 @@ class MachineSeen:
         if self.polls and now is not self.signals:
             self.changes.update(name for name in SIGNAL_NAMES if getattr(now, name) != getattr(self.signals, name))
         self.signals = now
+        self.unanswered = self.decoder.unanswered(block)
         self.polls += 1
 
     @property

@@ -135,6 +135,10 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
             field = f"plc.expressions.{name}" if name in plc.expressions else f"plc.signals.{name}"
             text = f"{name} at {plc.place(name)} is not served by the control ({machine.link.detail}): check {field}"
             yield _finding("signal-refused", severity, text)
+    for name in machine.unanswered:
+        if name in plc.inputs:
+            text = f"{name} at {describe(plc.inputs[name])} is not served by the control ({machine.link.detail}): check plc.inputs.{name}"
+            yield _finding("signal-refused", "error" if name in plc.standing else "warning", text)
     for name, (low, high) in PLAUSIBLE.items():
         value = getattr(machine.signals, name)
         if value is not None and not low < value <= high:

@@ -41,7 +41,7 @@ def program(
     section = program_section(text, source, controller)
     signals, travel = section.signals(defaults), travel_in(text, source)
     programs = nc_programs(sequence, controller, signals=signals, decimals=section.decimals, travel_mm=travel)
-    beside = companion_files(controller, survey.plc.host, survey.plc.port)
+    beside = companion_files(controller, survey.plc.host, survey.plc.tcp_port)
     write_set(out, [*(ControlFile(name=each.name, data=each.data, role="program") for each in programs), *beside])
     written = [{"setup": each.setup, "file": str(out / each.name)} for each in programs]
     if as_json:

@@ -143,7 +143,7 @@ def _network(survey: Survey) -> Iterator[str]:
 def _devices(survey: Survey) -> Iterator[str]:
     """Yield the hosts of the machine and of every instrument whose line is on the network."""
     plc = survey.plc
-    if plc.transport == "tcp":
+    if plc.transport in ("tcp", "s7", "lsv2"):
         yield plc.host
     ports = [survey.laser.port, survey.head.port if survey.head is not None else "", plc.serial_port * (plc.transport == "rtu")]
     yield from (line.host for line in map(network_line, ports) if line is not None)

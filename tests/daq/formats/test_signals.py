@@ -1,5 +1,7 @@
 """Registers -> signals, against bytes as they stand on the wire."""
 
+import struct
+
 import msgspec
 import pytest
 from hypothesis import given
@@ -140,7 +142,7 @@ def test_a_machine_that_leaves_between_two_requests_does_not_stand() -> None:
 
 
 def test_answer_of_another_length_is_refused() -> None:
-    with pytest.raises(DataError, match=r"Modbus answer for holding 0: expected 28 bytes, found 26"):
+    with pytest.raises(DataError, match=r"answer for holding 0: expected 28 bytes, found 26"):
         SignalDecoder(CONTRACT_SIGNALS).decode(block(dict(CONTRACT_SIGNALS), CONTRACT_BLOCK[:26]))
 
 
@@ -190,3 +192,32 @@ def test_decoding_depends_on_the_block_alone(first: bytes, second: bytes) -> Non
 def test_unknown_settings_of_a_signal_are_refused_by_the_struct() -> None:
     with pytest.raises(msgspec.ValidationError):
         msgspec.convert({"address": 1, "adress": 2}, SignalSpec)
+
+
+def test_in_a_data_block_and_in_a_tncs_memory_an_address_is_a_byte():
+    """DB4900.DBW0, DBX5.0 and DBD8, most significant byte first; D284 and a bit of W1026, low byte first."""
+    s7 = {
+        "setup": SignalSpec(table="db4900", address=0),
+        "stopped": SignalSpec(table="db4900", address=5, type="bit"),
+        "x_mm": SignalSpec(table="db4900", address=6, type="int32", scale=1e-4),
+    }
+    asked = plan_reads(s7, ())
+    assert asked == (ReadRange("db4900", 0, 2), ReadRange("db4900", 5, 5))
+    decoded = SignalDecoder(s7).decode(ModbusBlock(0, 1, asked, (b"\x00\x0b", b"\x01" + struct.pack(">i", -123456))))
+    assert (decoded.setup, decoded.stopped, decoded.x_mm) == (11, True, pytest.approx(-12.3456))
+    tnc = {
+        "stop_count": SignalSpec(table="B", address=284, type="int32", order="DCBA"),
+        "stopped": SignalSpec(table="B", address=1026, type="bit", bit=2),
+    }
+    asked = plan_reads(tnc, ())
+    assert asked == (ReadRange("B", 284, 4), ReadRange("B", 1026, 1))
+    decoded = SignalDecoder(tnc).decode(ModbusBlock(0, 1, asked, (b"\x01\x02\x00\x00", b"\x04")))
+    assert (decoded.stop_count, decoded.stopped) == (513, True)
+
+
+def test_what_the_machine_refused_is_known_by_name():
+    signals = {"setup": SignalSpec(address=0), "stopped": SignalSpec(table="coil", address=0, type="bit")}
+    decoder, asked = SignalDecoder(signals), plan_reads(signals, ())
+    block = ModbusBlock(0, 1, asked, tuple(b"" if each.table == "coil" else b"\0\1" for each in asked))
+    decoder.decode(block)
+    assert decoder.unanswered(block) == ("stopped",)

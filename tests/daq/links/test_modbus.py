@@ -16,7 +16,7 @@ from stepdiag.daq.links import poller
 from stepdiag.daq.links.lateness import Lateness
 from stepdiag.daq.links.modbus import ModbusLink, TcpSettings, answer_within, open_link
 from stepdiag.daq.links.modbus_errors import LostConnectionError, RefusedRequestError, SilentDeviceError, StaleAnswerError, WrongUnitError
-from stepdiag.daq.links.poller import ModbusPoller
+from stepdiag.daq.links.poller import MachinePoller
 from stepdiag.daq.links.reconnect import Reconnector
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.host_clock import now_ns
@@ -187,7 +187,7 @@ def test_the_handshake_writes_one_register_with_function_10h(serve, value):
         return pdu[:5]
 
     async def work(link):
-        await link.write_register(100, value)
+        await link.write_word("holding", 100, value)
 
     ask(serve(answer), [BLOCK], work)
     assert asked == [b"\x10\x00\x64\x00\x01\x02\xab\xcd"]
@@ -212,7 +212,7 @@ class Deaf:
 def poll_for(server, during, *, period_s=0.02):
     """Keep the machine while ``during`` runs; return blocks, changes of state, and the log."""
     blocks, states = [], []
-    machine = ModbusPoller(settings(server), [BLOCK], period_s, blocks.append)
+    machine = MachinePoller(settings(server), [BLOCK], period_s, blocks.append)
 
     async def run():
         keeper = Reconnector("machine", machine.session, lambda state, detail: states.append(state))
@@ -256,7 +256,7 @@ def test_after_three_silent_polls_the_connection_is_made_anew(serve, monkeypatch
         opened.append(link)
         return link
 
-    monkeypatch.setattr(poller, "open_link", open_link)
+    monkeypatch.setattr(poller, "open_machine", open_link)
 
     def during(machine, blocks, states):
         wait_until(lambda: len(blocks) > 3)
@@ -306,9 +306,9 @@ def test_a_handshake_waits_for_the_connection_and_a_refused_one_does_not_stop_th
         return b"\x03" + registers(1, 2, 3)
 
     def during(machine, blocks, states):
-        machine.write_soon(100, 1)
+        machine.write_soon("holding", 100, 1)
         wait_until(lambda: len(written) == 1)
-        machine.write_soon(100, 2)
+        machine.write_soon("holding", 100, 2)
         wait_until(lambda: len(written) == 2)
         until_more(4)(machine, blocks, states)
 
@@ -329,12 +329,12 @@ def test_a_handshake_does_not_wait_for_the_next_poll(serve):
         assert not refused
         written.set()
 
-    machine = ModbusPoller(settings(serve(answer)), [BLOCK], 3600.0, blocks.append, on_written)
+    machine = MachinePoller(settings(serve(answer)), [BLOCK], 3600.0, blocks.append, on_written)
 
     async def run():
         task = asyncio.create_task(Reconnector("machine", machine.session, lambda state, detail: None).run())
         await asyncio.to_thread(wait_until, lambda: bool(blocks))
-        machine.write_soon(100, 7)
+        machine.write_soon("holding", 100, 7)
         assert await asyncio.to_thread(written.wait, 60.0)
         task.cancel()
         await asyncio.gather(task, return_exceptions=True)
@@ -356,7 +356,7 @@ def test_an_order_to_end_is_heeded_even_if_the_client_forgets_it(serve, monkeypa
         return block
 
     monkeypatch.setattr(ModbusLink, "read", read)
-    machine = ModbusPoller(settings(serve(lambda pdu: b"\x03" + registers(1, 2, 3))), [BLOCK], 0.02, lambda block: None)
+    machine = MachinePoller(settings(serve(lambda pdu: b"\x03" + registers(1, 2, 3))), [BLOCK], 0.02, lambda block: None)
 
     async def run():
         task = asyncio.create_task(Reconnector("machine", machine.session, lambda state, detail: None).run())

@@ -1,0 +1,14 @@
+"""Controls by name: the ``[plc]`` section of a survey with a control of each kind, as ``stepdiag setup`` writes it.
+
+A file a control, to be read as what it is; each says where its addresses come from and what of it is only recalled.
+"""
+
+from importlib.resources import files
+
+CONTROLS = ("modbus", "siemens-828d", "siemens-840dsl", "heidenhain")
+
+
+def control_section(name: str, host: str) -> str:
+    """Return what follows ``[plc]`` in a survey file for the control of this name at ``host``, with its comments."""
+    text = files("stepdiag.daq.survey.controls").joinpath(f"{name}.toml").read_text(encoding="utf-8")
+    return text.replace("{host}", host)
