@@ -24,6 +24,10 @@ MAX_WAITING_EVENTS = 1_000_000
 """Events that may wait for one with a lower number; our writer never has more waiting than one batch."""
 
 
+MOST_EVENTS, MOST_EVENTS_PER_BYTE = 1_000_000, 4
+"""What a log may hold: so many events, and so many for each byte. An event of ours takes a byte at least, for when it came."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LogEnd:
     """How a log ended. ``damage`` is empty for a whole log; ``run_stop`` is what the recorder wrote at its end, if it came to that.
@@ -59,6 +63,7 @@ class Log:
         walk = _Walk()
         for record in reader:
             try:
+                walk.require_justified(reader.good_bytes)
                 runs = walk.take(record)
             except DAMAGE as error:
                 reader.damage = f"a message that is not ours: {error or type(error).__name__}"
@@ -94,6 +99,12 @@ class _Walk:
             case _:
                 pass
         return []
+
+    def require_justified(self, read_bytes: int) -> None:
+        """Raise ValueError for more events than the bytes read so far can stand for."""
+        events = self.next + self.waiting_events
+        if events > MOST_EVENTS + MOST_EVENTS_PER_BYTE * read_bytes:
+            raise ValueError(f"{events} events in {read_bytes} bytes")
 
     def _order(self, runs: list[Run]) -> list[list[Event]]:
         for number, events in runs:

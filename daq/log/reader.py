@@ -21,7 +21,7 @@ from stepdiag.solver.errors import DataError
 MAX_RECORD_BYTES = 64_000_000
 MAX_CHUNK_BYTES = 16_000_000
 """Limits far above what is ever written: chunks are of 64 KiB, packed ones of a megabyte, the largest record is the index at the end."""
-MOST_UNPACKED_BYTES, MOST_UNPACKED_PER_BYTE = 16_000_000, 2000
+MOST_UNPACKED_BYTES, MOST_UNPACKED_PER_BYTE = 16_000_000, 1000
 """What all chunks together may unpack to: so many bytes, and so many for each byte read. A laser at rest for hours comes to 400."""
 
 

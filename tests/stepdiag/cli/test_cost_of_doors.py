@@ -8,7 +8,9 @@ from pathlib import Path
 
 import pytest
 
-from testkit.doors import Door, doors
+from testkit.costly_logs import COSTLY
+from testkit.doors import LOG, Door, doors
+from testkit.one_field import wrong_words
 
 CPU_S = 10
 MEMORY_BYTES = 500_000_000
@@ -58,10 +60,24 @@ GROWN: Mapping[str, Callable[[str], str]] = {
 }
 
 
+LOG_COMMANDS = {
+    name: door.command for name, door in DOORS.items() if door.command[-1] == LOG or LOG in door.bytes_beside or "contents" in door.files
+}
+EVERY = "STEPDIAG_FUZZ_EXAMPLES" in os.environ
+LOG_SIZE = 400_000 if EVERY else 40_000
+LOG_DOORS = [
+    (made, command)
+    for turn, made in enumerate(COSTLY)
+    for at, command in enumerate(dict.fromkeys(LOG_COMMANDS.values()))
+    if EVERY or at % len(COSTLY) == turn
+]
+"""Every log with every command that reads one by ``make explore``, each once in every run."""
+
+
 def grown_for(name: str) -> list[str]:
     """Return the ways in which the file of a door grows: two by turns in every run, all of them with ``make explore``."""
     kinds, turn = list(GROWN), list(DOORS).index(name)
-    return kinds if "STEPDIAG_FUZZ_EXAMPLES" in os.environ else [kinds[turn % len(kinds)], kinds[(turn + 2) % len(kinds)]]
+    return kinds if EVERY else [kinds[turn % len(kinds)], kinds[(turn + 2) % len(kinds)]]
 
 
 @pytest.mark.parametrize("name", DOORS)
@@ -69,6 +85,13 @@ def test_a_file_costs_no_more_than_its_bytes_justify(name: str, tmp_path: Path) 
     door = DOORS[name]
     told = {kind: cost_of(door.with_text(GROWN[kind](door.files[door.wrong])), tmp_path / kind) for kind in grown_for(name)}
     assert not [f"{kind}: {how}" for kind, how in told.items() if how]
+
+
+@pytest.mark.parametrize(("made", "command"), LOG_DOORS)
+def test_a_log_costs_no_more_than_its_bytes_justify(made: str, command: tuple[str, ...], tmp_path: Path) -> None:
+    """Right checksums and right messages, a thousand bytes unpacked for each that is read: ranges, events, samples, texts."""
+    log = COSTLY[made](LOG_SIZE)
+    assert not cost_of(Door(command, {}, "", wrong_words, {LOG: log}), tmp_path / "log")
 
 
 def cost_of(door: Door, folder: Path) -> str:
