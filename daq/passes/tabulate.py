@@ -40,10 +40,11 @@ def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float
         position_mm=np.vstack([[stop.position_mm for stop in rows[1]] for rows in tables]) if used else np.zeros((0, 3)),
         reading_mm=np.concatenate([rows[0] for rows in tables]) if used else np.zeros(0),
         u_um=[stop.u_um for rows in tables for stop in rows[1]],
-        temperature_c=[_material_c(survey.environment, stop) for rows in tables for stop in rows[1]],
+        temperature_c=[_known_material_c(survey.environment, stop) for rows in tables for stop in rows[1]],
         time_s=[stop.time_s - begin for rows in tables for stop in rows[1]],
         beam_mm=np.vstack([_beam(survey, each) for each in used]) if used else None,
         zero=[one.zero for one, rows in zip(counted, tables, strict=True) for _ in rows[0]],
+        at_20_c=[survey.machine.apply_expansion for rows in tables for _ in rows[0]],
     )
 
 
@@ -107,6 +108,13 @@ def _environment(environment: Environment, stop: CapturedStop, name: str) -> flo
     """Return a quantity of the air: as the machine's sensors had it at the stop, or as the survey file fixes it."""
     measured = getattr(stop, name) if environment.source != "fixed" else None
     return float(measured if measured is not None else getattr(environment, name))
+
+
+def _known_material_c(environment: Environment, stop: CapturedStop) -> float:
+    """Return the material's temperature where a sensor or the person says it, else NaN: a machine without thermometer is not at 20 C."""
+    if environment.source != "fixed" and stop.material_temperature_c is None:
+        return float("nan")
+    return _material_c(environment, stop)
 
 
 def _material_c(environment: Environment, stop: CapturedStop) -> float:

@@ -9,12 +9,21 @@ from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.controller import Plan
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.basis import Basis, basis_of, scales_in_words
 from stepdiag.solver.result.interval import interval_of
 
 
 def report_text(case: Case, plan: Plan, findings: Sequence[Finding], prediction: Prediction) -> str:
     """Return the report: machine, warnings, effect, tables with their laws, old and new, steps to load and to check."""
-    sections = (_head(case), _findings(findings), _effect(case, prediction), _tables(case, plan), _changes(case), _steps(case))
+    sections = (
+        _head(case),
+        _findings(findings),
+        _effect(case, prediction),
+        _basis(basis_of(case.result)),
+        _tables(case, plan),
+        _changes(case),
+        _steps(case),
+    )
     return "\n".join(line for section in sections for line in (*section, ""))
 
 
@@ -52,6 +61,22 @@ def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
     if any(not scale.identified for scale in case.result.scale.values()):
         yield "  scales that the survey does not identify are in neither figure: measure linear runs to see and to correct them"
     yield "  what remains: what angles do away from the middle (no table of one axis holds it), the rounding, and the curves between points"
+
+
+def _basis(found: Basis) -> Iterator[str]:
+    """Yield which lengths the tables correct, and on what U rests."""
+    yield "WHAT TABLES AND U REST ON"
+    names = {"as_measured": "as measured", "at_20_c": "at 20 C"}
+    if found.tables is not None:
+        warm = "nobody measured how warm the machine was" if found.material_c is None else f"the machine was {found.material_c:.2f} C warm"
+        yield f"  the tables correct lengths {names[found.tables]}; {warm}"
+        other = "at_20_c" if found.tables == "as_measured" else "as_measured"
+        if found.scales:
+            yield f"  scales {names[found.tables]}, um/m (k = 2): {scales_in_words(found.scales)}"
+        yield f"  scales {names[other]}, in no table: {scales_in_words(found.other) or 'not known'}"
+    yield from (f"  {name:<24}{value:>12g}" for name, value in found.assumed.items())
+    if found.tool_um is not None:
+        yield f"  errors hold where the beam met the mirror (tool offset 0); a tool tip 100 mm from it may differ by {found.tool_um:.1f} um"
 
 
 def _interval(figure: object) -> str:

@@ -1,7 +1,7 @@
 """The estimator as a method of the solver: all readings of a survey in one adjustment, and what it identifies."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,6 +15,7 @@ from stepdiag.solver.methods.angular import angle_findings, expected_angles
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.coverage import coverage, coverage_findings
 from stepdiag.solver.methods.head_report import agreeing, beside_head, head_findings
+from stepdiag.solver.methods.lengths import lengths_report, tool_report
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
 from stepdiag.solver.methods.volumetric import budget, drawn_surveys, left_with_head_um, make_posterior, volume_report
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
@@ -171,6 +172,9 @@ def solve_estimate(
     left = left_with_head_um(found, done.spread, volume["volumetric_u_um"])
     extra = {
         **_extra(done),
+        "assumed": asdict(found.assumed),
+        "lengths": lengths_report(result.scale, found.assumed, known=bool(np.all(np.isfinite(found.layout.temperature_c)))),
+        "tool": tool_report(errors, expected, found.assumed),
         **volume,
         **({"head_straightness": of_head} if of_head else {}),
         "budget": budget(done.spread, done.quantities, done.known, done.u, done.u_readings, texts),

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from stepdiag.solver.geometry.kinematics import parse_chain
+from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.methods.registry import Options, method_of
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.assumptions import Assumptions
@@ -33,5 +34,6 @@ def solve(
     """
     parse_chain(chain)
     chosen = method_of(method)
-    options = Options(chain=chain, angles=angles, straightness=tuple(straightness), assumed=assumed, trials=monte_carlo)
+    settled = at_their_temperature(readings, assumed, source)
+    options = Options(chain=chain, angles=angles, straightness=tuple(straightness), assumed=settled, trials=monte_carlo)
     return chosen(lay_out(readings, source), options)

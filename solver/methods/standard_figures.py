@@ -149,14 +149,22 @@ def _positioning(layout: Layout, found: SetupRuns, assumed: Assumptions, standar
     figures = positioning_figures(found.runs, standard)
     length_mm = float(np.ptp(found.runs.target_mm))
     u = expanded_um(figures.numbers(), length_mm, found.runs.up_um.shape[1], _sources(layout, found, assumed))
-    return _plain(figures) | {"runs": found.runs.up_um.shape[1], "U": u, "U_status": SOURCE_STATUS}
+    lengths = "at 20 C" if assumed.reduced_to_20_c else "as measured"
+    return _plain(figures) | {"runs": found.runs.up_um.shape[1], "lengths": lengths, "U": u, "U_status": SOURCE_STATUS}
 
 
 def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:
-    """Return what is uncertain about the runs: lengths to ppm, readings and drift in um."""
+    """Return what is uncertain about the runs: lengths to ppm, readings and drift in um.
+
+    The material's temperature is in lengths at 20 C only: a machine as it stands is as long as it is.
+    """
     direction = np.abs(layout.direction[found.rows[0]])
     excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C
-    grown = 1e-6 * np.hypot(np.array(assumed.expansion_um_m_c) * assumed.u_material_c, excess * assumed.u_expansion_um_m_c)
+    grown = (
+        float(assumed.reduced_to_20_c)
+        * 1e-6
+        * np.hypot(np.array(assumed.expansion_um_m_c) * assumed.u_material_c, excess * assumed.u_expansion_um_m_c)
+    )
     cosine = (1e-3 * assumed.alignment_mrad) ** 2 / 2 / np.sqrt(3.0)
     stated = layout.u_um[found.rows]
     reading = float(np.sqrt(np.mean(np.where(np.isfinite(stated), stated, assumed.reading_um) ** 2)))

@@ -19,6 +19,8 @@ MOST_READINGS = 300_000
 """Rows: two hundred setups of the largest volume, out and back. Each takes a kilobyte."""
 OPTIONAL = ("u_um", "temperature_c", "time_s")
 ZERO = "zero"
+AT_20_C = "at_20_c"
+"""1 where a reading was brought from ``temperature_c`` to 20 C before; 0 or empty where it stands as measured."""
 NO_ZERO = -1
 """A reading whose count is not known to reach beyond its pass: it is relative to the pass's first stop."""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
@@ -48,7 +50,8 @@ class Readings:
     ``zero`` numbers the stretches of one unbroken laser count: readings of a setup with the same ``zero`` share one origin and are
     relative to its first row; where it is `NO_ZERO` they are relative to the pass's first stop. ``u_um`` (standard uncertainty of the
     reading), ``temperature_c`` (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line in machine
-    coordinates, NaN where the beam runs through the pass's first commanded position.
+    coordinates, NaN where the beam runs through the pass's first commanded position. ``at_20_c`` says of every reading whether it was
+    brought to 20 C before.
     """
 
     setup: tuple[str, ...]
@@ -61,6 +64,7 @@ class Readings:
     time_s: Vector
     beam_mm: Vector
     zero: NDArray[np.int64]
+    at_20_c: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.setup)
@@ -90,6 +94,7 @@ class Readings:
             time_s=self.time_s[index],
             beam_mm=self.beam_mm[index],
             zero=self.zero[index],
+            at_20_c=self.at_20_c[index],
         )
 
 
@@ -105,8 +110,9 @@ def make_readings(  # noqa: PLR0913 - one argument a column
     time_s: Sequence[float] | Vector | None = None,
     beam_mm: Sequence[Sequence[float]] | Vector | None = None,
     zero: Sequence[int] | NDArray[np.int64] | None = None,
+    at_20_c: Sequence[bool] | NDArray[np.bool_] | None = None,
 ) -> Readings:
-    """Return readings from columns; what is left out is NaN, or `NO_ZERO`. Raises ``ValueError`` where the lengths differ."""
+    """Return readings from columns; what is left out is NaN, `NO_ZERO`, or as measured. Raises ``ValueError`` where the lengths differ."""
     count = len(setup)
     return Readings(
         setup=tuple(setup),
@@ -119,6 +125,7 @@ def make_readings(  # noqa: PLR0913 - one argument a column
         time_s=_column(time_s, count),
         beam_mm=np.full((count, 3), np.nan) if beam_mm is None else np.asarray(beam_mm, dtype=np.float64).reshape(count, 3),
         zero=np.full(count, NO_ZERO, dtype=np.int64) if zero is None else np.asarray(zero, dtype=np.int64).reshape(count),
+        at_20_c=np.zeros(count, dtype=np.bool_) if at_20_c is None else np.asarray(at_20_c, dtype=np.bool_).reshape(count),
     )
 
 
@@ -146,6 +153,7 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
         reading_mm=[row.reading_mm for row in rows],
         beam_mm=[row.beam_mm for row in rows],
         zero=[row.zero for row in rows],
+        at_20_c=[row.at_20_c for row in rows],
         **{name: [row.optional[index] for row in rows] for index, name in enumerate(OPTIONAL)},
     )
     passes = readings.passes()
@@ -175,6 +183,7 @@ class _Row(NamedTuple):
     optional: list[float]
     beam_mm: list[float]
     zero: int
+    at_20_c: bool
 
     @classmethod
     def parse(cls, where: str, fields: dict[str, str]) -> "_Row":
@@ -190,7 +199,15 @@ class _Row(NamedTuple):
             optional=[number_in(fields, name, where, optional=True, least=0.0 if name == "u_um" else -math.inf) for name in OPTIONAL],
             beam_mm=beam_mm,
             zero=whole_number_in(fields, ZERO, where, least=0) if fields.get(ZERO, "") else NO_ZERO,
+            at_20_c=_yes_or_no(fields, AT_20_C, where),
         )
+
+
+def _yes_or_no(fields: dict[str, str], name: str, where: str) -> bool:
+    text = fields.get(name, "")
+    if text not in ("", "0", "1"):
+        raise DataError(f"{where}: {name}", expected="1 or 0", found=repr(text))
+    return text == "1"
 
 
 def _setup_name(name: str, where: str) -> str:
@@ -244,7 +261,9 @@ def render_readings(readings: Readings) -> str:
     beam = np.isfinite(readings.beam_mm).any()
     zeros = bool(np.any(readings.zero != NO_ZERO))
     out = io.StringIO()
-    out.write(",".join((*REQUIRED, *optional, *((ZERO,) if zeros else ()), *(BEAM if beam else ()))) + "\n")
+    reduced = bool(readings.at_20_c.any())
+    header = (*REQUIRED, *optional, *((ZERO,) if zeros else ()), *(BEAM if beam else ()), *((AT_20_C,) if reduced else ()))
+    out.write(",".join(header) + "\n")
     for row in _ordered_rows(readings):
         fields = [readings.setup[row], str(readings.pass_number[row]), str(readings.stop[row])]
         fields += [_decimal(value, 7) for value in readings.position_mm[row]]
@@ -252,6 +271,7 @@ def render_readings(readings: Readings) -> str:
         fields += [_decimal(column[row], 6) for column in optional.values()]
         fields += [str(readings.zero[row]) if readings.zero[row] != NO_ZERO else ""] if zeros else []
         fields += [_decimal(value, 7) for value in readings.beam_mm[row]] if beam else []
+        fields += [str(int(readings.at_20_c[row]))] if reduced else []
         out.write(",".join(fields) + "\n")
     return out.getvalue()
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
+from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.prediction import predicted
@@ -81,6 +82,15 @@ def same_machine(before: Result, after: Result) -> None:
             )
 
 
+def _same_lengths(before: Result, after: Result) -> None:
+    """Raise ``DataError`` where one result holds lengths at 20 C and the other as measured: their scales say nothing of each other."""
+    first, second = (basis_of(result).tables for result in (before, after))
+    if first is not None and second is not None and first != second:
+        names = {"as_measured": "lengths as measured", "at_20_c": "lengths at 20 C"}
+        remedy = "solve both logs with the same machine.apply_expansion; each result's `lengths` has the scales both ways"
+        raise DataError(f"{after.source}: lengths", expected=f"{names[first]} as in {before.source}", found=names[second], remedy=remedy)
+
+
 def _said(result: Result, entry: str) -> str:
     survey = result.extra.get("survey")
     value = survey.get(entry) if isinstance(survey, dict) else None
@@ -90,9 +100,10 @@ def _said(result: Result, entry: str) -> str:
 def compare(before: Result, after: Result) -> Comparison:
     """Return what changed. Raises ``DataError`` where the results are not of one machine as it stood.
 
-    That is another name or serial number, another chain, or no common volume.
+    That is another name or serial number, another chain, no common volume, or lengths at 20 C beside lengths as measured.
     """
     same_machine(before, after)
+    _same_lengths(before, after)
     if before.chain != after.chain:
         raise DataError(
             "chain", expected=f"{before.chain} as in the first result", found=after.chain, remedy="compare results of one machine"

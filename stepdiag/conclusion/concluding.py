@@ -9,6 +9,7 @@ from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
 from stepdiag.conclusion.sentences import Sentence
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
+from stepdiag.solver.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.solver.result.interval import Interval, decimals_of
 from stepdiag.solver.result.result import ROTATIONS, Result
 
@@ -35,6 +36,7 @@ class Conclusion:
     unknown: tuple[Sentence, ...]
     reach: Reach
     reached: tuple[Sentence, ...]
+    basis: tuple[Sentence, ...]
     load: tuple[Sentence, ...]
     next_step: Sentence
     findings: dict[str, int]
@@ -59,6 +61,7 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
         unknown=tuple(_unknown(result)),
         reach=reach,
         reached=tuple(_reached(reach)),
+        basis=tuple(_basis(basis_of(result))),
         load=tuple(loadable(exports)),
         next_step=_next_step(result, exports, counts),
         findings=counts,
@@ -114,6 +117,20 @@ def _reached(reach: Reach) -> Iterator[Sentence]:
     yield _figure("before", reach.rms_before, reach.largest_before)
     if reach.rms_after is not None and reach.largest_after is not None:
         yield _figure("after", reach.rms_after, reach.largest_after)
+
+
+def _basis(found: Basis) -> Iterator[Sentence]:
+    """Yield to which temperature the lengths belong, on which sizes U rests, and where the errors hold; nothing that is not said."""
+    if found.tables is not None and found.material_c is None:
+        yield Sentence(key=f"basis_{found.tables}_alone")
+    elif found.tables is not None:
+        arguments = {"warm": f"{found.material_c:.2f}", "scales": scales_in_words(found.scales), "other": scales_in_words(found.other)}
+        yield Sentence(key=f"basis_{found.tables}" + ("" if found.other else "_only"), arguments=arguments)
+    if found.assumed.keys() >= set(ASSUMED):
+        sizes = {name: f"{value * (1e6 if name == 'index' else 1.0):g}" for name, value in found.assumed.items()}
+        yield Sentence(key="basis_assumed", arguments=sizes)
+    if found.tool_um is not None:
+        yield Sentence(key="basis_tool", arguments={"um": _um(found.tool_um)})
 
 
 def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:

@@ -13,7 +13,7 @@ from stepdiag.solver.result.rounding import steady
 from stepdiag.texts import LANGUAGES, Language, catalogue
 
 FORMAT, FORMAT_VERSION = "stepdiag-conclusion", 1
-SECTIONS = ("reached", "wrong", "unknown", "load", "next_step")
+SECTIONS = ("reached", "wrong", "unknown", "basis", "load", "next_step")
 """The order in which a conclusion is read."""
 
 
@@ -25,6 +25,7 @@ def conclusion_document(conclusion: Conclusion, field: Mapping[str, Any] | None 
         "wrong": [{**_contribution(one), **_words(sentence)} for one, sentence in conclusion.wrong],
         "unknown": [_words(one) for one in conclusion.unknown],
         "reached": [_words(one) for one in conclusion.reached],
+        "basis": [_words(one) for one in conclusion.basis],
         "load": [_words(one) for one in conclusion.load],
         "next_step": [_words(conclusion.next_step)],
         "reach": _rounded(asdict(conclusion.reach)),
@@ -46,7 +47,8 @@ def titles_of(language: Language) -> dict[str, str]:
 
 def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[str]]:
     """Return section -> sentences of a conclusion's JSON."""
-    return {section: [sentence[language] for sentence in document[section]] for section in SECTIONS}
+    # an older program said nothing of the basis
+    return {section: [sentence[language] for sentence in document.get(section, [])] for section in SECTIONS}
 
 
 def conclusion_in(folder: Path) -> dict[str, Any] | None:

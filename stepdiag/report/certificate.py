@@ -12,6 +12,7 @@ from stepdiag.exporters.files.settings import read_toml
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.report.sections import Table, shown
 from stepdiag.solver.errors import UsageError
+from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Result
 
@@ -73,7 +74,8 @@ def facts_table(result: Result, words: Mapping[str, str]) -> Table:
     shadowed = {"date"} if known.get("begun") else set()
     rows = [(words[name], _fact(known[name])) for name in FACTS if known.get(name) and name not in shadowed]
     rows.append((words["compensation"], _compensation(result, words)))
-    rows.append((words["reference_temperature"], words["at_20_c" if known.get("at_20_c") else "as_measured"]))
+    reduced = basis_of(result).tables == "at_20_c" if "lengths" in result.extra else bool(known.get("at_20_c"))
+    rows.append((words["reference_temperature"], words["at_20_c" if reduced else "as_measured"]))
     rows.append((words["sign"], words["sign_convention"]))
     rows.append((words["standards"], words["standards_used"]))
     return Table(header=(), rows=rows)

@@ -22,6 +22,7 @@ from stepdiag.report.figures import (
 )
 from stepdiag.report.logs import Recorded, logs_table
 from stepdiag.solver.methods import standard_figures
+from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.result import Result
@@ -76,7 +77,8 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "setups": sections.setups_table(result, words),
         "squareness": sections.squareness_table(result, words),
         "scale": sections.scale_table(result, words),
-        "positioning": sections.positioning_table(_standards(result, layout), words),
+        "lengths": sections.lengths_table(result, words),
+        "positioning": sections.positioning_table(_standards(result, layout, readings), words),
         "head": sections.head_table(result, words),
         "fit": sections.fit_table(result),
         "assumptions": sections.assumptions_table(result),
@@ -99,9 +101,12 @@ def localised_document(html: str, language: Language) -> str:
     return _BETWEEN.sub(lambda found: f"{found[1]}{localised(found[2], language)}<", html)
 
 
-def _standards(result: Result, layout: Layout | None) -> object:
+def _standards(result: Result, layout: Layout | None, readings: Readings | None) -> object:
     """Return the figures of the standards as the result has them, else from the readings: the closed forms write none."""
-    return result.extra.get("standards") or (standard_figures.standards_report(layout) if layout is not None else {})
+    known = result.extra.get("standards")
+    if known or layout is None or readings is None:
+        return known or {}
+    return standard_figures.standards_report(layout, at_their_temperature(readings, None, "readings"))
 
 
 def page_parts() -> dict[str, str]:

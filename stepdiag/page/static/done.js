@@ -8,7 +8,7 @@ import { common, language, say, shown } from "./words.js";
 
 const FUNCTIONS = ["EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ"];
 const UNITS = { um: "µm", urad: "µrad", "um/m": "µm/m" };
-const SECTIONS = ["wrong", "unknown", "load"];
+const SECTIONS = ["wrong", "unknown", "basis", "load"];
 
 let state = "";
 
@@ -50,7 +50,7 @@ async function fetchAll(geometry) {
 }
 
 function conclusion(document_, geometry) {
-  const words = (section) => document_[section].map((one) => one[language]);
+  const words = (section) => (document_[section] || []).map((one) => one[language]);
   const list = (section) => (words(section).length ? [node("h3", {}, say(`conclusion_${section}`)), node("ul", { class: section }, ...words(section).map((one) => node("li", {}, one)))] : []);
   show(
     "conclusion",

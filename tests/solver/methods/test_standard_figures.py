@@ -5,6 +5,7 @@ import pytest
 
 from stepdiag.solver.geometry.volume import Volume, linear_stops_mm
 from stepdiag.solver.methods.standard_figures import linear_runs, standards_report
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import make_readings
 from testkit.surveys import DIAGONALS, Bench
@@ -71,7 +72,12 @@ def test_both_directions_on_one_count_give_the_bidirectional_figures():
 
 
 def test_every_figure_comes_with_its_uncertainty_and_length_counts_in_none_of_backlash():
-    iso = standards_report(both_ways(3.0, noise_um=0.3))["linear-x"][0]
+    iso = standards_report(both_ways(3.0, noise_um=0.3), Assumptions(reduced_to_20_c=True))["linear-x"][0]
+    assert iso["lengths"] == "at 20 C"
+    as_it_is = standards_report(both_ways(3.0, noise_um=0.3))["linear-x"][0]
+    assert as_it_is["lengths"] == "as measured"
+    # how warm the machine was is uncertain at 20 C only
+    assert as_it_is["U"]["E"] < iso["U"]["E"]
     assert set(iso["U"]) == {"E_up", "E_down", "E", "M", "B", "B_mean", "R_up", "R_down", "R", "A_up", "A_down", "A"}
     assert iso["U"]["B"] < iso["U"]["M"] < iso["U"]["E"] < iso["U"]["A"]
     assert abs(iso["B_mean"] - 3.0) < iso["U"]["B_mean"]

@@ -172,3 +172,11 @@ def test_the_last_page_refuses_another_machine(tmp_path: Path) -> None:
     assert told.code == 3
     assert "mill" in told.refusal
     assert not (tmp_path / "left.html").exists()
+
+
+def test_lengths_at_20_c_and_as_measured_are_not_compared():
+    """Six degrees are 70 um/m of a steel scale, which no machine lost."""
+    one, other = (replace(made_up_result(), extra={"lengths": {"tables": tables}}) for tables in ("as_measured", "at_20_c"))
+    with pytest.raises(DataError, match=r"expected lengths as measured as in .* found lengths at 20 C"):
+        compare(one, other)
+    assert compare(other, other).changes

@@ -2,10 +2,10 @@
 
 import json
 import re
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import date
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 import pytest
 from hypothesis import given
@@ -17,6 +17,7 @@ from stepdiag.exporters.export.export import export
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_of
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Quantity, Result
 from stepdiag.texts import LANGUAGES
@@ -161,3 +162,39 @@ def test_another_file_of_that_name_is_no_conclusion(tmp_path: Path) -> None:
     for text in ("{", "[]", '{"format": "stepdiag-conclusion", "version": 99}'):
         (tmp_path / "conclusion.json").write_text(text, encoding="utf-8")
         assert conclusion_in(tmp_path) is None
+
+
+class TestBasis:
+    """What tables and U rest on is said where they are read, and only what the result says."""
+
+    SCALES: ClassVar = {axis: {"value": 3.2, "u": 1.5, "unit": "um/m"} for axis in "XYZ"}
+    LENGTHS: ClassVar = {"tables": "as_measured", "material_c": [23.4] * 3, "as_measured": SCALES, "at_20_c": SCALES}
+
+    def said(self, language="en", **extra):
+        return words_of(conclusion_document(conclude(replace(made_up_result(), extra=extra))), language)["basis"]
+
+    def test_which_lengths_the_tables_correct(self) -> None:
+        (text,) = self.said(lengths=self.LENGTHS)
+        assert text.startswith("Lengths are as measured, at 23.40 °C, and the tables correct those: scales X +3.2 ± 3.0")
+        (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c"})
+        assert text.startswith("Lengths are brought from 23.40 °C to 20 °C")
+        (text,) = self.said(lengths={**self.LENGTHS, "material_c": None})
+        assert "Nobody measured how warm the machine was" in text
+        (text,) = self.said("de", lengths=self.LENGTHS)
+        assert "bei 23,40 °C" in text
+        assert "X +3,2 ± 3,0" in text
+
+    def test_what_u_takes_for_granted(self) -> None:
+        (text,) = self.said(assumed=asdict(Assumptions(angles_urad=7.5, index=3e-7)))
+        assert "angular errors over 7.5 µrad" in text
+        assert "air and wavelength 0.3 ppm" in text
+        (text,) = self.said(tool={"up_to_um_per_100_mm": 3.21})
+        assert "100 mm from it may differ by up to 3.2 µm" in text
+
+    def test_an_older_or_foreign_result_says_nothing(self) -> None:
+        assert self.said() == []
+        for foreign in (
+            {"lengths": 3, "assumed": [], "tool": None},
+            {"lengths": {"tables": ["x"], "material_c": "warm"}, "assumed": {"a": {}}},
+        ):
+            assert self.said(**foreign) == []

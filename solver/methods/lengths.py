@@ -1,0 +1,86 @@
+"""To which temperature the lengths of a result belong, and what they would be at the other one: as measured, and at 20 C (ISO 1).
+
+The scales, and with them EXX, EYY and EZZ, hold for one temperature: that of the survey, or 20 C where every reading was brought there
+before. The tables correct those. The others stand beside them and in no table: the two are never mixed.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.readings.readings import Readings
+from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function, Scale
+from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
+
+AS_MEASURED, AT_20_C = "as_measured", "at_20_c"
+REACH_MM = 100.0
+"""Distance from mirror to tool for which it is said what the angles make of it."""
+
+
+def at_their_temperature(readings: Readings, assumed: Assumptions | None, source: str) -> Assumptions:
+    """Return the assumptions with what the readings say of their temperature: whether they stand at 20 C, and how warm the material was.
+
+    Raises ``DataError`` where some readings were brought to 20 C and others not.
+    """
+    found = assumed or Assumptions()
+    if readings.at_20_c.any() and not readings.at_20_c.all():
+        row = int(np.argmin(readings.at_20_c))
+        place = f"{source}: setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop {readings.stop[row]}"
+        raise DataError(place, expected="at_20_c = 1 as at other readings", found="0", remedy="bring all readings to 20 C, or none")
+    known = readings.temperature_c[np.isfinite(readings.temperature_c)]
+    if len(known):
+        mean = float(np.mean(known))
+        found = replace(found, material_c=(mean, mean, mean))
+    return replace(found, reduced_to_20_c=bool(readings.at_20_c.all())) if len(readings) else found
+
+
+def lengths_report(scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool) -> dict[str, Any]:
+    """Return as plain JSON which lengths the tables correct, and the scales as measured and at 20 C with their combined u.
+
+    ``known`` says whether anybody measured the material's temperature: without it the other scale is None.
+    """
+    here, other = (AT_20_C, AS_MEASURED) if assumed.reduced_to_20_c else (AS_MEASURED, AT_20_C)
+    return {
+        "tables": here,
+        "material_c": list(assumed.material_c) if known else None,
+        "expansion_um_m_c": list(assumed.expansion_um_m_c),
+        here: {letter: _entry(scale.value, scale.u) for letter, scale in scales.items()},
+        other: {letter: _entry(*_elsewhere(scales[letter], axis, assumed, known=known)) for axis, letter in enumerate(AXIS_LETTERS)},
+    }
+
+
+def _entry(value: float | None, u: float | None) -> dict[str, Any]:
+    return {"value": value, "u": u, "unit": "um/m"}
+
+
+def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) -> tuple[float | None, float | None]:
+    """Return a scale at the other temperature (um/m) and its u: a warm scale is long, and reads as a machine that moves too far."""
+    if scale.value is None or scale.u is None or not known:
+        return None, None
+    excess, coefficient = assumed.material_c[axis] - REFERENCE_TEMPERATURE_C, assumed.expansion_um_m_c[axis]
+    material = np.hypot(coefficient * assumed.u_material_c, excess * assumed.u_expansion_um_m_c)
+    if not assumed.reduced_to_20_c:
+        return scale.value - coefficient * excess, float(np.hypot(scale.u, material))
+    # what the way to 20 C brought in goes out again on the way back; the readings' own part stays
+    least = scale.u_readings or 0.0
+    return scale.value + coefficient * excess, float(np.sqrt(max(scale.u**2 - material**2, least**2)))
+
+
+def tool_report(errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions) -> dict[str, Any]:
+    """Return where the errors hold, and what angles may make of a tool tip that is elsewhere, in um per `REACH_MM` (k = 2).
+
+    Functions are those of the point where the beam met the mirror: the tool offset of the model is zero. An angular function counts with
+    its largest value and U, one that the readings say nothing of with the range assumed.
+    """
+    reach = []
+    for name in ROTATIONS:
+        function = errors.get(name) or expected.get(name)
+        if function is None or function.value is None:
+            reach.append(2.0 * assumed.angle_range_urad(name))
+        else:
+            reach.append(float(np.max(np.abs(function.value) + (0.0 if function.u is None else 2.0 * function.u))))
+    return {"offset_mm": [0.0, 0.0, 0.0], "up_to_um_per_100_mm": 1e-3 * REACH_MM * float(np.linalg.norm(reach))}

@@ -1,0 +1,77 @@
+"""On what a result's U and tables rest, as it stands in the result: what was taken for granted, which lengths, which point of the tool."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from stepdiag.solver.result.result import AXIS_LETTERS, Result
+
+ASSUMED = (
+    "angles_urad", "drift_um", "wander_um", "repeatability_um", "setup_c", "index", "alignment_mrad", "between_um",
+    "u_material_c", "u_expansion_um_m_c", "shape_um", "squareness_urad", "scale_um_m",
+)  # fmt: skip
+"""The sizes that a person meets, by their names in `solver.model.assumptions`."""
+
+Scales = tuple[tuple[str, float, float], ...]
+"""Axis, value in um/m and expanded uncertainty (k = 2) of every scale that is known."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Basis:
+    """``assumed`` holds the sizes by name, ``tables`` which lengths the tables correct, None where the result does not say.
+
+    ``material_c`` is how warm the machine was, ``scales`` are those that the tables correct, ``other`` those at the other temperature.
+    ``tool_um`` is what angles may make of a tool tip 100 mm from where the beam met the mirror.
+    """
+
+    assumed: Mapping[str, float]
+    tables: Literal["as_measured", "at_20_c"] | None
+    material_c: float | None
+    scales: Scales
+    other: Scales
+    tool_um: float | None
+
+
+def basis_of(result: Result) -> Basis:
+    """Return what a result says of its basis; whatever is missing, or is not as this program writes it, counts as not said."""
+    lengths, tool = _part(result, "lengths"), _part(result, "tool")
+    assumed = {name: value for name, raw in _part(result, "assumed").items() if name in ASSUMED and (value := _number(raw)) is not None}
+    tables: Literal["as_measured", "at_20_c"] | None = {"as_measured": "as_measured", "at_20_c": "at_20_c"}.get(  # type: ignore[assignment]
+        str(lengths.get("tables"))
+    )
+    other = {"as_measured": "at_20_c", "at_20_c": "as_measured"}.get(str(tables), "")
+    warm = lengths.get("material_c")
+    temperatures = [value for one in warm if (value := _number(one)) is not None] if isinstance(warm, list) else []
+    return Basis(
+        assumed=assumed,
+        tables=tables,
+        material_c=sum(temperatures) / len(temperatures) if temperatures else None,
+        scales=_scales(lengths.get(str(tables))),
+        other=_scales(lengths.get(other)),
+        tool_um=_number(tool.get("up_to_um_per_100_mm")),
+    )
+
+
+def _part(result: Result, name: str) -> Mapping[str, Any]:
+    found = result.extra.get(name)
+    return found if isinstance(found, dict) else {}
+
+
+def _number(value: object) -> float | None:
+    return float(value) if isinstance(value, int | float) and not isinstance(value, bool) else None
+
+
+def _scales(found: object) -> Scales:
+    entries = found if isinstance(found, dict) else {}
+    known = []
+    for axis in AXIS_LETTERS:
+        entry = entries.get(axis)
+        value, u = (_number(entry.get(name)) for name in ("value", "u")) if isinstance(entry, dict) else (None, None)
+        if value is not None and u is not None:
+            known.append((axis, value, 2.0 * u))
+    return tuple(known)
+
+
+def scales_in_words(scales: Scales) -> str:
+    """Return scales as a person reads them: ``X +3.2 ± 1.1, Y -0.4 ± 1.2 um/m``."""
+    return ", ".join(f"{axis} {value:+.1f} ± {expanded:.1f}" for axis, value, expanded in scales)

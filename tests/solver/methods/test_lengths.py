@@ -1,0 +1,127 @@
+"""Lengths as measured and at 20 C: both with U, never mixed, against machines whose warmth is known exactly."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.methods.lengths import at_their_temperature, lengths_report, tool_report
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.readings.readings import parse_readings, render_readings
+from stepdiag.solver.result.basis import basis_of
+from stepdiag.solver.result.result import ROTATIONS, Function, Scale, parse_result
+from stepdiag.solver.standards.expansion import expansion_um
+from testkit.surveys import Bench
+
+WARM_C = 27.0
+STEEL = 11.7
+BENCH = Bench(seed=5, increments=4, angle_urad=0.0)
+
+
+def readings(bench=BENCH, warm_c=WARM_C, *, reduced=False):
+    """A survey of a machine whose scales are at 20 C what its truth says and have grown since; perhaps brought back to 20 C."""
+    made = bench.survey(passes=(1,))
+    count = len(made)
+    if reduced:
+        return replace(made, temperature_c=np.full(count, warm_c), at_20_c=np.ones(count, dtype=bool))
+    grown = np.empty(count)
+    for rows in made.passes().values():
+        travel = made.position_mm[rows] - made.position_mm[rows[0]]
+        along = travel[-1] / np.linalg.norm(travel[-1])
+        grown[rows] = expansion_um(travel, along, (STEEL,) * 3, (warm_c,) * 3)
+    return replace(made, reading_mm=made.reading_mm + 1e-3 * grown, temperature_c=np.full(count, warm_c))
+
+
+@pytest.fixture(scope="module")
+def both():
+    return solve(readings()), solve(readings(reduced=True))
+
+
+def test_each_way_says_both_lengths_and_both_hold_the_truth(both):
+    """7 C of 11.7 um/m/C are 81.9 um/m; whichever way the readings came, 2 u hold the truth at both temperatures."""
+    for result in both:
+        lengths = result.extra["lengths"]
+        for axis, letter in enumerate("XYZ"):
+            function = BENCH.truth.errors[f"E{letter}{letter}"]
+            at_20 = 1e3 * (function[-1] - function[0]) / BENCH.size_mm[axis]
+            for name, true in (("at_20_c", at_20), ("as_measured", at_20 + 7.0 * STEEL)):
+                found = lengths[name][letter]
+                assert abs(found["value"] - true) <= 2.5 * found["u"], (name, letter)
+    as_measured, reduced = both
+    assert (as_measured.extra["lengths"]["tables"], reduced.extra["lengths"]["tables"]) == ("as_measured", "at_20_c")
+
+
+def test_the_tables_correct_what_is_said_and_the_others_carry_the_material(both):
+    """u at 20 C holds 0.3 C of 11.7 um/m/C and 1 um/m/C of 7 C: 7.8 um/m; as measured neither (theory 8.7)."""
+    for result, here, other in ((both[0], "as_measured", "at_20_c"), (both[1], "at_20_c", "as_measured")):
+        lengths = result.extra["lengths"]
+        for letter, scale in result.scale.items():
+            assert lengths[here][letter]["value"] == scale.value
+            assert lengths[here][letter]["u"] == scale.u
+        material = np.hypot(0.3 * STEEL, 7.0)
+        for letter in "XYZ":
+            wide, narrow = (lengths[name][letter]["u"] for name in ("at_20_c", "as_measured"))
+            assert wide**2 - narrow**2 == pytest.approx(material**2, rel=0.02)
+        assert other in lengths
+
+
+def test_readings_that_were_brought_to_20_c_say_so_in_their_file(both):
+    """A CSV of reduced readings solved anew is not levelled again, and its U does not lose the material's part."""
+    text = render_readings(readings(reduced=True))
+    again = parse_readings(text)
+    assert again.at_20_c.all()
+    assert render_readings(again) == text
+    assert "at_20_c" not in render_readings(readings())
+    result = solve(again)
+    assert result.extra["lengths"]["tables"] == "at_20_c"
+    for letter, scale in both[1].scale.items():
+        # the file's rounding moves the sizes that are found a little: a hundredth of u
+        assert result.scale[letter].value == pytest.approx(scale.value, abs=0.01 * scale.u)
+        assert result.scale[letter].u == pytest.approx(scale.u, rel=0.01)
+
+
+def test_readings_at_both_temperatures_are_never_mixed():
+    mixed = readings(reduced=True)
+    mixed.at_20_c[7] = False
+    with pytest.raises(DataError, match=r"mine\.csv: setup \w+, pass 1, stop \d+: expected at_20_c = 1 as at other readings"):
+        solve(mixed, source="mine.csv")
+    with pytest.raises(DataError, match=r"at_20_c: expected 1 or 0, found 'yes'"):
+        parse_readings("setup,pass,stop,x_mm,y_mm,z_mm,reading_mm,at_20_c\nppp,1,0,0,0,0,0,yes\n")
+
+
+def test_what_nobody_measured_is_not_20_c():
+    """Without a thermometer the lengths at 20 C are not known, however near 20 C the usual default is."""
+    made = readings()
+    result = solve(replace(made, temperature_c=np.full(len(made), np.nan)))
+    lengths = result.extra["lengths"]
+    assert lengths["material_c"] is None
+    assert all(entry["value"] is None and entry["u"] is None for entry in lengths["at_20_c"].values())
+    basis = basis_of(parse_result(result.to_json()))
+    assert (basis.tables, basis.material_c, basis.other) == ("as_measured", None, ())
+    assert len(basis.scales) == 3
+
+
+def test_a_scale_that_is_not_identified_has_no_length_anywhere():
+    scales = {letter: Scale(value=None, u=None, identified=False) for letter in "XYZ"}
+    report = lengths_report(scales, Assumptions(material_c=(25.0,) * 3), known=True)
+    assert all(entry["value"] is None for name in ("as_measured", "at_20_c") for entry in report[name].values())
+
+
+def test_the_uncertainty_of_the_material_counts_from_the_temperature_that_was_measured():
+    """The survey file's 20 C is no measurement: 1 um/m/C of 7 C counts, wherever the file stands."""
+    found = at_their_temperature(readings(reduced=True), Assumptions(), "readings")
+    assert found.material_c == pytest.approx((WARM_C,) * 3)
+    assert found.reduced_to_20_c
+
+
+def test_the_tool_offset_is_said_to_be_zero_with_what_that_may_cost():
+    """Three angular functions of 10 urad at most with U 2 and six that nobody knows within 10 (k = 1): 0.1 m of sqrt(3 12^2 + 6 20^2)."""
+    position = np.linspace(0.0, 100.0, 3)
+    known = {
+        name: Function(position_mm=position, value=np.array([0.0, 4.0, -10.0]), u=np.full(3, 1.0), unit="urad") for name in ROTATIONS[:3]
+    }
+    report = tool_report(known, {}, Assumptions(angles_urad=10.0))
+    assert report["offset_mm"] == [0.0, 0.0, 0.0]
+    assert report["up_to_um_per_100_mm"] == pytest.approx(0.1 * np.sqrt(3 * 12.0**2 + 6 * 20.0**2))
