@@ -16,7 +16,7 @@ from stepdiag.daq.log.reader import RecordReader
 from stepdiag.daq.log.topics import STOP_TOPIC
 from stepdiag.daq.log.writer import CHUNK_BYTES, RUN_STOP
 from stepdiag.daq.records.events import Chunk, ModbusBlock
-from stepdiag.solver.errors import DataError
+from stepdiag.solver.errors import DataError, UsageError
 
 _DRAIN_BYTES = 1_000_000
 _SUFFIX = ".recovering"
@@ -98,7 +98,7 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
     """Write every whole message of a damaged log into a new, indexed one; the damaged log stays as it is.
 
     Raises DataError when the log is whole, is not one of ours, when the target exists, or when the mended log does not read back as
-    many messages and events as were written.
+    many messages and events as were written; UsageError where nothing can be written.
     """
     target = recovered_path(path) if target is None else target
     log = open_log(path)
@@ -113,7 +113,7 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
     try:
         messages = _write(path, target, end)
     except OSError as error:
-        raise DataError(str(target), expected="a file that can be written", found=error.strerror or str(error)) from error
+        raise UsageError(str(target), expected="a file that can be written", found=error.strerror or str(error)) from error
     _check(target, end)
     return Recovery(source=path, target=target, messages=messages, end=end)
 

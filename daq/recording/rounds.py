@@ -157,7 +157,7 @@ def mend(folder: Path) -> None:
             continue
         try:
             recovery = recover(part)
-        except DataError as error:
+        except (DataError, UsageError) as error:
             _log.warning("log-not-mended", file=part.name, reason=str(error))
         else:
             _log.info("log-mended", file=part.name, into=recovery.target.name, lost_bytes=recovery.end.lost_bytes)

@@ -6,6 +6,7 @@ passed over: what was accepted in it is then open again.
 
 import os
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TypeVar
 
@@ -99,7 +100,8 @@ def mark_of(folder: Path) -> tuple[int, ...]:
 
 
 def append_line(path: Path, line: bytes) -> None:
-    """Add a line behind whatever stands there, a torn line included; on disk when this returns. Raises UsageError."""
+    """Add a line behind whatever stands there, a torn line included; on disk when this returns, or not there at all. Raises UsageError."""
+    before = path.stat().st_size if path.exists() else None
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with path.open("ab+") as file:
@@ -110,7 +112,16 @@ def append_line(path: Path, line: bytes) -> None:
             file.flush()
             os.fsync(file.fileno())
     except OSError as error:
+        with suppress(OSError):  # of a word that is refused nothing may count
+            _back_to(path, before)
         raise UsageError(str(path), expected="a file that can be written", found=error.strerror or str(error)) from error
+
+
+def _back_to(path: Path, size: int | None) -> None:
+    if size is None:
+        path.unlink(missing_ok=True)
+    else:
+        os.truncate(path, size)
 
 
 def _lines(path: Path, kind: type[Line]) -> list[Line]:

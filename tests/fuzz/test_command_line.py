@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from testkit.doors import doors, how_it_broke
+from testkit.doors import NEVER_DONE, doors, how_it_broke
 
 EXAMPLES = max(1, int(os.environ.get("STEPDIAG_FUZZ_EXAMPLES", "60")) // 60)
 DOORS = doors()
@@ -25,10 +25,6 @@ def test_one_field_wrong_is_done_or_refused_in_words(name: str, tmp_path_factory
         assert not how_it_broke(door.with_text(text), tmp_path_factory.mktemp("door"))
 
     run()
-
-
-NEVER_DONE = {"fourdof show": 3, "fourdof show, contents": 3, "verify fanuc set": 5}
-"""Doors whose right files end in a refusal by what they hold, after all of them was read: no run of the head, tables that make it worse."""
 
 
 @pytest.mark.parametrize("name", DOORS)

@@ -16,7 +16,7 @@ from stepdiag.daq.log.recovery import log_info, recover
 from stepdiag.daq.log.topics import CHANNELS, SAMPLE_TOPIC
 from stepdiag.daq.log.writer import RUN, LogHeader, LogWriter
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent
-from stepdiag.solver.errors import DataError
+from stepdiag.solver.errors import DataError, UsageError
 from testkit.recording import EVENTS, HEADER, START_NS, SURVEY, WALL_OFFSET_NS, recording, with_notes, write_log
 
 SHORT = recording(1.5)
@@ -274,7 +274,7 @@ def test_recovery_overwrites_nothing_and_mends_only_what_is_broken(tmp_path: Pat
     part.write_bytes((tmp_path / "a.mcap").read_bytes()[:-50])
     with pytest.raises(DataError, match=r"a\.mcap: expected a new file, found one that exists"):
         recover(part)
-    with pytest.raises(DataError, match="expected a file that can be written"):
+    with pytest.raises(UsageError, match="expected a file that can be written"):
         recover(part, tmp_path / "no-folder" / "b.mcap")
 
 

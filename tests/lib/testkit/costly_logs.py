@@ -38,7 +38,7 @@ def most_events(size: int) -> bytes:
 
 def most_samples(size: int) -> bytes:
     """Lines of a laser at rest."""
-    return _filled(size, "/laser/raw", lambda first: _chunks(first, 100, _line() * 10_000), 100)
+    return _filled(size, "/laser/raw", lambda first: _chunks(first, 100, _line() * 3_000), 100)
 
 
 def most_texts(size: int) -> bytes:
