@@ -129,7 +129,7 @@ def _connect(client: "LSV2", settings: Lsv2Settings) -> None:
         client.connect()
         allowed = client.login(Login.PLCDEBUG)
     except OSError as error:
-        raise _no_connection(settings, error) from error
+        raise _unanswered(settings) if low._is_connected and isinstance(error, TimeoutError) else _no_connection(settings, error) from error  # noqa: SLF001
     except Exception as error:
         raise _senseless(settings.address, error) from error
     if not allowed:
@@ -141,6 +141,11 @@ def _connect(client: "LSV2", settings: Lsv2Settings) -> None:
 def _no_connection(settings: Lsv2Settings, error: OSError) -> DeviceError:
     found, remedy = unreachable(error, CONNECT_S, "LSV2 interface", _FIREWALL)
     return LostConnectionError(settings.address, expected="a control that speaks LSV2", found=found, remedy=remedy)
+
+
+def _unanswered(settings: Lsv2Settings) -> DeviceError:
+    remedy = "the port is open and nobody speaks LSV2 there: check plc.host and plc.port"
+    return LostConnectionError(settings.address, expected="a control that speaks LSV2", found=f"silence for {CONNECT_S:g} s", remedy=remedy)
 
 
 def _senseless(address: str, error: Exception) -> DeviceError:

@@ -125,12 +125,14 @@ def _connect(client: "Client", settings: S7Settings) -> None:
 
 def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
     """Return what stands in the way of a connection, in words."""
-    if isinstance(error.__context__, OSError):
+    from snap7.error import S7TimeoutError
+
+    if isinstance(error.__context__, OSError) and not isinstance(error, S7TimeoutError):
         found, remedy = unreachable(error.__context__, CONNECT_S, "S7 communication", _FIREWALL)
         return LostConnectionError(settings.address, expected="a connection", found=found, remedy=remedy)
     if _OTHER.search(str(error)):
         found, remedy = f"bytes of something else ({error})", "another product listens there: check plc.host and plc.port"
-    elif "timeout" in str(error).lower():
+    elif isinstance(error, S7TimeoutError):
         found, remedy = f"silence for {CONNECT_S:g} s", "the port is open and nobody speaks S7 there: check plc.host and plc.port"
     else:
         found = f"a refusal ({error})"

@@ -3,6 +3,7 @@
 MODULES = (
     "demo",
     "survey",
+    "setup",
     "check",
     "run",
     "status",

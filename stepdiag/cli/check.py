@@ -40,17 +40,17 @@ def check(
     survey = load_survey(file)
     read_bundle(file, survey)
     seen = Observation(survey)
-    _watch(seen, seconds, quiet=as_json)
+    watched(seen, seconds, quiet=as_json)
     found = diagnose(seen)
     if as_json:
         _print_json(seen, found)
     else:
-        _print(found)
+        said(found)
     if any(each.severity == "error" for each in found):
         raise typer.Exit(NOT_REACHED)
 
 
-def _watch(seen: "Observation", seconds: float, *, quiet: bool) -> None:
+def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
     """Watch the links; live on a terminal, one table at the end elsewhere, none where ``quiet``. Ctrl-C ends the watch, not the check."""
     import asyncio
     import logging
@@ -77,7 +77,7 @@ def _watch(seen: "Observation", seconds: float, *, quiet: bool) -> None:
         asyncio.run(watch(seen, seconds, lambda: live.update(check_table(seen), refresh=True)))
 
 
-def _print(found: "tuple[Finding, ...]") -> None:
+def said(found: "tuple[Finding, ...]") -> None:
     from stepdiag.terminal.tables import finding_lines
 
     for line in finding_lines(found):

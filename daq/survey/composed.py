@@ -1,0 +1,87 @@
+"""The template with a first survey's answers in it: what a person would have typed, everything else with its remarks as it was."""
+
+import json
+import re
+from dataclasses import dataclass
+
+from stepdiag.daq.survey.controls import control_section
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.daq.survey.template import template
+
+OWN_AIR = ("ids3010", "lasertex")
+"""Lasers with sensors of their own."""
+_BAUDS = {"lasertex": 3_000_000}
+_WITHOUT_AIR = ("siemens-828d", "siemens-840dsl", "heidenhain", "none")
+_SILENT = 'transport = "none"\n'
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Answers:
+    """A first survey: ``control`` is one of `CONTROLS` or "none"; ``tcp_port`` 0 stands for that of its protocol."""
+
+    name: str
+    machine: str
+    size_mm: tuple[float, float, float]
+    laser_port: str
+    laser_format: str
+    control: str
+    host: str = ""
+    tcp_port: int = 0
+    origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    increments: int = 10
+    chain: str = "FXYZ"
+    compensation: str = "?"
+    baud: int = 0
+
+
+def composed(answers: Answers, source: str) -> str:
+    """Return the survey file. Raises UsageError, as reading it would, where an answer is none that a survey can have."""
+    text = template()
+    for section, key, value in _settings(answers):
+        text = _set(text, section, key, value)
+    before, _, rest = text.partition("[plc]\n")
+    after = rest.partition("[stop]\n")[2]
+    text = f"{before}[plc]\n{_plc(answers)}\n[stop]\n{after}"
+    parse_survey(text, source)
+    return text
+
+
+def plc_section(control: str, host: str, tcp_port: int) -> str:
+    """Return the text below ``[plc]`` for a control at a host; ``tcp_port`` 0 stands for that of its protocol."""
+    section = control_section(control, host)
+    line = f"host = {_quoted(host)}\n"
+    return section.replace(f'host = "{host}"\n', f"{line}port = {tcp_port}\n" if tcp_port else line, 1)
+
+
+def _plc(answers: Answers) -> str:
+    return _SILENT if answers.control == "none" else plc_section(answers.control, answers.host, answers.tcp_port)
+
+
+def _settings(answers: Answers) -> list[tuple[str, str, str]]:
+    air = "laser" if answers.laser_format in OWN_AIR else "fixed" if answers.control in _WITHOUT_AIR else "plc"
+    return [
+        ("survey", "name", _quoted(answers.name)),
+        ("survey", "machine", _quoted(answers.machine)),
+        ("volume", "origin_mm", str([float(each) for each in answers.origin_mm])),
+        ("volume", "size_mm", str([float(each) for each in answers.size_mm])),
+        ("volume", "increments", str(answers.increments)),
+        ("machine", "chain", _quoted(answers.chain)),
+        ("machine", "compensation", _quoted(answers.compensation)),
+        ("laser", "format", _quoted(answers.laser_format)),
+        ("laser", "port", _quoted(answers.laser_port)),
+        ("laser", "baud", str(answers.baud or _BAUDS.get(answers.laser_format, 115200))),
+        ("environment", "source", _quoted(air)),
+    ]
+
+
+def _set(text: str, section: str, key: str, value: str) -> str:
+    """Return the template with one setting of a section changed."""
+    pattern = re.compile(rf"(^\[{section}\]\n(?:(?!\[).*\n)*?){key} = .*\n", re.MULTILINE)
+    changed, count = pattern.subn(lambda found: f"{found[1]}{key} = {value}\n", text, count=1)
+    if count != 1:
+        raise ValueError(f"the template has no {section}.{key}")
+    return changed
+
+
+def _quoted(text: str) -> str:
+    return json.dumps(text, ensure_ascii=False)

@@ -1,0 +1,165 @@
+"""Who is there: listening to a port until an instrument is recognised, asking a host in every protocol of a control.
+
+Nothing is written to a machine. An instrument that speaks only when it is asked is asked for a reading.
+"""
+
+import asyncio
+from collections.abc import Iterator
+from contextlib import suppress
+from dataclasses import dataclass
+
+import msgspec
+from serial.tools import list_ports
+
+from stepdiag.checking.recognise import recognise
+from stepdiag.daq.formats.ids3010 import Ids3010Settings
+from stepdiag.daq.formats.lasertex import LasertexSettings
+from stepdiag.daq.formats.nd import NdSettings
+from stepdiag.daq.formats.qudis import QudisSettings
+from stepdiag.daq.formats.registry import FormatSettings, make_decoder
+from stepdiag.daq.formats.signals import SignalDecoder, Signals, plan_reads
+from stepdiag.daq.formats.umd.decoder import UmdSettings
+from stepdiag.daq.links.address import network_line
+from stepdiag.daq.links.device import SerialSettings
+from stepdiag.daq.links.machine import open_machine
+from stepdiag.daq.links.serial import instrument_line
+from stepdiag.daq.recording.survey_links import machine_settings
+from stepdiag.daq.survey.composed import plc_section
+from stepdiag.daq.survey.models import Plc
+from stepdiag.exporters.files.settings import convert, read_toml
+from stepdiag.solver.errors import DeviceError
+
+PROBED = ("modbus", "siemens-828d", "heidenhain")
+ANSWER_S = 10.0
+"""How long a control may take to answer a question."""
+_LOOK_S = 0.1
+_NETWORK_PORTS = {9090: "ids3010", 2101: "qudis"}
+_SPEAKERS: dict[str, FormatSettings] = {
+    "umd": UmdSettings(),
+    "ids3010": Ids3010Settings(),
+    "qudis": QudisSettings(),
+    "lasertex": LasertexSettings(),
+    "nd": NdSettings(),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class PortSeen:
+    """A serial port of this computer and what its adapter calls itself."""
+
+    name: str
+    words: str
+
+
+@dataclass(frozen=True, slots=True)
+class Heard:
+    """What was heard on a port: the format that makes sense of it (empty where none does), the rate, the first bytes, what went wrong."""
+
+    format: str
+    baud: int
+    data: bytes
+    trouble: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Answered:
+    """What a host answered in the protocol of a control: its signals, or why there are none."""
+
+    control: str
+    signals: Signals | None
+    words: str
+
+
+def ports() -> list[PortSeen]:
+    """Return the serial ports of this computer that a device is behind, each by the name that stays (``by-id``) where it has one."""
+    with_links = {each.device: each for each in list_ports.comports()}
+    stable = {each.device: each.name for each in _by_id()}
+    return [
+        PortSeen(stable.get(device, device), each.description if each.description != "n/a" else device)
+        for device, each in with_links.items()
+    ]
+
+
+async def listen(port: str, baud: int, seconds: float) -> Heard:
+    """Listen on a port until an instrument is recognised; ``baud`` 0 stands for the usual ones, ``seconds`` for each way of listening."""
+    last = Heard("", baud, b"")
+    for name, rate in _ways(port, baud):
+        last = await _heard(port, name, rate, seconds, last)
+        if last.format or last.trouble:
+            break
+    return last
+
+
+async def probe(host: str, tcp_port: int) -> list[Answered]:
+    """Ask a host for the signals of every control that is known, in each protocol at once; ``tcp_port`` 0 stands for the usual ports."""
+    return list(await asyncio.gather(*(_asked(control, host, tcp_port) for control in PROBED)))
+
+
+def _by_id() -> Iterator["_Link"]:
+    from pathlib import Path
+
+    folder = Path("/dev/serial/by-id")
+    for link in sorted(folder.iterdir()) if folder.is_dir() else ():
+        yield _Link(str(link.resolve()), str(link))
+
+
+@dataclass(frozen=True, slots=True)
+class _Link:
+    device: str
+    name: str
+
+
+def _ways(port: str, baud: int) -> Iterator[tuple[str, int]]:
+    """Yield how to listen, most likely first: who speaks by itself, then who wants to be asked."""
+    line = network_line(port)
+    if line is not None:
+        first = _NETWORK_PORTS.get(line.port, "umd")
+        yield from ((name, 115200) for name in (first, *(each for each in _SPEAKERS if each != first)))
+        return
+    yield "umd", baud or 115200
+    yield "lasertex", baud or 3_000_000
+    yield "nd", baud or 115200
+    if not baud:
+        yield "nd", 9600
+
+
+async def _heard(port: str, name: str, baud: int, seconds: float, before: Heard) -> Heard:
+    chunks: list[bytes] = []
+    line = instrument_line(SerialSettings(port=port, baud=baud), make_decoder(name, _SPEAKERS[name]), lambda data, _: chunks.append(data))
+    session = asyncio.create_task(line.session(lambda *_: None))
+    loop, found = asyncio.get_running_loop(), ""
+    end = loop.time() + seconds
+    while loop.time() < end and not found and not session.done():
+        await asyncio.wait({session}, timeout=_LOOK_S)
+        found = recognise(b"".join(chunks))
+    trouble = ""
+    session.cancel()
+    try:
+        await session
+    except DeviceError as error:
+        trouble = str(error)
+    except asyncio.CancelledError:
+        pass
+    return Heard(found, baud, b"".join(chunks) or before.data, "" if found else trouble)
+
+
+async def _asked(control: str, host: str, tcp_port: int) -> Answered:
+    plc = convert(read_toml(f"[plc]\n{plc_section(control, host, tcp_port)}", control)["plc"], Plc, control)
+    plc = msgspec.structs.replace(plc, timeout_s=ANSWER_S)
+    reads = plan_reads(plc.signals, () if plc.transport == "s7" else plc.standing)
+    settings = machine_settings(plc)
+    try:
+        link = await open_machine(settings, reads)
+    except DeviceError as error:
+        return Answered(control, None, str(error))
+    try:
+        block = await link.read()
+        signals = SignalDecoder(plc.signals, plc.parsed()).decode(block)
+    except DeviceError as error:
+        return Answered(control, None, str(error))
+    finally:
+        link.close()
+        with suppress(asyncio.CancelledError):
+            await asyncio.sleep(0)
+    said = ", ".join(f"{name} {getattr(signals, name)}" for name in plc.said if getattr(signals, name) is not None)
+    return Answered(control, signals, "; ".join([f"{settings.address}: {said}", *map(str, link.refusals.values())]))

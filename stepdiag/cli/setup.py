@@ -1,0 +1,235 @@
+"""``stepdiag setup``: a first survey by questions; every answer may be an option."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from stepdiag.solver.errors import DeviceError, UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.checking.hearing import Answered
+    from stepdiag.daq.survey.composed import Answers
+
+NOT_REACHED = 4
+SHOWN_BYTES = 24
+_FORMATS = ("umd", "nd", "ids3010", "lasertex", "qudis")
+
+
+def register(app: typer.Typer) -> None:
+    """Add the command to the application."""
+    app.command("setup")(setup)
+
+
+def setup(
+    file: Annotated[Path, typer.Argument(help="The survey file to write.")] = Path("survey.toml"),
+    machine: Annotated[str | None, typer.Option(help="The machine as it is to stand in the report.")] = None,
+    laser_port: Annotated[str | None, typer.Option(help="Serial port, socket://host:port or rfc2217://host:port.")] = None,
+    laser_format: Annotated[str | None, typer.Option(help=f"{', '.join(_FORMATS)}; without it stepdiag listens.")] = None,
+    baud: Annotated[int, typer.Option(help="Its rate; 0: the usual ones.")] = 0,
+    host: Annotated[str | None, typer.Option(help="Name or address of the control; none: a machine without signals.")] = None,
+    port: Annotated[int, typer.Option(help="Its TCP port; 0: that of each protocol.")] = 0,
+    control: Annotated[
+        str | None, typer.Option(help="modbus, siemens-828d, siemens-840dsl, heidenhain, none; without it it is asked.")
+    ] = None,
+    size: Annotated[str | None, typer.Option(help="Edges of the volume in mm: 500,400,300.")] = None,
+    origin: Annotated[str | None, typer.Option(help="Its low corner in machine coordinates, mm.")] = None,
+    increments: Annotated[str | None, typer.Option(help="Increments per axis.")] = None,
+    chain: Annotated[str | None, typer.Option(help="From workpiece to tool, F the foundation: FXYZ.")] = None,
+    compensation: Annotated[str | None, typer.Option(help="off while measuring; ? where it is to be said later.")] = None,
+    seconds: Annotated[float, typer.Option(help="How long to listen and to show the signals.")] = 3.0,
+) -> None:
+    """Ask for a first survey, show what is there, write its file.
+
+    Lists the ports, recognises the instrument, asks the control in every protocol and shows its signals. Never over an existing file, and
+    nothing is written to the machine.
+    """
+    from stepdiag.daq.survey.composed import Answers, composed
+    from stepdiag.exporters.files.files import write_new
+
+    if not 1.0 <= seconds < float("inf"):
+        raise UsageError("--seconds", expected="a number of 1 or more", found=f"{seconds:g}")
+    if file.exists():
+        raise UsageError(str(file), expected="a new file", found="one that exists", remedy="name another one")
+    line, form, rate = _laser(laser_port, laser_format, baud, seconds)
+    found_control, found_host = _control(control, host, port)
+    answers = Answers(
+        name=_name(file),
+        machine=_asked("machine", "The machine as it is to stand in the report", machine, _text),
+        size_mm=_asked("size", "Edges of the volume in mm (x y z)", size, _three),
+        origin_mm=_asked("origin", "Its low corner in machine coordinates, mm", origin, _three, "0 0 0"),
+        increments=_asked("increments", "Increments per axis", increments, _whole, "10"),
+        chain=_asked("chain", "Chain from workpiece to tool, F the foundation", chain, _chain, "FXYZ"),
+        compensation=_asked("compensation", "Its compensation while measuring (off, or ?: said later)", compensation, _switched, "?"),
+        laser_port=line,
+        laser_format=form,
+        baud=rate,
+        control=found_control,
+        host=found_host,
+        tcp_port=port,
+    )  # fmt: skip
+    text = composed(answers, file.name)
+    well = _shown(text, file.name, seconds)
+    write_new(file, text)
+    typer.echo(f"{file} written: {_next(answers, file)}")
+    if not well:
+        raise typer.Exit(NOT_REACHED)
+
+
+def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tuple[str, str, int]:
+    """Return the laser's port, format and rate: asked for, listened to."""
+    from stepdiag.checking.hearing import listen, ports
+
+    if port is None:
+        seen = ports()
+        for number, each in enumerate(seen, start=1):
+            typer.echo(f"  {number}  {each.name}  {each.words}")
+        known = {str(number): each.name for number, each in enumerate(seen, start=1)}
+        port = _asked(
+            "laser-port", "The laser's port (number, name, or socket://host:port)", None, lambda text: known.get(text, _port(text))
+        )
+    port = _port(port)
+    if form is not None:
+        return port, _format(form), baud
+    import asyncio
+
+    typer.echo(f"listening on {port} ...")
+    heard = asyncio.run(listen(port, baud, seconds))
+    if heard.trouble:
+        raise DeviceError("laser", expected="a port that can be listened to", found=heard.trouble)
+    if heard.format in _FORMATS:
+        typer.echo(f"it is {heard.format} at {heard.baud} baud" if not port.startswith("socket://") else f"it is {heard.format}")
+        return port, heard.format, heard.baud
+    begins = f"it begins with {heard.data[:SHOWN_BYTES].hex(' ')}" if heard.data else "silence"
+    typer.echo(f"nothing known speaks there ({begins}); lines and frames of your own are described in a file that `stepdiag init` writes")
+    return port, _asked("laser-format", f"Which format is it ({', '.join(_FORMATS)})", None, _format), baud
+
+
+def _control(control: str | None, host: str | None, port: int) -> tuple[str, str]:
+    """Return the control and its host: asked for, probed in each protocol."""
+    from stepdiag.daq.survey.controls import CONTROLS
+
+    if control is not None and control not in (*CONTROLS, "none"):
+        raise UsageError("--control", expected=f"one of {', '.join((*CONTROLS, 'none'))}", found=repr(control))
+    if control == "none":
+        return "none", ""
+    host = _asked("host", "Name or address of the control (none: a machine without signals)", host, _text)
+    if host == "none" or control is not None:
+        return control if control is not None and host != "none" else "none", host
+    import asyncio
+
+    from stepdiag.checking.hearing import probe
+
+    typer.echo(f"asking {host} over Modbus, S7 and LSV2 ...")
+    answered = asyncio.run(probe(host, port))
+    for each in answered:
+        typer.echo(f"  {each.control}: {each.words}")
+    return _asked("control", f"Which one ({', '.join((*CONTROLS, 'none'))})", None, _known_control, _likely(answered)), host
+
+
+def _likely(answered: "list[Answered]") -> str | None:
+    """Return the control that answered, where one did."""
+    return next((each.control for each in answered if each.signals is not None), None)
+
+
+def _shown(text: str, source: str, seconds: float) -> bool:
+    """Show the signals of the survey as it is going to be; return whether it can be recorded as things stand."""
+    from stepdiag.checking.check import Observation
+    from stepdiag.checking.diagnosis import diagnose
+    from stepdiag.cli.check import said, watched
+    from stepdiag.daq.survey.file import parse_survey
+
+    seen = Observation(parse_survey(text, source))
+    watched(seen, seconds, quiet=False)
+    found = diagnose(seen)
+    said(found)
+    return not any(each.severity == "error" for each in found)
+
+
+def _next(answers: "Answers", file: Path) -> str:
+    question = " answer machine.compensation before you export;" if answers.compensation == "?" else ""
+    return f"watch it with `stepdiag check {file}`;{question} `stepdiag plan {file}` says what the survey will tell"
+
+
+def _asked(option: str, question: str, given: str | None, understood: Callable[[str], Any], default: str | None = None) -> Any:
+    """Return an answer: the option's, or the person's, who is asked until it can be understood; without a terminal the default."""
+    import sys
+
+    import click
+
+    if given is not None:
+        return understood(given)
+    if not sys.stdin.isatty():
+        if default is None:
+            raise UsageError(f"--{option}", expected="an answer", found="no terminal to ask on", remedy=f"say it: --{option} ...")
+        return understood(default)
+    while True:
+        try:
+            return understood(str(typer.prompt(question, default=default)).strip())
+        except UsageError as refusal:
+            typer.echo(str(refusal))
+        except click.Abort as end:
+            raise UsageError("setup", expected="an answer", found="the end of the questions; nothing is written") from end
+
+
+def _name(file: Path) -> str:
+    import re
+
+    return re.sub(r"[^A-Za-z0-9._-]", "-", file.stem).lstrip("._-")[:64] or "survey"
+
+
+def _text(text: str) -> str:
+    if not text:
+        raise UsageError("answer", expected="a text that is not empty", found=repr(text))
+    return text
+
+
+def _port(text: str) -> str:
+    from stepdiag.daq.links.address import network_line
+
+    network_line(_text(text), "laser-port")
+    return text
+
+
+def _format(text: str) -> str:
+    if text not in _FORMATS:
+        remedy = "lines and frames of your own are described in a file that `stepdiag init` writes"
+        raise UsageError("laser-format", expected=f"one of {', '.join(_FORMATS)}", found=repr(text), remedy=remedy)
+    return text
+
+
+def _known_control(text: str) -> str:
+    from stepdiag.daq.survey.controls import CONTROLS
+
+    if text not in (*CONTROLS, "none"):
+        raise UsageError("control", expected=f"one of {', '.join((*CONTROLS, 'none'))}", found=repr(text))
+    return text
+
+
+def _three(text: str) -> tuple[float, float, float]:
+    try:
+        x, y, z = (float(part) for part in text.replace(",", " ").split())
+    except ValueError:
+        raise UsageError("answer", expected="three numbers, such as 500 400 300", found=repr(text)) from None
+    return x, y, z
+
+
+def _whole(text: str) -> int:
+    try:
+        return int(text)
+    except ValueError:
+        raise UsageError("answer", expected="a whole number", found=repr(text)) from None
+
+
+def _chain(text: str) -> str:
+    if sorted(text.upper()) != sorted("FXYZ"):
+        raise UsageError("chain", expected="F, X, Y and Z once each, from workpiece to tool, such as FXYZ", found=repr(text))
+    return text
+
+
+def _switched(text: str) -> str:
+    if text not in ("off", "?"):
+        remedy = "where it is on, answer ? and name its files in the survey file afterwards (machine.active)"
+        raise UsageError("compensation", expected="off or ?", found=repr(text), remedy=remedy)
+    return text

@@ -1,0 +1,42 @@
+"""A survey file from a first survey's answers."""
+
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from stepdiag.daq.survey.composed import Answers, composed
+from stepdiag.daq.survey.controls import CONTROLS
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.solver.errors import UsageError
+
+LENGTH = st.floats(20.0, 5000.0)
+
+
+@settings(max_examples=20)
+@given(
+    st.text(st.characters(exclude_categories=["C", "Zl", "Zp"]), min_size=1, max_size=60),
+    st.tuples(LENGTH, LENGTH, LENGTH),
+    st.sampled_from([*CONTROLS, "none"]),
+    st.sampled_from(["umd", "nd", "ids3010", "lasertex", "qudis"]),
+    st.sampled_from([0, 1502, 65535]),
+)
+def test_every_answer_that_can_be_given_is_read_back(machine, size, control, form, port):
+    answers = Answers(
+        name="mill", machine=machine, size_mm=size, laser_port="/dev/ttyUSB0", laser_format=form, control=control, host="h", tcp_port=port
+    )
+    survey = parse_survey(composed(answers, "mill.toml"), "mill.toml")
+    assert (survey.identity.machine, survey.box.size_mm, survey.laser.format) == (machine, size, form)
+    assert survey.plc.silent == (control == "none")
+    if control != "none":
+        assert survey.plc.port == (port or None)
+    assert survey.environment.source == ("laser" if form in ("ids3010", "lasertex") else "plc" if control == "modbus" else "fixed")
+    assert survey.laser.baud == (3_000_000 if form == "lasertex" else 115200)
+
+
+@pytest.mark.parametrize(
+    ("field", "value"), [("machine", "two\nlines"), ("chain", "XYZ"), ("size_mm", (0.5, 0.4, 0.3)), ("laser_port", "")]
+)
+def test_an_answer_that_no_survey_can_have_is_refused(field, value):
+    answers = {"name": "s", "machine": "m", "size_mm": (1e3, 1e3, 1e3), "laser_port": "p", "laser_format": "umd", "control": "none"}
+    with pytest.raises(UsageError):
+        composed(Answers(**answers | {field: value}), "s.toml")
