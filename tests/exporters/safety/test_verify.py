@@ -35,7 +35,7 @@ class TestPrediction:
         assert before.largest_um > 15
         assert after.largest_um < 0.25
         assert not prediction.worse
-        assert prediction.predicted()["as_it_is"]["after"]["largest_um"]["value"] == pytest.approx(after.largest_um)
+        assert 0 < prediction.predicted()["as_it_is"]["after"]["largest_um"]["value"] < 0.25, "between the points of the grid too"
 
     def test_a_file_with_the_wrong_sense_makes_it_worse(self):
         """The sign test of the program itself: negated values must not pass as an improvement."""

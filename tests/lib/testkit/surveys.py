@@ -11,7 +11,7 @@ from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.solver.readings.readings import NO_ZERO, Readings, make_readings
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
-from stepdiag.virtual.physics.error_functions import AXES, Amplitudes, ErrorSet, random_errors
+from stepdiag.virtual.physics.error_functions import AXES, DISPLACEMENTS, Amplitudes, ErrorFunction, ErrorSet, random_errors
 from stepdiag.virtual.physics.machine import Machine
 from stepdiag.virtual.physics.truth import Truth
 
@@ -51,6 +51,8 @@ class Bench:
     drift_um_h: tuple[float, float, float] = (0.0, 0.0, 0.0)
     beam_offset_mm: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
     reversal: Mapping[str, object] = field(default_factory=dict)
+    waves: int = 0
+    wave_um: float = 0.0
 
     @property
     def machine(self) -> Machine:
@@ -60,11 +62,19 @@ class Bench:
         errors = ErrorSet(
             low_mm=drawn.low_mm,
             size_mm=drawn.size_mm,
-            functions=drawn.functions,
+            functions={name: self._waved(name, function) for name, function in drawn.functions.items()},
             squareness_urad=drawn.squareness_urad,
             reversal=self.reversal,  # type: ignore[arg-type]
         )
         return Machine(errors=errors, chain=self.chain, drift_um_h=self.drift_um_h)
+
+    def _waved(self, name: str, function: ErrorFunction) -> ErrorFunction:
+        """Return a displacement with ``waves`` full waves over its axis, each of a phase of its own; what turns stays as it is."""
+        if not self.waves or name not in DISPLACEMENTS:
+            return function
+        turn = 2 * np.pi * self.waves / self.size_mm[AXES.index(name[2])]
+        phase = float(np.random.default_rng((self.seed, DISPLACEMENTS.index(name))).uniform(0, 2 * np.pi))
+        return lambda at: function(at) + self.wave_um * (np.sin(turn * at + phase) - np.sin(phase))
 
     @property
     def truth(self) -> Truth:
