@@ -133,7 +133,6 @@ def compare(
             "after_um": comparison.rms_after_um,
             "before": comparison.before.as_json(),
             "after": comparison.after.as_json(),
-            "improvement": comparison.improvement,
         }
         told = {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
         document = {"changes": changes, "volumetric_rms": volumetric, "trend": [asdict(one) for one in trends], **told}

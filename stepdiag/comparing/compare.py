@@ -59,11 +59,6 @@ class Comparison:
     after: Interval
     common: Volume
 
-    @property
-    def improvement(self) -> float | None:
-        """Return by which factor the volumetric error fell; None where nothing is left."""
-        return self.rms_before_um / self.rms_after_um if self.rms_after_um else None
-
 
 def coverage_factor(nodes: int) -> float:
     """Return the k at which the largest of ``nodes`` independent differences is as unlikely as one beyond k = 2 (Sidak)."""

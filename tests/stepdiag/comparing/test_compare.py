@@ -28,11 +28,11 @@ def noisy(result: Result, random: np.random.Generator) -> Result:
 
 
 def test_nothing_changed_is_said_so() -> None:
-    """A result against itself: no difference, no change, factor 1."""
+    """A result against itself: no difference, no change, the same volumetric error."""
     result = made_up_result(scales=True)
     same = compare(result, result)
     assert all(change.difference == 0 and change.significant is False for change in same.changes)
-    assert same.improvement == 1.0
+    assert same.rms_before_um == same.rms_after_um
 
 
 def test_chance_is_rarely_called_a_change() -> None:
@@ -68,15 +68,16 @@ def test_a_crash_of_one_axis_is_found() -> None:
     assert changed["EYX"].position_mm == pytest.approx(200.0)
 
 
-def test_half_the_error_is_an_improvement_of_two() -> None:
-    """All functions and squarenesses halved: factor 2."""
+def test_half_of_every_error_is_half_the_volumetric_error() -> None:
+    """All functions and squarenesses halved: what both say of the volume differs by two."""
     before = made_up_result(reversal=False)
     after = replace(
         before,
         errors={name: replace(function, value=function.value / 2) for name, function in before.errors.items()},
         squareness={name: Quantity(value=q.value / 2, u=q.u) for name, q in before.squareness.items()},
     )
-    assert compare(before, after).improvement == pytest.approx(2.0)
+    found = compare(before, after)
+    assert found.rms_before_um == pytest.approx(2.0 * found.rms_after_um)
 
 
 def test_a_scale_known_only_once_is_no_change() -> None:
@@ -130,6 +131,7 @@ def test_the_command_prints_a_table_and_json(tmp_path: Path) -> None:
     document = json.loads(CliRunner().invoke(build(), ["compare", *paths, "--json"]).output)
     eyx = next(change for change in document["changes"] if change["name"] == "EYX")
     assert eyx["significant"] is True
+    assert document["volumetric_rms"].keys() == {"before_um", "after_um", "before", "after"}, "two intervals, and no factor"
     assert len(document["trend"][0]["values"]) == 3
 
 
