@@ -13,6 +13,8 @@ from starlette.requests import HTTPConnection, Request
 from starlette.responses import JSONResponse, Response
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from stepdiag.texts.sentences import in_every_language
+
 CONTENT_POLICY = (
     "default-src 'none'; script-src 'self'; style-src 'self'; img-src 'self'; connect-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
@@ -155,5 +157,5 @@ def address_of(request: HTTPConnection) -> str:
 
 
 def refused(status: int, why: str) -> Response:
-    """Return a refusal in words."""
-    return JSONResponse({"error": why}, status_code=status)
+    """Return a refusal in words: ``error`` for a program, ``said`` for a person, in every language."""
+    return JSONResponse({"error": why, "said": in_every_language(why)}, status_code=status)

@@ -10,8 +10,7 @@ import msgspec
 from stepdiag.daq.records.status import LinkStatus, SetupStatus, Snapshot, StopStatus
 from stepdiag.page.remarks import grouped
 from stepdiag.page.stage import headline
-from stepdiag.texts import LANGUAGES
-from stepdiag.texts.sentences import translated
+from stepdiag.texts.sentences import in_every_language
 
 SLOW_FIELDS = (
     "survey",
@@ -53,7 +52,7 @@ def now_view(now: Snapshot) -> dict[str, Any]:
     return {
         **plain,
         **{link: _link(getattr(now, link)) for link in ("laser", "plc", "head")},
-        "message": both(now.message),
+        "message": in_every_language(now.message),
         "stage": head.stage,
         "alarm": head.alarm,
         "lead": head.lead,
@@ -61,18 +60,13 @@ def now_view(now: Snapshot) -> dict[str, Any]:
     }
 
 
-def both(text: str) -> dict[str, str]:
-    """Return a sentence of the daemon in every language."""
-    return {language: translated(text, language) for language in LANGUAGES}
-
-
 def _setup(one: SetupStatus) -> dict[str, Any]:
-    return {**msgspec.to_builtins(one), "reason": both(one.reason), "doubt": both(one.doubt)}
+    return {**msgspec.to_builtins(one), "reason": in_every_language(one.reason), "doubt": in_every_language(one.doubt)}
 
 
 def _stop(one: StopStatus) -> dict[str, Any]:
-    return {**msgspec.to_builtins(one), "doubtful": both(one.doubtful)}
+    return {**msgspec.to_builtins(one), "doubtful": in_every_language(one.doubtful)}
 
 
 def _link(one: LinkStatus | None) -> dict[str, Any] | None:
-    return None if one is None else {**msgspec.to_builtins(one), "detail": both(one.detail)}
+    return None if one is None else {**msgspec.to_builtins(one), "detail": in_every_language(one.detail)}

@@ -5,61 +5,111 @@ themselves, are put into the other language's words. Logs and results record the
 """
 
 import re
+from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import cache, lru_cache
 
-from stepdiag.texts.texts import Language, catalogue, localised
+from stepdiag.texts.texts import LANGUAGES, Language, catalogue, localised
 
-_ARGUMENT = re.compile(r"\\\{(\w+)\\\}")
-_LISTS = ("; ", ", ")
+_ARGUMENT = re.compile(r"\{(\w+)\}")
+_LISTS = {"; ": "list_semicolon", ", ": "list_comma", " or ": "list_or", " and ": "list_and"}
+"""What stands between the parts of a list, and its word in the catalogue's section ``finding_place``."""
+_WHOLE = frozenset({"remedy", "those"})
+"""Arguments that may be lists themselves."""
+_TOLD = frozenset({"what", "why", "said"})
+"""Arguments that are sentences themselves, and must be known too."""
+_REMEMBERED = 2048
+LONGEST = 4000
+"""Characters of a sentence that is looked up; what is longer is none of the program's."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Pattern:
+    """A sentence of the catalogue cut at its arguments: ``literals`` has one more entry than ``names``."""
+
+    key: str
+    literals: tuple[str, ...]
+    names: tuple[str, ...]
+
+    def arguments(self, text: str) -> dict[str, str] | None:
+        """Return the arguments of a text, None where it is not this sentence. Each is as short as it can be: one walk."""
+        first, *rest = self.literals
+        if not text.startswith(first):
+            return None
+        if not rest:
+            return {} if text == first else None
+        at, found = len(first), dict[str, str]()
+        for place, (name, literal) in enumerate(zip(self.names, rest, strict=True), start=1):
+            end = len(text) - len(literal) if place == len(rest) else text.find(literal, at + 1)
+            if end <= at or not text.startswith(literal, end):
+                return None
+            value = text[at:end]
+            if found.setdefault(name, value) != value or ("; " in value and name not in _WHOLE):
+                return None
+            at = end + len(literal)
+        return found if at == len(text) else None
 
 
 @cache
-def _patterns() -> tuple[tuple[re.Pattern[str], str], ...]:
-    """Return every pattern with the key of its sentence; the longer ones come first, so that the special one wins over the general one."""
+def _patterns() -> tuple[_Pattern, ...]:
+    """Return every pattern; the longer ones come first, so that the special one wins over the general one."""
     known = catalogue("sentence", "en")
-    ordered = sorted(known.items(), key=lambda item: (-len(re.sub(r"\{\w+\}", "", item[1])), item[0]))
-    return tuple((_compiled(words), key) for key, words in ordered)
+    ordered = sorted(known.items(), key=lambda item: (-len(_ARGUMENT.sub("", item[1])), item[0]))
+    return tuple(_Pattern(key, tuple(_ARGUMENT.split(words)[::2]), tuple(_ARGUMENT.findall(words))) for key, words in ordered)
 
 
-def _compiled(words: str) -> re.Pattern[str]:
-    seen: set[str] = set()
+@lru_cache(maxsize=_REMEMBERED)
+def _found(text: str) -> tuple[str, dict[str, str]] | None:
+    """Return the key of a sentence and its arguments; None where no pattern knows it."""
+    if len(text) > LONGEST:
+        return None
+    for pattern in _patterns():
+        arguments = pattern.arguments(text)
+        if arguments is not None:
+            return pattern.key, arguments
+    return None
 
-    def group(match: re.Match[str]) -> str:
-        name = match[1]
-        if name in seen:
-            return f"(?P={name})"
-        seen.add(name)
-        return f"(?P<{name}>(?:(?!; ).)+?)"  # a list of sentences is no argument
 
-    return re.compile(_ARGUMENT.sub(group, re.escape(words)), re.DOTALL)
-
-
-@lru_cache(maxsize=2048)
+@lru_cache(maxsize=_REMEMBERED)
 def translated(text: str, language: Language) -> str:
     """Return a sentence of the program in another language; what no pattern knows stays as it is but for its decimal comma."""
     if language == "en" or not text:
         return text
-    return _in_parts(text, language) or _known(text, language) or localised(text, language)
+    first, *others = _LISTS
+    return _in_parts(text, language, first) or _known(text, language) or _listed(text, language, others) or localised(text, language)
+
+
+def in_every_language(text: str) -> dict[str, str]:
+    """Return a sentence of the program by language."""
+    return {language: translated(text, language) for language in LANGUAGES}
 
 
 def is_known(text: str) -> bool:
-    """Tell whether a pattern covers a sentence."""
-    return any(pattern.fullmatch(text) for pattern, _ in _patterns())
+    """Tell whether a pattern covers a sentence with those it quotes, or each sentence of a list."""
+    found = _found(text)
+    if found is None:
+        return any(_parts(text, mark) for mark in _LISTS)
+    return all(is_known(value) for name, value in found[1].items() if name in _TOLD)
 
 
 def _known(text: str, language: Language) -> str:
-    words = catalogue("sentence", language)
-    for pattern, key in _patterns():
-        match = pattern.fullmatch(text)
-        if match is not None:
-            return words[key].format(**{name: translated(value, language) for name, value in match.groupdict().items()})
-    return ""
+    found = _found(text)
+    if found is None:
+        return ""
+    key, arguments = found
+    return catalogue("sentence", language)[key].format(**{name: translated(value, language) for name, value in arguments.items()})
 
 
-def _in_parts(text: str, language: Language) -> str:
+def _listed(text: str, language: Language, marks: Sequence[str]) -> str:
+    return next((told for mark in marks if (told := _in_parts(text, language, mark))), "")
+
+
+def _in_parts(text: str, language: Language, mark: str) -> str:
     """Return a list of sentences, each on its own; empty where the text is none or one of them is not known."""
-    for mark in _LISTS:
-        parts = text.split(mark)
-        if len(parts) > 1 and all(is_known(part) for part in parts):
-            return mark.join(_known(part, language) for part in parts)
-    return ""
+    joined = catalogue("finding_place", language)[_LISTS[mark]]
+    return joined.join(translated(part, language) for part in _parts(text, mark))
+
+
+def _parts(text: str, mark: str) -> list[str]:
+    parts = text.split(mark) if len(text) <= LONGEST else []
+    return parts if len(parts) > 1 and all(map(is_known, parts)) else []

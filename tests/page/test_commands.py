@@ -81,6 +81,9 @@ def test_a_refusal_says_why(watched: Watched, daemon: Served) -> None:
     daemon.do(lambda: daemon.survey.publish(phase="paused"))
     page.locator("#start").click()
     expect(page.locator("#answer")).to_have_text("Refused: start: expected a survey that is paused, found one that runs")
+    page.locator("#language").click()
+    page.locator("#start").click()
+    expect(page.locator("#answer")).to_have_text("Abgelehnt: start: erwartet war eine angehaltene Vermessung, gefunden eine laufende")
     watched.complaints = [one for one in watched.complaints if "409" not in one]
 
 

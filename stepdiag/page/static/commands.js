@@ -1,7 +1,7 @@
 // What a person with the token may do. Without a token configured the page only shows.
 
 import { node, put } from "./draw.js";
-import { say, setupName } from "./words.js";
+import { say, setupName, told } from "./words.js";
 
 const CONFIRM_MS = 4000;
 
@@ -89,8 +89,8 @@ export async function order(name, given = {}) {
   if (answer === null) return put("answer", say("disconnected"));
   if (answer.status === 403) return lock(say("wrong_token"));
   if (answer.ok) return put("answer", say("done"));
-  const { error } = await answer.json();
-  return put("answer", say("refused", { why: error }));
+  const { said } = await answer.json();
+  return put("answer", say("refused", { why: told(said) }));
 }
 
 // Greasy hands press twice: the first press arms for four seconds.
