@@ -19,6 +19,7 @@ MODULES = (
     "plan",
     "fourdof",
     "fleet",
+    "publish",
     "service",
 )
 """The groups, in the order in which the help shows them."""

@@ -28,9 +28,9 @@ def page_settings(survey_file: Path, survey: Survey) -> PageSettings:
     Raises UsageError for a secret that others may read, a short token, a certificate that is none.
     """
     page = survey.page
-    token = _secret(survey_file, TOKEN, page.token_file, "page.token_file")
+    token = secret_file(survey_file, TOKEN, page.token_file, "page.token_file")
     certificate = _file(survey_file, CERTIFICATE, page.certificate)
-    key = _secret(survey_file, KEY, page.key, "page.key")
+    key = secret_file(survey_file, KEY, page.key, "page.key")
     if certificate is not None and key is not None:
         _refuse_no_certificate(certificate, key, survey_file.name)
     folder = survey.folder(survey_file).resolve()
@@ -67,7 +67,7 @@ def _file(survey_file: Path, credential: str, named: str) -> Path | None:
     return survey_file.parent / named if named else None
 
 
-def _secret(survey_file: Path, credential: str, named: str, field: str) -> Path | None:
+def secret_file(survey_file: Path, credential: str, named: str, field: str) -> Path | None:
     """Return the file of a secret. Raises UsageError where it is not there, or where others may read it."""
     path = _file(survey_file, credential, named)
     if path is None or path.name == credential:
@@ -81,6 +81,19 @@ def _secret(survey_file: Path, credential: str, named: str, field: str) -> Path 
             f"{survey_file.name}: {field}", expected=f"a file that nobody but its owner may read: chmod 600 {named}", found=f"mode {mode:o}"
         )
     return path
+
+
+def secret(survey_file: Path, credential: str, named: str, field: str) -> str:
+    """Return a secret of one line, empty where none is given. Raises UsageError as `secret_file` does, and for what is no line."""
+    path = secret_file(survey_file, credential, named, field)
+    if path is None:
+        return ""
+    text = as_text(read_bytes(path, largest=LONGEST_TOKEN_BYTES, blame=UsageError), path.name, UsageError).removesuffix("\n")
+    if not text or not text.isprintable():
+        raise UsageError(
+            f"{survey_file.name}: {field}", expected=f"one line of printable characters in {path.name}", found="something else"
+        )
+    return text
 
 
 def _token_in(path: Path) -> str:

@@ -1,0 +1,173 @@
+"""The messages, each a JSON object of a schema of its own, made from what stands in the survey's folder; nothing there is changed."""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, Literal
+from urllib.parse import quote
+
+import msgspec
+
+from stepdiag.daq.recording.rounds import round_folders
+from stepdiag.daq.records.survey_folder import RESULT
+from stepdiag.daq.service.live import live_in
+from stepdiag.daq.survey.models import Survey
+from stepdiag.exporters.files.files import as_text, read_bytes
+from stepdiag.fleet.rows import rows_of
+from stepdiag.solver.result.result import Result, parse_result
+
+VERSION = 1
+SCHEMA = "schema"
+
+
+class _About(msgspec.Struct, frozen=True, kw_only=True):
+    """What every message begins with, behind the name of its schema."""
+
+    version: int = VERSION
+    machine: str
+    survey: str
+
+
+class Online(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-online"):
+    """Whether the program that sends these messages runs; false is the will that the broker keeps for it."""
+
+    online: bool
+
+
+class State(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-state"):
+    """How far the survey is. The links are states as in the daemon's journal, empty where no daemon records."""
+
+    round: str
+    recording: bool
+    complete: bool
+    waits_for: str
+    message: str
+    laser: str
+    plc: str
+
+
+class Finding(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
+    """One remark, as in the result (docs/findings.md)."""
+
+    code: str
+    severity: Literal["info", "warning", "error"]
+    text: str
+    setup: str = ""
+    pass_number: int | None = None
+    stop: int | None = None
+    size_um: float | None = None
+
+
+class Findings(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-findings"):
+    """What is to be said of the data of the last result."""
+
+    round: str
+    findings: tuple[Finding, ...]
+
+
+class Row(msgspec.Struct, frozen=True, kw_only=True):
+    """One number of a result, as in the archive (docs/fleet.md)."""
+
+    quantity: str
+    axis: str
+    position_mm: float | None
+    value: float
+    u: float | None
+    unit: str
+    k: int
+
+
+class ResultMessage(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-result"):
+    """The numbers of the last result; ``sha256`` is that of its file."""
+
+    round: str
+    begun: str
+    ended: str
+    method: str
+    software: str
+    sha256: str
+    rows: tuple[Row, ...]
+
+
+Message = Online | State | Findings | ResultMessage
+MESSAGES: tuple[type[Message], ...] = (Online, State, Findings, ResultMessage)
+
+
+def schemas() -> dict[str, Any]:
+    """Return the JSON Schema of every message by its name."""
+    return {_name_of(kind): msgspec.json.schema(kind) for kind in MESSAGES}
+
+
+def topic_of(message: Message | type[Message], survey: Survey, prefix: str) -> str:
+    """Return where a message is published: PREFIX/MACHINE/SURVEY/WHAT, names percent-encoded, since ``/``, ``+`` and ``#`` part topics."""
+    what = _name_of(message if isinstance(message, type) else type(message)).removeprefix("stepdiag-")
+    return "/".join((prefix, quote(survey.identity.machine, safe=" "), quote(survey.identity.name, safe=" "), what))
+
+
+class Watched:
+    """The folder of one survey: what is to be said of it now, the result read anew only where its file has changed."""
+
+    def __init__(self, survey: Survey, folder: Path) -> None:
+        self._survey, self._folder = survey, folder
+        self._machine, self._name = survey.identity.machine, survey.identity.name
+        self._seen: tuple[str, int, int] | None = None
+        self._said: tuple[Message, ...] = ()
+
+    def online(self, *, online: bool) -> Online:
+        """Return the first message, or the last."""
+        return Online(online=online, machine=self._machine, survey=self._name)
+
+    def now(self) -> Iterator[Message]:
+        """Yield state, findings and result as they are now. Raises DataError for a result that is damaged."""
+        rounds = round_folders(self._folder)
+        last = rounds[-1] if rounds else None
+        yield self._state(last)
+        if last is not None and (last / RESULT).is_file():
+            yield from self._of_result(last / RESULT)
+
+    def _state(self, last: Path | None) -> State:
+        live = live_in(self._folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it
+        return State(
+            machine=self._machine,
+            survey=self._name,
+            round=last.name if last is not None else "",
+            recording=live is not None,
+            complete=last is not None and (last / RESULT).is_file(),
+            waits_for=live.waits_for if live is not None else "",
+            message=live.message if live is not None else "",
+            laser=live.laser.state if live is not None else "",
+            plc=live.plc.state if live is not None else "",
+        )
+
+    def _of_result(self, path: Path) -> tuple[Message, ...]:
+        stat = path.stat()
+        seen = (str(path), stat.st_mtime_ns, stat.st_size)
+        if seen != self._seen:
+            data = read_bytes(path)
+            result = parse_result(as_text(data, path.name), str(path))
+            self._said = self._messages(result, hashlib.sha256(data).hexdigest(), path.parent.name)
+            self._seen = seen
+        return self._said
+
+    def _messages(self, result: Result, digest: str, round_: str) -> tuple[Message, ...]:
+        facts = result.extra.get("survey")
+        facts = facts if isinstance(facts, dict) else {}
+        findings = tuple(msgspec.convert(asdict(each), Finding) for each in result.findings)
+        rows = tuple(msgspec.convert(asdict(row), Row) for row in rows_of(result))
+        said = ResultMessage(
+            machine=self._machine,
+            survey=self._name,
+            round=round_,
+            begun=str(facts.get("begun", "")),
+            ended=str(facts.get("ended", "")),
+            method=result.method,
+            software=result.software.get("version", ""),
+            sha256=digest,
+            rows=rows,
+        )
+        return Findings(machine=self._machine, survey=self._name, round=round_, findings=findings), said
+
+
+def _name_of(kind: type[Message]) -> str:
+    return str(kind.__struct_config__.tag)

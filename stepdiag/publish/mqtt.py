@@ -1,0 +1,154 @@
+"""To a broker by MQTT: retained messages at least once, sent when they change, and again after every new connection.
+
+A broker that is away is tried again, ever more seldom; one that refuses ends the program in words. Neither touches the recording, which
+runs in a process of its own and knows nothing of this one.
+"""
+
+import asyncio
+import signal
+import ssl
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import aiomqtt
+import msgspec
+import structlog
+from paho.mqtt.reasoncodes import ReasonCode
+
+from stepdiag.daq.survey.models import Survey
+from stepdiag.publish.messages import Message, Watched, topic_of
+from stepdiag.solver.errors import DataError, DeviceError, UsageError
+
+REFUSALS = {"Unsupported protocol version", "Client identifier not valid", "Bad user name or password", "Not authorized", "Banned"}
+"""Answers to a connection (MQTT 5.0, 3.2.2.2) that another try does not change."""
+LONGEST_WAIT_S = 60.0
+QOS = 1
+
+_log = structlog.get_logger("publish")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Broker:
+    """Where and as whom. ``authority`` is a file of certificates to trust instead of the system's; ``secure`` is TLS."""
+
+    host: str
+    port: int
+    secure: bool = True
+    authority: Path | None = None
+    user: str | None = None
+    password: str | None = None
+
+    @property
+    def address(self) -> str:
+        """Return the address in words."""
+        return f"{self.host}:{self.port}"
+
+
+def publish(watched: Watched, survey: Survey, broker: Broker, *, prefix: str, every_s: float, once: bool) -> None:
+    """Send until SIGTERM or SIGINT, or everything once.
+
+    Raises DeviceError for a broker that refuses, with ``once`` for one that is away too, and UsageError for certificates that are none.
+    """
+    asyncio.run(_Publisher(watched, survey, broker, prefix, every_s).run(once=once))
+
+
+class _Publisher:
+    def __init__(self, watched: Watched, survey: Survey, broker: Broker, prefix: str, every_s: float) -> None:
+        self._watched, self._broker, self._every_s = watched, broker, every_s
+        self._topic: Callable[[Message], str] = lambda message: topic_of(message, survey, prefix)
+        self._tls = _context(broker)
+        self._stop = asyncio.Event()
+        self._trouble = ""
+
+    async def run(self, *, once: bool) -> None:
+        loop = asyncio.get_running_loop()
+        for name in (signal.SIGTERM, signal.SIGINT):
+            loop.add_signal_handler(name, self._stop.set)
+        wait_s = 1.0
+        while not self._stop.is_set():
+            try:
+                async with self._client() as client:
+                    wait_s = 1.0
+                    _log.info("broker-connected", address=self._broker.address)
+                    await self._send(client, once=once)
+            except aiomqtt.MqttError as error:
+                self._judge(error, once=once)
+                _log.warning("broker-away", address=self._broker.address, reason=str(error), next_try_s=wait_s)
+                with suppress(TimeoutError):
+                    await asyncio.wait_for(self._stop.wait(), wait_s)
+                wait_s = min(2 * wait_s, LONGEST_WAIT_S)
+
+    def _client(self) -> aiomqtt.Client:
+        will = self._watched.online(online=False)
+        broker = self._broker
+        return aiomqtt.Client(
+            broker.host, broker.port, username=broker.user, password=broker.password, tls_context=self._tls, timeout=30, keepalive=20,
+            will=aiomqtt.Will(self._topic(will), msgspec.json.encode(will), qos=QOS, retain=True),
+        )  # fmt: skip
+
+    async def _send(self, client: aiomqtt.Client, *, once: bool) -> None:
+        """Send what is new, look again after a while; a connection that is lost raises at once, not with the next message."""
+        sent: dict[str, bytes] = {}
+        if once:
+            await self._send_new(client, sent)
+            self._stop.set()
+            return
+        await self._put(client, self._watched.online(online=True), sent)
+        lost = asyncio.create_task(_until_lost(client))
+        stopped = asyncio.create_task(self._stop.wait())
+        try:
+            while not self._stop.is_set():
+                await self._send_new(client, sent)
+                await asyncio.wait({lost, stopped}, timeout=self._every_s, return_when=asyncio.FIRST_COMPLETED)
+                if lost.done():
+                    lost.result()
+            await self._put(client, self._watched.online(online=False), sent)
+        finally:
+            for task in (lost, stopped):
+                task.cancel()
+            await asyncio.gather(lost, stopped, return_exceptions=True)
+
+    async def _send_new(self, client: aiomqtt.Client, sent: dict[str, bytes]) -> None:
+        try:
+            messages = list(self._watched.now())
+        except (DataError, OSError) as error:  # a result that is being looked at by somebody else's tool, a share that is away
+            if str(error) != self._trouble:
+                self._trouble = str(error)
+                _log.warning("survey-unreadable", reason=self._trouble)
+            return
+        self._trouble = ""
+        for message in messages:
+            await self._put(client, message, sent)
+
+    async def _put(self, client: aiomqtt.Client, message: Message, sent: dict[str, bytes]) -> None:
+        topic, payload = self._topic(message), msgspec.json.encode(message)
+        if sent.get(topic) != payload:
+            await client.publish(topic, payload, qos=QOS, retain=True)
+            sent[topic] = payload
+
+    def _judge(self, error: aiomqtt.MqttError, *, once: bool) -> None:
+        """Raise DeviceError where another try would end alike, or none is wanted."""
+        code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
+        refused = isinstance(code, ReasonCode) and code.getName() in REFUSALS
+        untrusted = "CERTIFICATE_VERIFY_FAILED" in str(error)
+        if refused or untrusted or once:
+            remedy = (
+                "name the authority of its certificate: --ca FILE" if untrusted else "see user, password and the broker's own log" * refused
+            )
+            raise DeviceError(f"broker {self._broker.address}", expected="a broker that takes messages", found=str(error), remedy=remedy)
+
+
+async def _until_lost(client: aiomqtt.Client) -> None:
+    async for _ in client.messages:  # nothing is subscribed to
+        pass
+
+
+def _context(broker: Broker) -> ssl.SSLContext | None:
+    if not broker.secure:
+        return None
+    try:
+        return ssl.create_default_context(cafile=None if broker.authority is None else str(broker.authority))
+    except OSError as error:  # ssl.SSLError is one
+        raise UsageError(str(broker.authority), expected="certificates in PEM", found=error.strerror or str(error)) from error
