@@ -10,7 +10,7 @@ from typing import Literal
 from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.dwell import Dwell, DwellTracker
-from stepdiag.daq.capture.head_stop import QdView
+from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.machine_remarks import Alarm, Pulse, remarked
 from stepdiag.daq.capture.outcome import Ended, Outcome
@@ -276,4 +276,6 @@ class Capture:
 
     def _placing(self, signals: Signals) -> Placing:
         """Return the stream that places a stop: the laser's, in a run of the 4-DOF head the head's own."""
-        return QdView(self.head) if self.head is not None and self._finder.is_head_run(signals) else self.laser
+        if self.head is None or not self._finder.is_head_run(signals):
+            return self.laser
+        return AngleView(self.head) if self._survey.head is not None and self._survey.head.angular else QdView(self.head)

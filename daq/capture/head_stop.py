@@ -15,6 +15,8 @@ from stepdiag.daq.timing.stream import Break, Span, StreamBuffer
 NOMINAL_QD_MM = 0.6
 """Movement of the target at which the normalised QD would reach 1 along its first slope, for a spot of 2 mm radius (0.3 to 0.9 mm for
 1 to 3 mm). It only judges whether the signal is steady; measured is with the head's calibration."""
+LEVER_MM = 100.0
+"""At which an angle counts as a movement: it only judges whether the instrument has come to rest."""
 TROUBLES: tuple[tuple[Flag, str, str], ...] = (
     (Flag.BEAM_LOST, "fourdof-beam-blocked", "no light on a detector"),
     (Flag.SATURATED, "fourdof-saturated", "a detector is at the end of its range"),
@@ -56,6 +58,24 @@ class QdView:
             beam=span.beam[lit],
             channels=span.channels[lit],
             unusable=span.unusable + int(np.count_nonzero(~lit)),
+        )
+
+
+class AngleView(QdView):
+    """The stream of an autocollimator or a level seen as a length: ``position_mm`` is what its livelier angle makes at `LEVER_MM`."""
+
+    def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span:
+        """Return the usable samples of a span of time."""
+        span = self._head.span(from_ns, to_ns, arrived_before_ns)
+        if span.channels is None or not len(span.channels):
+            return span
+        turned = span.channels * 1e-6 * LEVER_MM
+        return Span(
+            time_ns=span.time_ns,
+            position_mm=turned[:, int(np.argmax(np.std(turned, axis=0)))],
+            beam=span.beam,
+            channels=span.channels,
+            unusable=span.unusable,
         )
 
 

@@ -1,5 +1,6 @@
 """Wire formats by name."""
 
+from stepdiag.daq.formats.angles import AnglesDecoder, AnglesSettings, AskedAnglesDecoder
 from stepdiag.daq.formats.fourdof import FourdofDecoder, FourdofSettings
 from stepdiag.daq.formats.framed import FramesDecoder, FramesSettings
 from stepdiag.daq.formats.ids3010 import Ids3010Decoder, Ids3010Settings
@@ -22,13 +23,14 @@ FormatSettings = (
     | QudisSettings
     | FourdofSettings
     | TqdSettings
+    | AnglesSettings
 )
 
 LASER_FORMATS = ("umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis")
-HEAD_FORMATS = ("fourdof", "tqd")
+HEAD_FORMATS = ("fourdof", "tqd", "elcomat", "wyler")
 
 
-def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: PLR0911 - one a format
+def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: C901, PLR0911 - one a format
     """Return a fresh decoder of format ``name``: one object a stream.
 
     Raises UsageError for a name that is none of the formats, or settings of another format.
@@ -52,5 +54,9 @@ def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: PLR09
             return FourdofDecoder(settings)
         case "tqd", TqdSettings():
             return TqdDecoder(settings)
+        case "elcomat", AnglesSettings():
+            return AnglesDecoder(settings)
+        case "wyler", AnglesSettings():
+            return AskedAnglesDecoder(settings)
     known = ", ".join((*LASER_FORMATS, *HEAD_FORMATS))
     raise UsageError("survey: format", expected=f"one of {known} with its own settings", found=f"{name!r} with {type(settings).__name__}")

@@ -7,6 +7,7 @@ from typing import Literal, cast
 import numpy as np
 
 from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.head.angular import turns_of
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.head_file import HeadFile, parse_head_file, require_owner
 from stepdiag.daq.survey.models import Head as HeadSection
@@ -60,8 +61,11 @@ def evaluate_head(survey: Survey, passes: Sequence[Pass], files: Mapping[str, by
     driven = [each for each in passes if each.whole and each.route.setup in FOURDOF_RUNS]
     if not driven or survey.head is None:
         return HeadMeasured(angles={})
-    calibration = _calibration(survey.head, files)
-    seen = [_evaluate(survey, survey.head, calibration, each, level) for each in driven]
+    if survey.head.angular:
+        seen = [_PassSeen(straightness=(), turns=turns_of(survey.head, each), findings=()) for each in driven]
+    else:
+        calibration = _calibration(survey.head, files)
+        seen = [_evaluate(survey, survey.head, calibration, each, level) for each in driven]
     angles, incomplete = _whole(_over_passes([each.turns for each in seen]), survey)
     return HeadMeasured(
         straightness=tuple(one for each in seen for one in each.straightness),

@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 
+from stepdiag.daq.formats.angles import ELCOMAT, WYLER, AnglesSettings
 from stepdiag.daq.formats.fourdof import FourdofSettings
 from stepdiag.daq.formats.framed import FramesSettings
 from stepdiag.daq.formats.ids3010 import Ids3010Settings
@@ -88,11 +89,26 @@ def head_settings(head: Head) -> FormatSettings:
     if head.format == "tqd":
         tqd = head.tqd
         return TqdSettings(poll_hz=tqd.poll_hz, full_sum_v=tqd.full_sum_v, beam_threshold=tqd.beam_threshold, latency_s=head.latency_s)
+    if head.angular:
+        return _angles(head)
     frames = head.fourdof
     return FourdofSettings(
         encoding=frames.encoding,
         rate_hz=frames.rate_hz,
         full_sum=frames.full_sum,
         beam_threshold=frames.beam_threshold,
+        latency_s=head.latency_s,
+    )
+
+
+def _angles(head: Head) -> AnglesSettings:
+    """Return how an autocollimator or a level is read: an Elcomat streams, a level is asked."""
+    section, elcomat = head.angles, head.format == "elcomat"
+    return AnglesSettings(
+        pattern=section.pattern or (ELCOMAT if elcomat else WYLER),
+        unit=section.unit,
+        greeting="A" if elcomat else "",
+        request="" if elcomat else "P",
+        poll_hz=section.poll_hz,
         latency_s=head.latency_s,
     )

@@ -204,6 +204,23 @@ class TqdSection(msgspec.Struct, frozen=True, kw_only=True):
     beam_threshold: Fraction = 0.2
 
 
+Turn = Literal["+A", "-A", "+B", "-B", "+C", "-C"]
+
+
+class AnglesSection(msgspec.Struct, frozen=True, kw_only=True):
+    pattern: str = ""
+    unit: Literal["arcsec", "urad", "mrad", "deg"] = "arcsec"
+    poll_hz: Annotated[float, Meta(gt=0, le=100)] = 10.0
+    u_urad: NotNegative = 1.0
+    x: tuple[Turn, ...] = ()
+    y: tuple[Turn, ...] = ()
+    z: tuple[Turn, ...] = ()
+
+    def turns(self, axis: str) -> tuple[Turn, ...]:
+        """Return which rotation each reading tells in a run along ``axis`` (x, y, z), with its sign."""
+        return {"x": self.x, "y": self.y, "z": self.z}[axis]
+
+
 MachineDirection = Literal["+x", "-x", "+y", "-y", "+z", "-z"]
 
 
@@ -218,7 +235,7 @@ class HeadRun(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Head(SerialSection, frozen=True, kw_only=True):
-    format: Literal["fourdof", "tqd"]
+    format: Literal["fourdof", "tqd", "elcomat", "wyler"]
     id: str = ""
     calibration: str = ""
     distance: Literal["commanded", "laser"] = "commanded"
@@ -228,6 +245,12 @@ class Head(SerialSection, frozen=True, kw_only=True):
     z: HeadRun = HeadRun(beam="+z", detector_x="+x", detector_y="+y")
     fourdof: FourdofSection = FourdofSection()
     tqd: TqdSection = TqdSection()
+    angles: AnglesSection = AnglesSection()
+
+    @property
+    def angular(self) -> bool:
+        """Tell whether it is an autocollimator or a level: it tells rotations, without a calibration file."""
+        return self.format in ("elcomat", "wyler")
 
     def run_along(self, axis: str) -> HeadRun:
         """Return how the head stands for a run along ``axis`` (x, y, z)."""

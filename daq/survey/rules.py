@@ -7,7 +7,7 @@ from stepdiag.daq.formats.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
 from stepdiag.daq.links.address import network_line
 from stepdiag.daq.survey.formats import laser_settings
-from stepdiag.daq.survey.models import LineSection, Plc, Survey
+from stepdiag.daq.survey.models import Head, LineSection, Plc, Survey
 from stepdiag.exporters.files.settings import refuse, unknown_key
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS, reads_like_metres
@@ -54,13 +54,27 @@ def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
             yield refuse(source, field, "every setup once", setup, "use plan.repeats to drive every setup more than once")
         if setup in FOURDOF_RUNS and survey.head is None:
             yield refuse(source, field, "a [head] section for a 4-DOF run", setup)
-        if setup in FOURDOF_RUNS and survey.head is not None and not (survey.head.id and survey.head.calibration):
+        if setup in FOURDOF_RUNS and survey.head is not None and survey.head.angular:
+            yield from _turns(survey.head, setup, source)
+        elif setup in FOURDOF_RUNS and survey.head is not None and not (survey.head.id and survey.head.calibration):
             remedy = "`stepdiag fourdof calibrate` writes the calibration file of a head"
             yield refuse(source, "head.calibration", "the head's id and calibration file, for a 4-DOF run", survey.head.calibration, remedy)
     for index, offset in enumerate(survey.plan.beam_offset):
         if not any(offset.offset_mm):
             field = f"plan.beam_offset[{index}].offset_mm"
             yield refuse(source, field, "a beam that is shifted", list(offset.offset_mm), "name the setup in plan.setups instead")
+
+
+def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
+    """Judge which rotations an autocollimator or a level tells in a run."""
+    axis, own = setup[-1], "ABC"[AXES.index(setup[-1])]
+    turns = head.angles.turns(axis)
+    field, letters = f"head.angles.{axis}", [turn[1] for turn in turns]
+    if not turns or len(turns) > 2 or len(set(letters)) != len(letters):
+        remedy = 'such as ["+C", "+B"]: the first reading is the rotation about Z, the second that about Y'
+        yield refuse(source, field, f"the rotation that each reading tells in {setup}, with its sign", list(turns), remedy)
+    if head.format == "elcomat" and own in letters:
+        yield refuse(source, field, f"no {own}: an autocollimator does not see the roll about its own beam", list(turns))
 
 
 def _machine(survey: Survey, source: str) -> Iterator[UsageError]:

@@ -20,14 +20,15 @@ from stepdiag.virtual.bench.building import (
     head_builder,
     setup_builder,
 )
-from stepdiag.virtual.bench.config import BenchConfig
+from stepdiag.virtual.bench.config import BenchConfig, HeadPart
 from stepdiag.virtual.drive.player import Player, Segment
 from stepdiag.virtual.drive.program import again as one_more
 from stepdiag.virtual.drive.program import steps
+from stepdiag.virtual.instruments.angular import AngleView, Autocollimator, Level
 from stepdiag.virtual.instruments.interferometers import Climate
 from stepdiag.virtual.instruments.lasers import Flags
 from stepdiag.virtual.instruments.readout import HeadView, Readout
-from stepdiag.virtual.instruments.talker import HEAD_CABLE, LASER_CABLE, Talker
+from stepdiag.virtual.instruments.talker import HEAD_CABLE, LASER_CABLE, Answering, Talker, Talking
 from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.physics.machine import Machine
 from stepdiag.virtual.plc.attention import Attention
@@ -187,6 +188,17 @@ class VirtualBench:
         part = self.config.head
         if part is None:
             return
+        line = SerialLine(directory / part.link)
+        self._addresses["head_link"] = str(line.link)
+        device = self._angular(part) if part.format in ("elcomat", "wyler") else self._four_dof(part)
+        self._workers.append(Talker(line, device, HEAD_CABLE, clock=self._clock, faults=self._faults, chunk_s=_HEAD_CHUNK_S))
+
+    def _angular(self, part: HeadPart) -> Talking | Answering:
+        stand = self.config.alignment.stand
+        view = AngleView(self.machine, self._player, self._drive, clock=self._clock, stand=stand, seed=self.config.seed)
+        return Autocollimator(view.look) if part.format == "elcomat" else Level(view.look)
+
+    def _four_dof(self, part: HeadPart) -> Talking | Answering:
         view = HeadView(
             self.machine,
             self._player,
@@ -197,10 +209,7 @@ class VirtualBench:
             faults=self._faults,
             stand=self.config.alignment.stand,
         )
-        line = SerialLine(directory / part.link)
-        self._addresses["head_link"] = str(line.link)
-        device = build_head_device(part, view.look)
-        self._workers.append(Talker(line, device, HEAD_CABLE, clock=self._clock, faults=self._faults, chunk_s=_HEAD_CHUNK_S))
+        return build_head_device(part, view.look)
 
     def _entered(self, segment: Segment) -> None:
         """Arm faults, zero the laser after the mirror has been set up, and tell what begins."""

@@ -134,7 +134,7 @@ class LaserPart(_Part, frozen=True):
 class HeadPart(_Part, frozen=True):
     """The 4-DOF head on its own line; it has light during ``fourdof`` runs only. Optics as in `stepdiag.virtual.instruments.head`."""
 
-    format: Literal["fourdof", "tqd"] = "fourdof"
+    format: Literal["fourdof", "tqd", "elcomat", "wyler"] = "fourdof"
     encoding: Literal["binary", "ascii"] = "binary"
     rate_hz: float = 250.0
     link: str = "head"

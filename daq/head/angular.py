@@ -1,0 +1,43 @@
+"""From the passes of an autocollimator or a level to the rotations of an axis, by ISO 230-1 name and with their uncertainty."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.survey.models import Head
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.geometry.volume import AXES, Vector
+
+Turns = dict[str, tuple[Vector, Vector, Vector]]
+"""Position, value and standard uncertainty of every rotation, relative to the first position."""
+
+
+def turns_of(section: Head, each: Pass) -> Turns:
+    """Return what a pass says of the rotations that the survey file names for its axis (``head.angles.x``).
+
+    An instrument on the workpiece side turns the other way round. Raises DataError for stops with another number of angles than are named.
+    """
+    axis = each.route.setup[-1]
+    turns, run = section.angles.turns(axis), section.run_along(axis)
+    stops = [stop for stop, _ in each.chosen().values()]
+    position = np.array([stop.position_mm[AXES.index(axis)] for stop in stops])
+    values, u_values = _columns(stops, len(turns), f"{each.route.setup} pass {each.number}")
+    order = np.argsort(position)
+    side = 1.0 if run.target_on == "tool" else -1.0
+    found: Turns = {}
+    for column, turn in enumerate(turns):
+        value = side * (1.0 if turn[0] == "+" else -1.0) * values[order, column]
+        u = np.hypot(u_values[order, column], section.angles.u_urad)
+        found[f"E{turn[1]}{axis.upper()}"] = (position[order], value - value[0], np.hypot(u, u[0]))
+    return found
+
+
+def _columns(stops: Sequence[CapturedStop], wanted: int, name: str) -> tuple[Vector, Vector]:
+    """Return the angles of every stop in urad and the standard uncertainties of their means, shape (stops, wanted)."""
+    sizes = {len(stop.channels) for stop in stops}
+    if not sizes or min(sizes) < wanted or len(sizes) > 1:
+        found = f"{', '.join(map(str, sorted(sizes)))} angles"
+        raise DataError(name, expected=f"{wanted} angles at every stop", found=found, remedy="drive it again")
+    return np.array([stop.channels[:wanted] for stop in stops]), np.array([stop.u_channels[:wanted] for stop in stops])
