@@ -3,8 +3,8 @@
 Elcomat 3000: single letters are commands; `A` begins a stream of absolute readings, each `type status x y` in arc-seconds up to a CR. Types
 1 and 2 are relative, 3 and 4 absolute; the third digit of the status is 1 where x is valid, 2 where y is, 3 for both
 (dls-controls/elcomat3000 @5b459ca). Only readings of the absolute stream count: a relative one has another origin and nobody could tell.
-Wyler: asked by `P`; the second field of the answer is the angle, the fourth another quantity (CERN's use of the Zerotronic; only facts of it
-are known, so a pattern and the unit may stand in the survey file).
+Wyler: asked by `P`; the second field of the answer is the angle, the fourth another quantity (CERN's use of the Zerotronic; only facts
+of it are known, so a pattern and the unit may stand in the survey file).
 """
 
 import math
