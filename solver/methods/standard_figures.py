@@ -148,9 +148,11 @@ def _upward(layout: Layout, rows: NDArray[np.int64]) -> bool:
 def _positioning(layout: Layout, found: SetupRuns, assumed: Assumptions, standard: str = "iso-230-2") -> dict[str, Any]:
     figures = positioning_figures(found.runs, standard)
     length_mm = float(np.ptp(found.runs.target_mm))
-    u = expanded_um(figures.numbers(), length_mm, found.runs.up_um.shape[1], _sources(layout, found, assumed))
+    up, down = found.runs.up_um, found.runs.down_um
+    runs = up.shape[1], up.shape[1] if down is None else down.shape[1]
+    u = expanded_um(figures.numbers(), length_mm, runs, _sources(layout, found, assumed))
     lengths = "at 20 C" if assumed.reduced_to_20_c else "as measured"
-    return _plain(figures) | {"runs": found.runs.up_um.shape[1], "lengths": lengths, "U": u, "U_status": SOURCE_STATUS}
+    return _plain(figures) | {"runs": up.shape[1], "lengths": lengths, "U": u, "U_status": SOURCE_STATUS}
 
 
 def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:

@@ -24,13 +24,18 @@ class RunSources:
     environment_um: float
 
 
-def expanded_um(figures: Mapping[str, float], length_mm: float, runs: int, sources: RunSources) -> dict[str, float]:
-    """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` for ``runs`` runs a direction over a length."""
+def expanded_um(figures: Mapping[str, float], length_mm: float, runs: tuple[int, int], sources: RunSources) -> dict[str, float]:
+    """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` over a length.
+
+    ``runs`` are those upward and downward: a pass that was driven again makes one more of them.
+    """
     stretch = sources.relative * length_mm * 1e3
     single = float(np.hypot(sources.reading_um, sources.environment_um))
-    mean = single / np.sqrt(runs)
+    mean = single / np.sqrt(min(runs))
     # the scatter of few runs is itself known to one part in sqrt(2 (n - 1))
-    scatter = {name: figures[name] / np.sqrt(2.0 * (runs - 1)) for name in ("R_up", "R_down") if name in figures}
+    scatter = {
+        name: figures[name] / np.sqrt(2.0 * (number - 1)) for name, number in zip(("R_up", "R_down"), runs, strict=True) if name in figures
+    }
     of_range = float(np.hypot(stretch, np.sqrt(2.0) * mean))
     u = dict.fromkeys(("E_up", "E_down", "E"), of_range)
     u["M"] = float(np.hypot(stretch, mean))

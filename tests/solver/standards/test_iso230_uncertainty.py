@@ -11,7 +11,7 @@ FIGURES = ("E", "E_up", "E_down", "M", "B", "B_mean", "R_up", "R_down", "R", "A_
 
 def test_every_figure_by_hand():
     """Four runs: the mean of a position is known to 0.25 um, a scatter of four to one part in sqrt(6)."""
-    told = expanded_um({**dict.fromkeys(FIGURES, 1.0), "R_up": 2.4, "R_down": 3.2}, 1000.0, 4, SOURCES)
+    told = expanded_um({**dict.fromkeys(FIGURES, 1.0), "R_up": 2.4, "R_down": 3.2}, 1000.0, (4, 4), SOURCES)
     of_range = (2.0**2 + 2 * 0.25**2) ** 0.5
     reversal = 2**0.5 * 0.25
     up, down = 2.4 / 6**0.5, 3.2 / 6**0.5
@@ -34,7 +34,14 @@ def test_every_figure_by_hand():
 
 
 def test_figures_of_one_direction_need_no_other():
-    told = expanded_um({"E_up": 1.0, "M": 1.0, "R_up": 2.4, "A_up": 3.0, "A": 3.0, "R": 1.0}, 0.0, 4, SOURCES)
+    told = expanded_um({"E_up": 1.0, "M": 1.0, "R_up": 2.4, "A_up": 3.0, "A": 3.0, "R": 1.0}, 0.0, (4, 4), SOURCES)
     assert set(told) == {"E_up", "M", "R_up", "A_up"}
     assert told["M"] == pytest.approx(0.5)
     assert told["E_up"] == pytest.approx(2 * 2**0.5 * 0.25)
+
+
+def test_one_run_more_in_one_direction():
+    """A pass back that was driven again: its scatter is of two runs, the mean that of the direction with one."""
+    told = expanded_um({"E": 1.0, "R_down": 3.0, "A_down": 3.5}, 0.0, (1, 2), SOURCES)
+    assert told["R_down"] == pytest.approx(2 * 3.0 / 2**0.5)
+    assert told["E"] == pytest.approx(2 * 2**0.5 * 0.5)
