@@ -13,7 +13,7 @@ RELEASE ?= release
 MINUTES ?= 10
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test matrix explore mutants soak bench honesty format rooms release deb docs clean
+.PHONY: help demo test matrix explore mutants soak faults bench honesty format rooms release deb docs clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -41,6 +41,9 @@ mutants: $(MUTANTS_VENV)/.ready ## how sharp the tests are: small changes that a
 # kill -9, two hundred times in one survey
 soak: $(TEST_VENV)/.ready ## two hundred kills in one survey
 	STEPDIAG_SOAK_KILLS=200 $(TEST_VENV)/bin/pytest tests/system/test_soak.py
+
+faults: $(VENV)/.ready ## every fault from the wires to the files in the control: the table of docs/faults.md
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python tools/faults
 
 bench: $(VENV)/.ready ## every figure of speed beside its floor or its peer
 	$(VENV)/bin/python -m benchmarks

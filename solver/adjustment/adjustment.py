@@ -17,6 +17,7 @@ from stepdiag.solver.adjustment.robustness import (
     name_suspicion,
     trial_of,
     weight_without,
+    with_apart,
 )
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
@@ -337,6 +338,7 @@ class _Task:
             if found == most:
                 self.findings.append(name_excess(most))
                 return
+            suspicion = with_apart(suspicion, self.design.columns, self.layout.volume, self.chain)
             self.kept = weight_without(self.kept / self.u**2, suspicion) * self.u**2
             self.effects += effects_for(self.layout, suspicion)
             self.findings.append(name_suspicion(self.layout, suspicion))

@@ -17,12 +17,13 @@ from stepdiag.solver.adjustment.hypotheses import SCALE, STEP, STOP, WARMING, Fa
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.adjustment.wander import Wander, wandering
 from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.design import Columns
 from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import CHECKED, robust_scale
+from stepdiag.solver.model.quantities import quantities, volumetric_weight
 from stepdiag.solver.readings.readings import PassKey
 
 AS_GOOD = 12.0
@@ -34,6 +35,8 @@ BETTER = 3.0
 """By how much an explanation beats effects larger than usual (twice the logarithm): that its size is free has cost it 15 already."""
 MOST = 0.05
 """With more contradictions than this share of the stops, single stops are not the trouble."""
+APART_UM = 0.5
+"""Explanations whose machines differ by less over the volume (rms) may be left open: whatever is true, the result hardly moves."""
 EXPANSION_UM_M_C = 11.7
 """Steel, for saying a growth in kelvin."""
 
@@ -42,12 +45,14 @@ EXPANSION_UM_M_C = 11.7
 class Suspicion:
     """A contradiction: what may be the cause, one hypothesis where that is decided; or a pass that wanders, the likeliest first.
 
-    ``smoother``: what the machine's smoothness says for the likeliest (twice the logarithm of the likelihood).
+    ``smoother``: what the machine's smoothness says for the likeliest (twice the logarithm of the likelihood). ``apart_um``: by how much
+    the machines differ over the volume that the explanations make of the readings (rms, the furthest from the likeliest).
     """
 
     hypotheses: Sequence[Hypothesis] = ()
     wanders: Sequence[Wander] = ()
     smoother: float = 0.0
+    apart_um: float = 0.0
 
     @property
     def decided(self) -> bool:
@@ -94,6 +99,17 @@ def _likeliest(fit: MixedFit, columns: Columns, every: Sequence[Hypothesis]) -> 
     return Suspicion(hypotheses=[every[place] for place in equal], smoother=float(smoother[best]))
 
 
+def with_apart(suspicion: Suspicion, columns: Columns, volume: Volume, chain: str) -> Suspicion:
+    """Return a suspicion with how far its explanations are apart."""
+    if suspicion.decided or not suspicion.hypotheses:
+        return suspicion
+    wanted = quantities(columns, volume)
+    apart = np.array([one.without - suspicion.hypotheses[0].without for one in suspicion.hypotheses[1:]])
+    off = wanted.combination.times(apart.T)
+    square = np.sum(off * (volumetric_weight(wanted, volume, chain) @ off), axis=0)
+    return replace(suspicion, apart_um=float(np.sqrt(max(np.max(square), 0.0))))
+
+
 def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:
     """Return the weights without the one wrong stop, or with every possible one as uncertain as the contradiction is large."""
     lowered = weight.copy()
@@ -135,6 +151,9 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
     named = ", ".join(_words(layout, one) for one in suspicion.hypotheses)
     if kinds == {STOP}:
         text = f"one of these stops is wrong, the data do not say which, and all count little: {named}; repeat one of these passes"
+        if suspicion.apart_um > APART_UM:
+            text = f"{text} before anything is compensated: over the volume it makes {suspicion.apart_um:.2g} um which one it is"
+            return Finding(code="stop-outlier-ambiguous", severity="error", text=text)
         return Finding(code="stop-outlier-ambiguous", severity="warning", text=text)
     code = "setup-scale" if kinds <= {SCALE, WARMING} else "contradiction-ambiguous"
     text = f"one of these is wrong and the data do not say which: {named}; measure these setups again before anything is compensated"

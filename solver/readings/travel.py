@@ -11,6 +11,8 @@ from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.readings.readings import PassKey, Readings
 
 ROUTE_TOLERANCE_MM = 0.05
+STOP_TOLERANCE_MM = 0.2
+"""Recording takes a machine within 0.1 mm of a stop to stand at it (a program written with one decimal); a step has two ends."""
 LASER_TOLERANCE = 0.1
 """The travel of the laser agrees with the nominal travel within a tenth: far beyond any machine error, far below a wrong unit."""
 
@@ -58,7 +60,7 @@ def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume
     corner = np.flatnonzero(stop % len(moved) == 0)
     ideal = np.array(volume.size_mm) * (stop[corner] // len(moved))[:, None] / steps
     off = np.abs(np.abs(position[corner] - position[0]) - ideal)[:, moved]
-    if np.max(off) > ROUTE_TOLERANCE_MM:
+    if np.max(off) > STOP_TOLERANCE_MM:
         worst = int(corner[np.argmax(off.max(axis=1))])
         raise DataError(
             f"{where}, stop {stop[worst]}",
@@ -73,7 +75,7 @@ def _check_ends(setup: Setup, position: Vector, signs: NDArray[np.int64], volume
     if setup.kind != "body":
         return
     travel = position[-1] - position[0]
-    if np.max(np.abs(travel - signs * np.array(volume.size_mm))) > ROUTE_TOLERANCE_MM:
+    if np.max(np.abs(travel - signs * np.array(volume.size_mm))) > STOP_TOLERANCE_MM:
         found = "X, Y, Z by " + ", ".join(f"{value:g}" for value in travel) + " mm"
         raise DataError(where, expected="travel from corner to corner of the box", found=found)
 

@@ -122,8 +122,8 @@ class Timeline:
             value = value + np.where(swing, 5e-3 * np.exp(-since / 0.03) * np.sin(150 * since), 0.0)
         return value
 
-    def laser(self):
-        """Return chunks of lines ``counter position beam`` as a reader thread would hand them over."""
+    def columns(self):
+        """Return the samples as the instrument makes them: times in s, readings in mm, strength of the beam."""
         rng = np.random.default_rng(self.seed)
         t = np.arange(0, self.duration, 1 / self.rate_hz)
         value = self.reading(t) + rng.normal(0, self.noise_um * 1e-3, len(t))
@@ -133,6 +133,12 @@ class Timeline:
             value = value + self.lost_mm * (t >= begin)
         for moment in self.zeroed_at:
             value = value - np.interp(moment, t, value) * (t >= moment)
+        return t, value, beam
+
+    def laser(self):
+        """Return chunks of lines ``counter position beam`` as a reader thread would hand them over."""
+        t, value, beam = self.columns()
+        rng = np.random.default_rng(self.seed + 2)
         chunks, arrivals = [], np.maximum.accumulate(t + 0.001 + rng.exponential(3e-4, len(t)))
         pick = 0
         while pick < len(t):
