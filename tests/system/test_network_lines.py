@@ -64,6 +64,18 @@ def test_a_board_behind_a_terminal_server_is_read_as_if_it_were_plugged_in(tmp_p
         drive_and_replay(place)
 
 
+def test_modbus_rtu_behind_a_terminal_server_records_a_whole_survey(tmp_path):
+    """The control's serial line comes over the network as plain bytes; every pass is whole, the replay the same."""
+    with hall(tmp_path, transport="rtu", poll_hz=40.0, handshake=True, dwell=0.5) as place:
+        line = str(tmp_path / "devices" / "plc")
+        with terminal_server(line, "socket") as name:
+            text = place.survey.read_text()
+            assert f'serial_port = "{line}"' in text
+            place.survey.write_text(text.replace(f'serial_port = "{line}"', f'serial_port = "{name}"\ntimeout_s = 5.0'))
+            drive_and_replay(place)
+        nothing_silently_wrong(place)
+
+
 def test_check_quotes_frames_that_never_match(tmp_path):
     """Another instrument on the port: no reading, and the bytes are shown."""
     with hall(tmp_path, **frames("little")) as place:
