@@ -185,12 +185,15 @@ class StreamBuffer:
         return np.concatenate([np.zeros(0, dtype=np.uint16), *parts])
 
     def _around(self, from_ns: float, to_ns: float) -> list[tuple[Samples, SampleClock]]:
+        """Return the batches that may hold samples of a span, from the newest back: what is asked for has mostly just come."""
         self._settle()
-        return [
-            (batch, clock)
-            for batch, clock in self._batches
-            if batch.arrival_ns[-1] >= from_ns and batch.arrival_ns[0] <= to_ns + ARRIVAL_SLACK_NS
-        ]
+        chosen = []
+        for batch, clock in reversed(self._batches):
+            if batch.arrival_ns[-1] < from_ns:
+                break
+            if batch.arrival_ns[0] <= to_ns + ARRIVAL_SLACK_NS:
+                chosen.append((batch, clock))
+        return chosen[::-1]
 
     def _settle(self) -> None:
         """Decode what waits."""

@@ -11,7 +11,7 @@ from stepdiag.demo.files import SETUPS
 from stepdiag.demo.processes import Talker, talking
 from stepdiag.solver.errors import DataError, DeviceError
 
-READY_S = 60.0
+READY_S = 120.0
 SILENCE_S = 120.0
 """The longest that is waited for the next word of the daemon."""
 HAND_S = 1.0

@@ -12,7 +12,7 @@ from threading import Thread
 
 from stepdiag.solver.errors import DeviceError
 
-END_S = 20.0
+END_S = 120.0
 """How long a process may take to end in good order."""
 
 
@@ -29,7 +29,7 @@ class Talker:
         try:
             line = self.lines.get(timeout=timeout_s)
         except Empty as silence:
-            raise DeviceError(what, expected="a word within a minute", found="silence") from silence
+            raise DeviceError(what, expected=f"a word within {timeout_s:g} s", found="silence") from silence
         if line is None:
             raise DeviceError(what, expected="a process that runs", found=f"one that ended with {self.process.wait()}")
         try:

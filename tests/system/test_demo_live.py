@@ -24,14 +24,14 @@ def test_a_hand_in_the_beam_is_seen_on_the_page(tmp_path):
     environment = {**os.environ, "PYTHONUNBUFFERED": "1"}
     with subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment) as demo:
         address = next(line for line in demo.stdout if line.startswith("The page: ")).split()[-1]
-        with urllib.request.urlopen(f"{address}/stream", timeout=60) as stream:
+        with urllib.request.urlopen(f"{address}/stream", timeout=200) as stream:
             demo.stdin.write("\n")
             demo.stdin.flush()
             until_stage(stream, "drive")
             demo.stdin.write("b")
             demo.stdin.flush()
             until_stage(stream, "trouble")
-        said, _ = demo.communicate("q", timeout=60)
+        said, _ = demo.communicate("q", timeout=200)
     assert "hold a hand into the beam" in said
     assert demo.returncode == 0
     assert list((tmp_path / "demo" / "demo" / "0001").glob("*.mcap*")), "what was recorded stays"

@@ -41,7 +41,7 @@ def run_with(tmp_path, faults, *, ends=None, **options):
             place.start_setups()
             said = []
             while sum(each["event"] == "pass-ended" for each in said) < (ends or len(setups)):
-                said.append(process.next(30.0, "daemon"))
+                said.append(process.next(120.0, "daemon"))
         book = nothing_silently_wrong(place)
         told = stepdiag("status", place.survey).out
     return book, said, told

@@ -441,10 +441,10 @@ def daemon(survey: Path) -> Iterator[Path]:
         yield log
     finally:
         process.terminate()
-        assert process.wait(30.0) == 0, log.read_text(errors="replace")
+        assert process.wait(120.0) == 0, log.read_text(errors="replace")
 
 
-def until(done: Callable[[], bool], log: Path, timeout_s: float = 60.0) -> None:
+def until(done: Callable[[], bool], log: Path, timeout_s: float = 200.0) -> None:
     ends_s = time.monotonic() + timeout_s
     while not done():
         assert time.monotonic() < ends_s, log.read_text(errors="replace")[-4000:]

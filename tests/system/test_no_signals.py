@@ -58,7 +58,7 @@ def ordered(port, token, name, **arguments):
 def begin_and_start(place, setups):
     """Begin each setup at the terminal, then start its program at the machine, until the last has ended."""
     for setup in (*setups, ""):
-        while place.bench.next(60.0, "bench")["event"] not in ("waiting", "finished"):
+        while place.bench.next(300.0, "bench")["event"] not in ("waiting", "finished"):
             pass
         if setup:
             code, _, said = stepdiag("begin", place.survey, setup)
@@ -107,7 +107,7 @@ def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
 def test_a_killed_daemon_asks_for_the_pass_from_its_beginning(tmp_path):
     with hall(tmp_path, setups=("ppp",), dwell=8.0, **QUIET) as place:
         with daemon(place.survey, wait_for=("laser",)) as process:
-            assert place.bench.next(60.0, "bench")["event"] == "waiting"
+            assert place.bench.next(300.0, "bench")["event"] == "waiting"
             assert stepdiag("begin", place.survey, "ppp")[0] == 0
             place.bench.say("start")
             until(process, "stop", stop=2)
@@ -164,7 +164,7 @@ def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
     telling = f"[laser.qudis]\nmarker = true\n{FIXED}"
     options = {"laser": "qudis", "laser_bench": 'wire = "tcp"\n', "laser_survey": telling, "silent": True, "patient": False}
     with hall(tmp_path, setups=("ppp",), back=True, **options) as place, daemon(place.survey, wait_for=("laser",)) as process:
-        assert place.bench.next(60.0, "bench")["event"] == "waiting"
+        assert place.bench.next(300.0, "bench")["event"] == "waiting"
         assert stepdiag("begin", place.survey, "ppp")[0] == 0
         place.bench.say("start")
         said = until(process, "pass-ended", reason="ppp back: stop 6 has gone by")

@@ -36,7 +36,7 @@ from testkit.machines import profile_text
 from testkit.timeline import Timeline, diagonal, survey_text
 
 RATE_HZ = 100.0
-SURVEY = survey_text(setups=("ppp",), n=1, dwell=0.5).replace("rate_hz = 500.0", f"rate_hz = {RATE_HZ}")
+SURVEY = survey_text(setups=("ppp",), n=1, dwell=0.5).replace("rate_hz = 250.0", f"rate_hz = {RATE_HZ}")
 SURVEY += '[[export]]\ncontroller = "neutral"\nprofile = "p.toml"\n[solver]\nangles = "a.csv"\n'
 PROFILE = profile_text("neutral", steps_mm=(100.0, 100.0, 50.0), references_mm=(0.0, 0.0, 0.0), direction="mean")
 FILES = {"p.toml": PROFILE.encode(), "a.csv": b"axis,position_mm,EA_urad,EB_urad,EC_urad\nx,0,0,0,0\nx,300,1,2,3\n"}

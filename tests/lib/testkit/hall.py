@@ -99,7 +99,7 @@ class Hall:
         """Start every setup as soon as the bench waits for it; return when the program has finished (or after some)."""
         begun = 0
         while True:
-            event = self.bench.next(60.0, "bench")["event"]
+            event = self.bench.next(300.0, "bench")["event"]
             if event == "finished" or (stop_after is not None and begun == stop_after):
                 return
             if event == "waiting" and begun < len(self.setups):
@@ -156,7 +156,7 @@ def hall(
     command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(bench_file), "--directory", str(folder / "devices"))
     with talking(command, errors=False) as bench:
         go_first(bench.process)
-        ready = bench.next(20.0, "bench")
+        ready = bench.next(120.0, "bench")
         if silent:
             plc = 'transport = "none"'
         elif transport == "tcp":

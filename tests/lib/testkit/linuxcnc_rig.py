@@ -126,7 +126,7 @@ class Control:
         """Return the newest state."""
         return self.wait_for(lambda state: True)
 
-    def wait_for(self, wanted: Callable[[State], bool], timeout_s: float = 60.0) -> State:
+    def wait_for(self, wanted: Callable[[State], bool], timeout_s: float = 200.0) -> State:
         """Return the first state from now on that is wanted. Raises AssertionError when the control fails or time is up."""
         with self._changed:
             ready = self._changed.wait_for(lambda: self._failure or (self._state is not None and wanted(self._state)), timeout_s)

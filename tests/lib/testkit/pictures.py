@@ -30,7 +30,7 @@ def draw(folder: Path) -> None:
         page.goto(f"http://127.0.0.1:{port}")
         expect(page.locator("body")).to_have_attribute("data-stage", "set-up", timeout=20_000)
         _take(page, folder, "align", screen="next")
-        while place.bench.next(60.0, "bench")["event"] != "waiting":
+        while place.bench.next(300.0, "bench")["event"] != "waiting":
             pass
         place.bench.say("start")
         expect(page.locator("#lead")).to_contain_text(re.compile("stop [2-6] of"), timeout=60_000)

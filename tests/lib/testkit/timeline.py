@@ -29,7 +29,7 @@ compensated = true
 pattern = '(?P<counter>\\d+) (?P<position>-?\\d+\\.\\d+) (?P<beam>\\d\\.\\d+)'
 counter_modulus = 65536
 beam_threshold = 0.2
-rate_hz = 500.0
+rate_hz = 250.0
 [plc]
 poll_hz = 40
 {signals}
@@ -84,7 +84,7 @@ class Timeline:
 
     stops: list
     seed: int = 0
-    rate_hz: float = 500.0
+    rate_hz: float = 250.0
     poll_hz: float = 40.0
     move_s: float = 0.5
     noise_um: float = 0.2
@@ -142,7 +142,7 @@ class Timeline:
         chunks, arrivals = [], np.maximum.accumulate(t + 0.001 + rng.exponential(3e-4, len(t)))
         pick = 0
         while pick < len(t):
-            size = int(rng.integers(1, 9))
+            size = int(rng.integers(1, 10))
             lines = "".join(f"{(k + 65000) % 65536} {value[k]:.6f} {beam[k]:.2f}\r\n" for k in range(pick, min(pick + size, len(t))))
             last = min(pick + size, len(t)) - 1
             chunks.append(Chunk("laser", int(arrivals[last] * 1e6) * 1000, lines.encode()))

@@ -1,17 +1,24 @@
 """Wrong stops: found, named, and without effect on the result beyond its uncertainty."""
 
 from dataclasses import replace
+from functools import cache
 
 import numpy as np
 import pytest
 
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import Readings
-from testkit.surveys import DIAGONALS, LINEAR, Bench
+from testkit.surveys import DIAGONALS, LINEAR, SOLVED, Bench, solved
 
 FULL = (*DIAGONALS, *LINEAR)
-CLEAN = {setups: (Bench(seed=2).survey(setups), solve(Bench(seed=2).survey(setups))) for setups in (FULL, DIAGONALS)}
 PICKED = [*range(0, 31, 3), *range(32, 62, 7), *range(63, 93, 7), *range(94, 124, 7), *range(124, 157, 4)]
+
+
+@cache
+def clean(setups):
+    """Return good readings and their result."""
+    readings = Bench(seed=2).survey(setups)
+    return readings, solve(readings)
 
 
 def spoiled(readings: Readings, row: int, error_um: float) -> Readings:
@@ -38,7 +45,7 @@ def moved(before, after) -> tuple[float, float]:
 
 @pytest.mark.parametrize(("error_um", "rows"), [(8.0, PICKED[::3]), (-8.0, PICKED[1::3]), (5000.0, PICKED[2::3])], ids=["8", "-8", "5000"])
 def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um, rows):
-    readings, before = CLEAN[FULL]
+    readings, before = clean(FULL)
     for row in rows:
         after = solve(spoiled(readings, row, error_um))
         texts = [finding.text for finding in after.findings if finding.code.startswith("stop-outlier")]
@@ -50,7 +57,7 @@ def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um, rows)
 
 def test_five_millimetres_on_four_diagonals_alone_are_found_and_harmless():
     """One pass of four diagonals checks a stop through one other stop only: smoothness tells which is wrong."""
-    readings, before = CLEAN[DIAGONALS]
+    readings, before = clean(DIAGONALS)
     for row in range(0, 124, 11):
         after = solve(spoiled(readings, row, 5000.0))
         texts = [finding.text for finding in after.findings if finding.code == "stop-outlier"]
@@ -62,7 +69,7 @@ def test_five_millimetres_on_four_diagonals_alone_are_found_and_harmless():
 
 def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_of_several():
     """One pass of four diagonals: smoothness decides, and where it does not, every candidate is said."""
-    readings, before = CLEAN[DIAGONALS]
+    readings, before = clean(DIAGONALS)
     named = 0
     for row in range(4, 120, 20):
         after = solve(spoiled(readings, row, 4.0))
@@ -78,7 +85,7 @@ def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_o
 
 
 def test_a_wrong_first_stop_is_named_although_all_others_are_relative_to_it():
-    readings, before = CLEAN[FULL]
+    readings, before = clean(FULL)
     reading = np.where(np.array(readings.setup) == "pnp", readings.reading_mm - 0.05, readings.reading_mm)
     reading[name_index(readings, "pnp", 0)] = 0.0
     after = solve(replace(readings, reading_mm=reading))
@@ -90,14 +97,15 @@ def name_index(readings: Readings, setup: str, stop: int) -> int:
     return next(row for row in range(len(readings)) if readings.setup[row] == setup and readings.stop[row] == stop)
 
 
+@pytest.mark.xdist_group(SOLVED)
 def test_good_surveys_are_left_alone():
-    codes = [finding.code for seed in range(16) for finding in solve(Bench(seed=seed).survey()).findings]
+    codes = [finding.code for seed in range(12) for finding in solved(seed).findings]
     assert sum(code.startswith("stop-outlier") for code in codes) <= 1
     assert "too-many-outliers" not in codes
 
 
 def test_two_wrong_stops_are_both_found():
-    readings, before = CLEAN[FULL]
+    readings, before = clean(FULL)
     after = solve(spoiled(spoiled(readings, 11, 8.0), 70, -2000.0))
     texts = " ".join(finding.text for finding in after.findings if finding.code.startswith("stop-outlier"))
     assert name_of(readings, 11) in texts
@@ -106,7 +114,7 @@ def test_two_wrong_stops_are_both_found():
 
 
 def test_a_setup_that_went_wrong_as_a_whole_is_not_mended_stop_by_stop():
-    readings, _ = CLEAN[FULL]
+    readings, _ = clean(FULL)
     wrong = np.array(readings.setup) == "npp"
     noise = np.random.default_rng(0).normal(scale=0.03, size=len(readings))
     after = solve(replace(readings, reading_mm=readings.reading_mm + np.where(wrong, noise, 0.0)))

@@ -16,7 +16,7 @@ from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.virtual.physics.error_functions import Smooth
 from testkit.rigid import Hall, RandomMachine, drive
-from testkit.surveys import DATA, DIAGONALS, LINEAR, Bench, golden_rows, golden_shapes
+from testkit.surveys import DATA, DIAGONALS, LINEAR, SOLVED, Bench, golden_rows, golden_shapes, solved
 
 SEEDS = range(12)
 
@@ -71,16 +71,11 @@ def left_um(bench, result):
 
 
 def rms_over_seeds(**options):
-    angled = options.get("angle_urad", 0.0) > 0
-    pairs = []
-    for seed in SEEDS:
-        bench = Bench(seed=seed, **options)
-        pairs.append(
-            left_um(bench, solve(bench.survey(), chain=CHAINS[bench.chain], angles=bench.angles(1.0, seed=seed) if angled else None))
-        )
+    pairs = [left_um(Bench(seed=seed, **options), solved(seed, **options)) for seed in SEEDS]
     return np.sqrt(np.mean(pairs, axis=0))
 
 
+@pytest.mark.xdist_group(SOLVED)
 def test_four_diagonals_and_three_linear_runs():
     """At most 0.95 um of 11.7 um: 0.3 um noise (linear 0.2), mirror and beam 0.5 mrad out in different directions."""
     after, before = rms_over_seeds()
@@ -88,8 +83,15 @@ def test_four_diagonals_and_three_linear_runs():
     assert after < 0.85
 
 
+@pytest.mark.xdist_group(SOLVED)
+def test_angular_errors_known_to_one_microradian():
+    """At most 1.0 um of 12.2 um with 10 urad angular errors."""
+    after, before = rms_over_seeds(angle_urad=10.0)
+    assert before > 10.0
+    assert after < 0.95
+
+
 CHAINS = {
-    "FXYZ": "FXYZ",
     "XFYZ": "[w X' b Y Z t]",
     "XYFZ": "XYFZ",
     "XYZF": "XYZF",
@@ -100,9 +102,11 @@ CHAINS = {
 
 
 @pytest.mark.parametrize("chain", CHAINS)
-def test_angular_errors_known_to_one_microradian(chain):
-    """At most 1.0 um of 12.2 um with 10 urad angular errors, on every chain."""
-    after, before = rms_over_seeds(angle_urad=10.0, chain=chain)
+def test_angular_errors_are_known_as_well_on_every_chain(chain):
+    """As well as twelve machines of the usual chain, on three of each other one: a wrong arm costs micrometres (next test)."""
+    benches = [Bench(seed=seed, angle_urad=10.0, chain=chain) for seed in range(3)]
+    pairs = [left_um(bench, solve(bench.survey(), chain=CHAINS[chain], angles=bench.angles(1.0, seed=bench.seed))) for bench in benches]
+    after, before = np.sqrt(np.mean(pairs, axis=0))
     assert before > 10.0
     assert after < 0.95
 
@@ -132,25 +136,29 @@ def scores(bench, result):
     return found
 
 
+@pytest.mark.xdist_group(SOLVED)
+@pytest.mark.parametrize("options", [{}, {"angle_urad": 10.0}])
+def test_stated_uncertainties_of_the_usual_survey_hold_the_truth(options):
+    assert_held([score for seed in range(12) for score in scores(Bench(seed=seed, **options), solved(seed, **options))])
+
+
+def assert_held(found):
+    """k = 2 holds the truth in 93 to 99.5 %: these machines neither drift nor warm up, which the usual assumptions allow for."""
+    assert 0.93 < np.mean(np.abs(found) < 2.0) < 0.995
+    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(0.85, abs=0.2)
+
+
 @pytest.mark.parametrize(
     ("setups", "options"),
     [
-        ((*DIAGONALS, *LINEAR), {}),
         (DIAGONALS, {}),
         ((*DIAGONALS, *LINEAR), {"size_mm": (2000.0, 300.0, 600.0), "increments": 7, "origin_mm": (-900.0, 0.0, 100.0)}),
         ((*DIAGONALS, *LINEAR), {"states_u": False}),
-        ((*DIAGONALS, *LINEAR), {"angle_urad": 10.0}),
     ],
 )
 def test_stated_uncertainties_hold_the_truth(setups, options):
-    """k = 2 holds the truth in 93 to 99.5 %: these machines neither drift nor warm up, which the usual assumptions allow for."""
-    found = []
-    for seed in range(12):
-        bench = Bench(seed=seed, **options)
-        angles = bench.angles(1.0, seed=seed) if "angle_urad" in options else None
-        found += scores(bench, solve(bench.survey(setups), angles=angles))
-    assert 0.93 < np.mean(np.abs(found) < 2.0) < 0.995
-    assert np.sqrt(np.mean(np.square(found))) == pytest.approx(0.85, abs=0.2)
+    benches = [Bench(seed=seed, **options) for seed in range(12)]
+    assert_held([score for bench in benches for score in scores(bench, solve(bench.survey(setups)))])
 
 
 def test_estimates_reach_the_cramer_rao_bound():

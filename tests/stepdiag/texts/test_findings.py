@@ -3,6 +3,7 @@
 import ast
 import re
 from collections.abc import Iterator
+from functools import cache
 from pathlib import Path
 
 import pytest
@@ -12,6 +13,7 @@ from stepdiag.texts.texts import LANGUAGES, catalogue, finding_advice
 ROOT = Path(__file__).parents[3]
 SOURCES = ("solver", "exporters", "daq", "stepdiag")
 SAYING = frozenset({"Finding", "SafetyError", "finding", "_error", "_warning", "_note", "_remark"})
+pytestmark = pytest.mark.xdist_group("codes")  # the sources are read once
 KEBAB = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+")
 
 
@@ -20,8 +22,13 @@ def documented() -> list[str]:
     return re.findall(r"^\| `([a-z0-9-]+)` \|", (ROOT / "docs" / "findings.md").read_text(encoding="utf-8"), re.MULTILINE)
 
 
-def said() -> Iterator[tuple[str, str]]:
-    """Yield (code, file) for every code written out where a finding or a refusal is made."""
+@cache
+def said() -> tuple[tuple[str, str], ...]:
+    """Return (code, file) for every code written out where a finding or a refusal is made."""
+    return tuple(_said())
+
+
+def _said() -> Iterator[tuple[str, str]]:
     for path in (path for folder in SOURCES for path in sorted((ROOT / folder).rglob("*.py"))):
         for call in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(call, ast.Call) and _name(call.func) in SAYING:
