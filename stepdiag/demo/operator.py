@@ -14,6 +14,8 @@ from stepdiag.solver.errors import DataError, DeviceError
 READY_S = 120.0
 SILENCE_S = 120.0
 """The longest that is waited for the next word of the daemon."""
+SOLVING_S = 900.0
+"""And where it solves: it gives way to everything else, and on a busy computer that is most of the time."""
 HAND_S = 1.0
 """A person starts the program when everything is seen to run, not within the daemon's first milliseconds."""
 SETTLED_S = 2.0
@@ -113,7 +115,7 @@ def words(
 ) -> Iterator[dict[str, str]]:
     """Yield what the daemon says while the operator works, as long as ``go_on`` says so.
 
-    Raises DeviceError where the daemon says nothing for ``silence_s``.
+    Raises DeviceError where the daemon says nothing for ``silence_s``, or for `SOLVING_S` while it solves.
     """
     waits_for, heard = "nothing", time.monotonic()
     while go_on():
@@ -124,9 +126,9 @@ def words(
             operator.heard()
             waits_for = said["what"] if said["event"] == "waiting" else waits_for
             yield said
-        elif time.monotonic() - heard > silence_s:
+        elif (silent_s := time.monotonic() - heard) > (max(silence_s, SOLVING_S) if waits_for == "solving" else silence_s):
             raise DeviceError(
-                "stepdiag run", expected="a complete survey", found=f"silence for {silence_s:.0f} s; it waits for: {waits_for}"
+                "stepdiag run", expected="a complete survey", found=f"silence for {silent_s:.0f} s; it waits for: {waits_for}"
             )
         else:
             time.sleep(LOOK_S)
