@@ -1,8 +1,14 @@
-"""How the property tests draw: the same examples in every `make test`, new ones with ``--hypothesis-profile explore``."""
+"""How the property tests draw: the same examples in every `make test`, new ones with ``--hypothesis-profile explore``.
+
+And what one process does, one after the other, where several share the tests: pytest-xdist 3.8 reads its own mark ``xdist_group`` no more
+with pytest 9.2, without a word.
+"""
 
 import os
 
+import pytest
 from hypothesis import HealthCheck, Phase, settings
+from xdist.scheduler import LoadScopeScheduling
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, and before numpy is loaded
 
@@ -13,3 +19,27 @@ settings.register_profile("explore", derandomize=False, deadline=None, print_blo
 # of a changed program only whether a test notices it is asked (tools/mutants): few examples, and none made smaller
 settings.register_profile("mutants", settings.get_profile("steady"), max_examples=25, phases=[Phase.explicit, Phase.generate])
 settings.load_profile("steady")
+
+TOGETHER = {
+    "there is one Debian to boot": ("tests/system/test_deb.py", "tests/system/test_systemd_boot.py", "tests/system/test_unit_elsewhere.py"),
+    "the sources are read once": ("tests/stepdiag/texts/test_findings.py",),
+    "usual surveys are solved once (testkit.surveys.solved)": (
+        "tests/solver/methods/test_estimate.py::test_four_diagonals_and_three_linear_runs",
+        "tests/solver/methods/test_estimate.py::test_angular_errors_known_to_one_microradian",
+        "tests/solver/methods/test_estimate.py::test_stated_uncertainties_of_the_usual_survey",
+        "tests/solver/adjustment/test_robustness.py::test_good_surveys_are_left_alone",
+    ),
+}
+"""Beginnings of the names of tests that one process runs."""
+
+
+class Together(LoadScopeScheduling):
+    """Each test goes to whoever is free, but for those of `TOGETHER`."""
+
+    def _split_scope(self, nodeid: str) -> str:
+        return next((why for why, names in TOGETHER.items() if nodeid.startswith(names)), nodeid)
+
+
+@pytest.hookimpl(tryfirst=True, optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    return Together(config, log) if config.getvalue("dist") == "loadgroup" else None

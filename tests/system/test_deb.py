@@ -11,7 +11,7 @@ import pytest
 from testkit.boot import CHECKOUT, as_root, built_wheel, debian_root
 from testkit.surveys import DATA
 
-pytestmark = [pytest.mark.system, pytest.mark.xdist_group("debian-root"), pytest.mark.timeout(600)]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
 MACHINES = {"amd64": 62, "arm64": 183}
 """``e_machine`` of an ELF file (elf.h): EM_X86_64, EM_AARCH64."""

@@ -11,7 +11,7 @@ import pytest
 from testkit.boot import as_root, booted, debian_root, install_units, install_wheel, write
 from testkit.hall import hall
 
-pytestmark = [pytest.mark.system, pytest.mark.xdist_group("debian-root")]
+pytestmark = pytest.mark.system
 
 UNIT = "stepdiag@hall.service"
 RECORDED = "/var/lib/stepdiag/hall"

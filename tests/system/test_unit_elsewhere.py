@@ -4,7 +4,7 @@ import pytest
 
 from testkit.boot import as_root, booted, built_wheel, debian_root, write
 
-pytestmark = [pytest.mark.system, pytest.mark.xdist_group("debian-root")]
+pytestmark = pytest.mark.system
 
 UNIT = "stepdiag@alone.service"
 SURVEY = """

@@ -159,10 +159,7 @@ class Bench:
 def solved(seed: int, angle_urad: float = 0.0) -> Result:
     """Return the result of the usual survey, four diagonals and three linear runs, of ``Bench(seed=seed, angle_urad=angle_urad)``.
 
-    Angular errors are known to 1 urad. Tests that ask for many of these belong to the group `SOLVED`, so that one process solves them once.
+    Angular errors are known to 1 urad. Tests that ask for many of these stand in `TOGETHER` (tests/conftest.py): one process solves them.
     """
     bench = Bench(seed=seed, angle_urad=angle_urad)
     return solve(bench.survey(), angles=bench.angles(1.0, seed=seed) if angle_urad else None)
-
-
-SOLVED = "solved surveys"

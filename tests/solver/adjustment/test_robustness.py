@@ -8,7 +8,7 @@ import pytest
 
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import Readings
-from testkit.surveys import DIAGONALS, LINEAR, SOLVED, Bench, solved
+from testkit.surveys import DIAGONALS, LINEAR, Bench, solved
 
 FULL = (*DIAGONALS, *LINEAR)
 PICKED = [*range(0, 31, 3), *range(32, 62, 7), *range(63, 93, 7), *range(94, 124, 7), *range(124, 157, 4)]
@@ -97,7 +97,6 @@ def name_index(readings: Readings, setup: str, stop: int) -> int:
     return next(row for row in range(len(readings)) if readings.setup[row] == setup and readings.stop[row] == stop)
 
 
-@pytest.mark.xdist_group(SOLVED)
 def test_good_surveys_are_left_alone():
     codes = [finding.code for seed in range(12) for finding in solved(seed).findings]
     assert sum(code.startswith("stop-outlier") for code in codes) <= 1

@@ -16,7 +16,7 @@ from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.virtual.physics.error_functions import Smooth
 from testkit.rigid import Hall, RandomMachine, drive
-from testkit.surveys import DATA, DIAGONALS, LINEAR, SOLVED, Bench, golden_rows, golden_shapes, solved
+from testkit.surveys import DATA, DIAGONALS, LINEAR, Bench, golden_rows, golden_shapes, solved
 
 SEEDS = range(12)
 
@@ -75,7 +75,6 @@ def rms_over_seeds(**options):
     return np.sqrt(np.mean(pairs, axis=0))
 
 
-@pytest.mark.xdist_group(SOLVED)
 def test_four_diagonals_and_three_linear_runs():
     """At most 0.95 um of 11.7 um: 0.3 um noise (linear 0.2), mirror and beam 0.5 mrad out in different directions."""
     after, before = rms_over_seeds()
@@ -83,7 +82,6 @@ def test_four_diagonals_and_three_linear_runs():
     assert after < 0.85
 
 
-@pytest.mark.xdist_group(SOLVED)
 def test_angular_errors_known_to_one_microradian():
     """At most 1.0 um of 12.2 um with 10 urad angular errors."""
     after, before = rms_over_seeds(angle_urad=10.0)
@@ -136,7 +134,6 @@ def scores(bench, result):
     return found
 
 
-@pytest.mark.xdist_group(SOLVED)
 @pytest.mark.parametrize("options", [{}, {"angle_urad": 10.0}])
 def test_stated_uncertainties_of_the_usual_survey_hold_the_truth(options):
     assert_held([score for seed in range(12) for score in scores(Bench(seed=seed, **options), solved(seed, **options))])

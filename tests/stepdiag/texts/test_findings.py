@@ -13,7 +13,6 @@ from stepdiag.texts.texts import LANGUAGES, catalogue, finding_advice
 ROOT = Path(__file__).parents[3]
 SOURCES = ("solver", "exporters", "daq", "stepdiag")
 SAYING = frozenset({"Finding", "SafetyError", "finding", "_error", "_warning", "_note", "_remark"})
-pytestmark = pytest.mark.xdist_group("codes")  # the sources are read once
 KEBAB = re.compile(r"[a-z0-9]+(-[a-z0-9]+)+")
 
 
