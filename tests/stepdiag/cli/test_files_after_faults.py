@@ -11,7 +11,7 @@ QUICK = {
     "by -20 um, on the first step",
     "aborted and driven again whole",
     "a stop measured again 55 um off, alone",
-    "100.3 % humidity at one stop",
+    "by 20 um in a run along an axis",
 }
 """One of each kind; `make faults` runs them all."""
 
