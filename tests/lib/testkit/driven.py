@@ -239,7 +239,7 @@ class Folder:
 
 def survey_file(*, size=BOX_MM, n=2, back=False, signals="", setups=SETUPS, compensated=True):
     """Return the survey file of a bench."""
-    text = survey_text(size=size, n=n, setups=setups, back=back, signals=signals).replace("rate_hz = 500.0", f"rate_hz = {RATE_HZ}")
+    text = survey_text(size=size, n=n, setups=setups, back=back, signals=signals, rate_hz=RATE_HZ)
     text = text.replace("compensated = true", f"compensated = {str(compensated).lower()}")
     return text.replace("[laser]", '[machine]\ncompensation = "off"\n[laser]', 1)
 

@@ -29,7 +29,7 @@ compensated = true
 pattern = '(?P<counter>\\d+) (?P<position>-?\\d+\\.\\d+) (?P<beam>\\d\\.\\d+)'
 counter_modulus = 65536
 beam_threshold = 0.2
-rate_hz = 250.0
+rate_hz = {rate}
 [plc]
 poll_hz = 40
 {signals}
@@ -43,10 +43,12 @@ SETUPS = {"ppp": 1, "npp": 2, "pnp": 3, "ppn": 4, "linear-x": 11, "linear-y": 12
 BLOCK = (ReadRange("holding", 0, 14),)
 
 
-def survey_text(*, size=(300.0, 200.0, 100.0), n=3, setups=("ppp",), back=False, dwell=0.8, signals=""):
+def survey_text(*, size=(300.0, 200.0, 100.0), n=3, setups=("ppp",), back=False, dwell=0.8, signals="", rate_hz=250.0):
     """Return a survey file for the timeline."""
     named = ", ".join(f'"{setup}"' for setup in setups)
-    return SURVEY.format(size=", ".join(map(str, size)), n=n, setups=named, back=str(back).lower(), dwell=dwell, signals=signals)
+    return SURVEY.format(
+        size=", ".join(map(str, size)), n=n, setups=named, back=str(back).lower(), dwell=dwell, signals=signals, rate=rate_hz
+    )
 
 
 @dataclass
