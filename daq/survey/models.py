@@ -19,6 +19,9 @@ from stepdiag.solver.geometry.volume import BODY_DIAGONALS, MOST_INCREMENTS, Vol
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]
+Assumed = Annotated[float, Meta(ge=0, le=10_000)]
+Stated = Annotated[float, Meta(gt=0, le=10_000)]
+"""Sizes of causes in um, urad, C or their like: beyond ten millimetres it is no machine, and beyond a hundred metres no sum is exact."""
 Fraction = Annotated[float, Meta(ge=0, lt=1)]
 Text = Annotated[str, Meta(min_length=1)]
 Line = Annotated[
@@ -348,26 +351,26 @@ class Solver(msgspec.Struct, frozen=True, kw_only=True):
 class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What is taken for granted (k = 1 unless a range or a limit is named); the meaning stands in `stepdiag.solver.model.assumptions`."""
 
-    angles_urad: NotNegative = 10.0
-    drift_um: NotNegative = 0.15
-    wander_um: NotNegative = 0.1
-    repeatability_um: NotNegative = 0.1
-    setup_c: NotNegative = 0.02
-    index_ppm: NotNegative = 0.2
-    u_air_temperature_c: NotNegative = 0.0
-    u_air_pressure_hpa: NotNegative = 0.0
-    u_relative_humidity_percent: NotNegative = 0.0
-    u_laser_ppm: NotNegative = 0.0
-    index_setup_ppm: NotNegative = 0.05
-    u_material_c: NotNegative = 0.3
-    u_expansion_um_m_c: NotNegative = 1.0
-    alignment_mrad: NotNegative = 0.5
-    between_um: NotNegative = 0.3
-    reading_um: Positive = 0.3
-    source_shift_um: NotNegative = 1.0
-    shape_um: Positive = 5.0
-    squareness_urad: Positive = 30.0
-    scale_um_m: Positive = 20.0
+    angles_urad: Assumed = 10.0
+    drift_um: Assumed = 0.15
+    wander_um: Assumed = 0.1
+    repeatability_um: Assumed = 0.1
+    setup_c: Assumed = 0.02
+    index_ppm: Assumed = 0.2
+    u_air_temperature_c: Assumed = 0.0
+    u_air_pressure_hpa: Assumed = 0.0
+    u_relative_humidity_percent: Assumed = 0.0
+    u_laser_ppm: Assumed = 0.0
+    index_setup_ppm: Assumed = 0.05
+    u_material_c: Assumed = 0.3
+    u_expansion_um_m_c: Assumed = 1.0
+    alignment_mrad: Assumed = 0.5
+    between_um: Assumed = 0.3
+    reading_um: Stated = 0.3
+    source_shift_um: Assumed = 1.0
+    shape_um: Stated = 5.0
+    squareness_urad: Stated = 30.0
+    scale_um_m: Stated = 20.0
 
 
 class Export(msgspec.Struct, frozen=True, kw_only=True):

@@ -157,7 +157,7 @@ def left_with_head_um(found: Adjustment, spread: Spread, now_um: float) -> dict[
     volume, chain = found.layout.volume, found.design.chain
     place = [effect.name for effect in found.effects].index("angles")
     usual = float(np.mean(found.shapes.range_urad)) * found.sizes.factor[place]
-    factor = np.where(spread.group == place, min(1.0, 2.0 * HEAD_URAD / usual), 1.0)
+    factor = np.where(spread.group == place, 2.0 * HEAD_URAD / max(usual, 2.0 * HEAD_URAD), 1.0)
     sure = replace(found.sizes, sought=found.sizes.sought & (np.arange(len(found.effects)) != place))
     quiet = replace(spread, fit=sized(spread.fit, factor), sizes=sure)
     machine = machine_of(found.design, found.shapes, cause_place(found, "angles"), len(spread.group))

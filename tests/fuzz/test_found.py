@@ -17,6 +17,7 @@ from stepdiag.daq.log.topics import BLOCK_TOPIC, RAW_TOPICS
 from stepdiag.daq.recording.rounds import latest_round, noted_stops, prediction_in, round_folders
 from stepdiag.daq.records.survey_folder import PREDICTION
 from stepdiag.daq.service.completion import complete
+from stepdiag.daq.survey.assumed import parse_uncertainty
 from stepdiag.daq.survey.bundle import bundle_from_run, read_bundle
 from stepdiag.daq.survey.file import load_survey, parse_survey
 from stepdiag.exporters.files.control_file import ControlFile
@@ -35,7 +36,7 @@ from stepdiag.solver.planning.runs import Plan, Run
 from stepdiag.solver.readings.csv_table import read_table
 from stepdiag.solver.readings.readings import parse_readings
 from stepdiag.solver.result.result import parse_result
-from testkit.foreign import page_order
+from testkit.foreign import READINGS, page_order
 from testkit.foreign_logs import SURVEY, contents, log_of, recorded
 from testkit.machines import EOB, MACHINES, profile_of, profile_text
 from testkit.results import VOLUME, made_result
@@ -62,6 +63,19 @@ def test_toml_that_takes_for_ever_or_breaks_the_reader_is_refused(text, found):
     """A dotted name of 100,000 parts took minutes and gigabytes."""
     with pytest.raises(UsageError, match=found):
         read_toml(text, "foreign")
+
+
+@pytest.mark.parametrize("field", ["drift_um", "reading_um"])
+def test_a_cause_larger_than_any_machine_is_refused(field):
+    """A drift of a kilometre divided by zero in the solver."""
+    with pytest.raises(UsageError, match=rf"{field}: expected.*10000"):
+        parse_uncertainty(f"[uncertainty]\n{field} = 1e9\n", "u.toml")
+
+
+def test_a_cause_next_to_nothing_is_solved_with():
+    """Angles of 1e-320 urad overflowed where the head's place was compared with them."""
+    assumed = parse_uncertainty("[uncertainty]\nangles_urad = 1e-320\n", "u.toml")
+    assert solve(parse_readings(READINGS.decode(), "r.csv"), assumed=assumed).errors
 
 
 def test_toml_of_many_dots_that_are_no_names_is_read():
