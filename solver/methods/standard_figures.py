@@ -150,7 +150,7 @@ def _positioning(layout: Layout, found: SetupRuns, assumed: Assumptions, standar
     length_mm = float(np.ptp(found.runs.target_mm))
     up, down = found.runs.up_um, found.runs.down_um
     runs = up.shape[1], up.shape[1] if down is None else down.shape[1]
-    u = expanded_um(figures.numbers(), length_mm, runs, _sources(layout, found, assumed))
+    u = expanded_um(figures.numbers(), length_mm, runs, len(up), _sources(layout, found, assumed))
     lengths = "at 20 C" if assumed.reduced_to_20_c else "as measured"
     return _plain(figures) | {"runs": up.shape[1], "lengths": lengths, "U": u, "U_status": SOURCE_STATUS}
 

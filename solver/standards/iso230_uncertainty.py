@@ -24,10 +24,14 @@ class RunSources:
     environment_um: float
 
 
-def expanded_um(figures: Mapping[str, float], length_mm: float, runs: tuple[int, int], sources: RunSources) -> dict[str, float]:
+def expanded_um(
+    figures: Mapping[str, float], length_mm: float, runs: tuple[int, int], targets: int, sources: RunSources
+) -> dict[str, float]:
     """Return U (k = 2) in um of each figure of ``solver.iso230.PositioningFigures.numbers`` over a length.
 
-    ``runs`` are those upward and downward: a pass that was driven again makes one more of them.
+    ``runs`` are those upward and downward: a pass that was driven again makes one more of them. B is the largest of the reversal values at
+    ``targets`` targets: noise alone raises it, by up to sqrt(2 ln targets) standard uncertainties of one of them (the bound of the expected
+    maximum of normal variables), which counts as a rectangular limit.
     """
     stretch = sources.relative * length_mm * 1e3
     single = float(np.hypot(sources.reading_um, sources.environment_um))
@@ -39,7 +43,7 @@ def expanded_um(figures: Mapping[str, float], length_mm: float, runs: tuple[int,
     of_range = float(np.hypot(stretch, np.sqrt(2.0) * mean))
     u = dict.fromkeys(("E_up", "E_down", "E"), of_range)
     u["M"] = float(np.hypot(stretch, mean))
-    u["B"] = np.sqrt(2.0) * mean
+    u["B"] = np.sqrt(2.0) * mean * np.sqrt(1.0 + 2.0 * np.log(targets) / 3.0)
     u["B_mean"] = np.sqrt(2.0) * mean
     u |= scatter
     if len(scatter) == 2:

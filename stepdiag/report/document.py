@@ -69,6 +69,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "closure": closure_figures(result, words),
         "budget": budget_figures(sections.budget_of(result), _units(result)),
     }
+    standards = _standards(result, layout, readings)
     tables = {
         "facts": certificate.facts_table(result, words),
         "effect": certificate.effect_table(known, left, words),
@@ -78,7 +79,8 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "squareness": sections.squareness_table(result, words),
         "scale": sections.scale_table(result, words),
         "lengths": sections.lengths_table(result, words),
-        "positioning": sections.positioning_table(_standards(result, layout, readings), words),
+        "positioning": sections.positioning_table(standards, words),
+        "vdi": sections.vdi_table(standards, words),
         "head": sections.head_table(result, words),
         "fit": sections.fit_table(result),
         "assumptions": sections.assumptions_table(result),

@@ -171,12 +171,38 @@ def positioning_table(standards: object, words: Mapping[str, str]) -> Table | No
         name: symbol for name, symbol in POSITIONING_FIGURES.items() if any(_figure(facts, name) is not None for facts in first.values())
     }
     rows = [
-        (name, shown(facts.get("standard")), shown(facts.get("runs")), *(_with_u(facts, figure) for figure in known))
+        (name, _standard(facts, words), shown(facts.get("runs")), *(_with_u(facts, figure) for figure in known))
         for name, facts in list(first.items())[:MOST_ROWS]
     ]
     return (
         Table(header=(words["setup"], words["standard"], words["runs"], *(f"{symbol} / µm" for symbol in known.values())), rows=rows)
         if known
+        else None
+    )
+
+
+def _standard(facts: Mapping[str, Any], words: Mapping[str, str]) -> str:
+    """Return the standard of a row, and of which lengths its figures are where that is said."""
+    of = {"as measured": words["figures_as_measured"], "at 20 C": words["figures_at_20_c"]}.get(str(facts.get("lengths")), "")
+    return ", ".join(text for text in (shown(facts.get("standard")), of) if text)
+
+
+VDI_FIGURES = {"P": "P", "Pa": "Pa", "U_max": "U max", "U_mean": "U̅", "Ps_max": "Ps max", "Ps_mean": "P̅s"}
+"""The figures of VDI/DGQ 3441 by their names in `solver.standards.iso230`; its U is the reversal, not an uncertainty."""
+
+
+def vdi_table(standards: object, words: Mapping[str, str]) -> Table | None:
+    """Return the figures of VDI/DGQ 3441 of the runs that have them, one row a run; None where none has."""
+    entries = standards if isinstance(standards, dict) else {}
+    rows = []
+    for name, found in list(entries.items())[:MOST_ROWS]:
+        listed = [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
+        facts = next((one for one in listed if str(one.get("standard")).startswith("VDI")), None)
+        if facts is not None:
+            rows.append((name, shown(facts.get("standard")), *(shown(facts.get(figure), 2) for figure in VDI_FIGURES)))
+    return (
+        Table(header=(words["setup"], words["standard"], *(f"{symbol} / µm" for symbol in VDI_FIGURES.values())), rows=rows)
+        if rows
         else None
     )
 

@@ -1,5 +1,8 @@
 """The figures of the standards as they stand in a result."""
 
+import csv
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -8,7 +11,7 @@ from stepdiag.solver.methods.standard_figures import linear_runs, standards_repo
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import make_readings
-from testkit.surveys import DIAGONALS, Bench
+from testkit.surveys import DATA, DIAGONALS, Bench
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 300.0, 200.0), increments=4)
 
@@ -105,3 +108,67 @@ def test_step_diagonals_are_not_called_iso_230_6():
     assert "diagonals" not in report
     assert "step diagonals" in report["step-diagonals"][0]["standard"]
     assert all("step diagonals" in report[name][0]["standard"] for name in DIAGONALS)
+
+
+def as_readings(name, setup="linear-x"):
+    """Return a public table of runs as the rows of a survey: along X, or along a body diagonal on which all axes move together."""
+    lines = [line for line in (DATA / f"{name}.csv").read_text(encoding="utf-8").splitlines() if not line.startswith(("#", '"#'))]
+    rows = list(csv.DictReader(lines))
+    targets = sorted({float(row["target_mm"]) for row in rows})
+    way = np.ones(3) / np.sqrt(3.0) if setup.startswith("body") else np.eye(3)[0]
+    columns = {key: [] for key in ("setup", "pass_number", "stop", "position_mm", "reading_mm", "zero")}
+    for row in sorted(rows, key=lambda row: (int(row["cycle"]), row["direction"] == "reverse")):
+        back, along = row["direction"] == "reverse", float(row["target_mm"]) - targets[0]
+        stop = targets.index(float(row["target_mm"]))
+        columns["setup"].append(setup)
+        columns["pass_number"].append(2 * int(row["cycle"]) - (not back))
+        columns["stop"].append(len(targets) - 1 - stop if back else stop)
+        columns["position_mm"].append((along * way).tolist())
+        columns["reading_mm"].append(float(row["reference_mm"]) - targets[0])
+        columns["zero"].append(1)
+    return make_readings(**columns), targets[-1] - targets[0]
+
+
+NAMES = {"R_fwd": "R_up", "R_bwd": "R_down", "E_fwd": "E_up", "E_bwd": "E_down", "A_fwd": "A_up", "A_bwd": "A_down"}
+NAMES |= {"Umax": "U_max", "Umean": "U_mean", "Psmax": "Ps_max", "Psmean": "Ps_mean"}
+
+
+@pytest.mark.parametrize("dataset", ["ecmc_11358_axis1", "ecmc_20211110"])
+def test_published_readings_give_the_published_figures_as_runs_of_a_survey(dataset):
+    """tests/data/iso230_2_expected.csv through the door: rows of a linear run in, ISO 230-2 and VDI/DGQ 3441 out, each with U."""
+    readings, length = as_readings(f"iso230_2_{dataset}")
+    box = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(length, 100.0, 100.0), increments=4)
+    report = standards_report(lay_out(readings, volume=box))["linear-x"]
+    iso, vdi = (next(one for one in report if one["standard"].startswith(name)) for name in ("ISO 230-2:2014", "VDI"))
+    with (DATA / "iso230_2_expected.csv").open(encoding="utf-8") as file:
+        rows = [row for row in csv.DictReader(file) if row["dataset"] == dataset]
+    assert len(rows) == 18
+    for row in rows:
+        found = (vdi if row["standard"].startswith("VDI") else iso)[NAMES.get(row["quantity"], row["quantity"])]
+        assert found == pytest.approx(1e3 * float(row["value_mm"]), abs=6e-5), row["quantity"]
+    assert set(iso["U"]) >= {"E", "B", "R", "A", "M"}
+
+
+def test_body_diagonals_are_iso_230_6_and_the_machine_has_the_largest():
+    """The same public readings on four body diagonals: E, B, R, A of each, the largest of them with its U as the machine's."""
+    parts = [as_readings("iso230_2_ecmc_11358_axis1", f"body-{name}") for name in DIAGONALS]
+    side = parts[0][1] / np.sqrt(3.0)
+    mirrored = []
+    for (readings, _), name in zip(parts, DIAGONALS, strict=True):
+        turned = np.array([letter == "n" for letter in name])
+        mirrored.append(replace(readings, position_mm=np.where(turned, side - readings.position_mm, readings.position_mm)))
+    joined = make_readings(
+        setup=[setup for one in mirrored for setup in one.setup],
+        **{
+            key: np.concatenate([getattr(one, key) for one in mirrored])
+            for key in ("pass_number", "stop", "position_mm", "reading_mm", "zero")
+        },
+    )
+    report = standards_report(lay_out(joined, volume=Volume(origin_mm=(0.0,) * 3, size_mm=(side,) * 3, increments=4)))
+    assert "step-diagonals" not in report
+    (machine,) = report["diagonals"]
+    assert machine["standard"] == "ISO 230-6:2002"
+    for name, um in {"E_d": 15.988, "B_d": 4.564, "R_d": 8.3539, "A_d": 18.5713}.items():
+        assert machine[name] == pytest.approx(um, abs=6e-5)
+        assert machine["U"][name] > 0.0
+    assert all(report[f"body-{name}"][0]["E"] == pytest.approx(15.988, abs=6e-5) for name in DIAGONALS)

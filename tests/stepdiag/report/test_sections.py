@@ -1,0 +1,38 @@
+"""Tables of the report that a result fills by itself."""
+
+from dataclasses import replace
+
+import pytest
+
+from stepdiag.report.sections import lengths_table, positioning_table, vdi_table
+from stepdiag.texts.texts import LANGUAGES, catalogue
+from testkit.madeup import made_up_result
+
+SCALES = {axis: {"value": 1.0, "u": 0.5} for axis in "XYZ"}
+WARM = {axis: {"value": 41.95, "u": 0.5} for axis in "XYZ"}
+ISO = {"standard": "ISO 230-2:2014", "lengths": "as measured", "runs": 5, "E": 7.0, "B": 3.0, "U": {"E": 1.0, "B": 0.5}}
+VDI = {"standard": "VDI/DGQ 3441:1977", "P": 7.5, "Pa": 4.0, "U_max": 3.0, "U_mean": 2.9, "Ps_max": 0.4, "Ps_mean": 0.3}
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_lengths_stand_both_ways_and_those_in_the_tables_are_marked(language):
+    words = {**catalogue("common", language), **catalogue("report", language)}
+    extra = {"lengths": {"tables": "at_20_c", "material_c": [23.5] * 3, "at_20_c": SCALES, "as_measured": WARM}}
+    table = lengths_table(replace(made_up_result(), extra=extra), words)
+    assert table.rows[0] == ("X", "41.95 ± 1.00", "1.00 ± 1.00")
+    marked = [words["in_tables"] in heading for heading in table.header]
+    assert marked == [False, False, True]
+    assert lengths_table(made_up_result(), words) is None
+
+
+def test_linear_figures_stand_with_u_and_with_the_lengths_they_are_of():
+    words = {**catalogue("common", "en"), **catalogue("report", "en")}
+    (row,) = positioning_table({"linear-x": [ISO, VDI]}, words).rows
+    assert row == ("linear-x", "ISO 230-2:2014, lengths as measured", "5", "7.00 ± 1.00", "3.00 ± 0.50")
+
+
+def test_vdi_3441_stands_beside_where_a_run_has_it():
+    words = {**catalogue("common", "en"), **catalogue("report", "en")}
+    (row,) = vdi_table({"linear-x": [ISO, VDI], "linear-y": [ISO]}, words).rows
+    assert row == ("linear-x", "VDI/DGQ 3441:1977", "7.50", "4.00", "3.00", "2.90", "0.40", "0.30")
+    assert vdi_table({"linear-y": [ISO], "linear-z": "nonsense"}, words) is None
