@@ -1,6 +1,8 @@
 """Controls in their own protocol: Siemens S7 (the library's server), Heidenhain LSV2 (a server from the public description)."""
 
+import asyncio
 import json
+import math
 import os
 import re
 import signal
@@ -10,9 +12,13 @@ from contextlib import contextmanager
 
 import pytest
 
+from stepdiag.checking.check import Observation, watch
+from stepdiag.checking.diagnosis import diagnose
 from stepdiag.daq.survey.controls import control_section
+from stepdiag.daq.survey.file import parse_survey
 from testkit.controls import s7_control, telegram, tnc_control
 from testkit.hall import daemon, hall, until
+from testkit.survey_files import SMALLEST
 from testkit.survey_runs import drive_and_replay, stepdiag
 from testkit.verdict import nothing_silently_wrong
 
@@ -129,61 +135,72 @@ OTHERS = {
 }
 
 
+def looked_at(name, port, changed=lambda text: text):
+    """Watch a machine as `check` does until something is to be said of it, without any laser; return it and the findings by code."""
+    section = control_section(name, "127.0.0.1").replace("timeout_s = 1.0", f"timeout_s = 1.0\nport = {port}")
+    survey = parse_survey(changed(f"{SMALLEST}[plc]\n{section}"), "s")
+    seen = Observation(survey)
+
+    def until_something_is_said():
+        if (seen.machine.polls or seen.machine.link.detail) and seen.machine.link.state != "connecting":
+            seen.seconds = math.inf
+
+    asyncio.run(watch(seen, 60.0, until_something_is_said))
+    return seen, {each.code: each for each in diagnose(seen)}
+
+
 @pytest.mark.parametrize(("name", "other"), OTHERS, ids=lambda each: getattr(each, "__name__", each))
-def test_another_product_or_another_slot_is_named_by_check_and_in_the_journal(tmp_path, name, other):
-    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, listener(other) as port:
-        place.survey.write_text(with_control(place.survey.read_text(), name, port))
-        code, out, _ = stepdiag("check", place.survey, "--seconds", "3", "--json")
-        found = {each["code"]: each["text"] for each in json.loads(out)["findings"]}
-        assert code == 4
-        assert OTHERS[name, other] in found["machine-unreachable"]
-        with daemon(place.survey, wait_for=("laser",)) as process:
-            assert OTHERS[name, other] in until(process, "link-lost", link="machine")[-1]["detail"]
+def test_another_product_or_another_slot_is_named(name, other):
+    with listener(other) as port:
+        _, found = looked_at(name, port)
+    assert OTHERS[name, other] in found["machine-unreachable"].text
 
 
 @pytest.mark.parametrize("name", CONTROLS)
-def test_half_an_answer_for_ever_and_a_closed_port_are_named(tmp_path, name):
-    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place:
-        text = place.survey.read_text()
-        with listener(drips) as port:
-            place.survey.write_text(with_control(text, name, port))
-            _, out, _ = stepdiag("check", place.survey, "--seconds", "20", "--json")
-        found = {each["code"]: each["text"] for each in json.loads(out)["findings"]}
-        assert "silence, or half an answer" in found["machine-unreachable"] or "something else" in found["machine-unreachable"]
-        _, out, _ = stepdiag("check", place.survey, "--seconds", "1", "--json")
-        found = {each["code"]: each["text"] for each in json.loads(out)["findings"]}
-        assert "nothing listens on this port" in found["machine-unreachable"]
+def test_half_an_answer_for_ever_is_named(name):
+    with listener(drips) as port:
+        _, found = looked_at(name, port)
+    assert "silence" in found["machine-unreachable"].text or "something else" in found["machine-unreachable"].text
 
 
-def test_a_control_that_wants_a_password_is_named(tmp_path):
-    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, tnc_control(password="secret") as control:
-        place.survey.write_text(with_control(place.survey.read_text(), "heidenhain", control.port))
-        code, out, _ = stepdiag("check", place.survey, "--seconds", "2", "--json")
-    found = {each["code"]: each["text"] for each in json.loads(out)["findings"]}
-    assert code == 4
-    assert "wants a password" in found["machine-unreachable"]
+@pytest.mark.parametrize("name", CONTROLS)
+def test_a_closed_port_is_named(name):
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        port = server.getsockname()[1]
+    _, found = looked_at(name, port)
+    assert "nothing listens on this port" in found["machine-unreachable"].text
 
 
-def test_a_data_block_that_is_not_there_is_named(tmp_path):
-    """The words of the program are read all the same; without the axes nobody knows whether the machine stands."""
-    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, s7_control() as control:
-        text = with_control(place.survey.read_text(), "siemens-828d", control.port)
-        place.survey.write_text(text.replace('"db3902"', '"db3912"'))
-        code, out, _ = stepdiag("check", place.survey, "--seconds", "2", "--json")
-    said = json.loads(out)
-    assert code == 4
-    assert "object does not exist" in json.dumps(said)
-    assert said["machine"]["signals"]["setup"] == 0
+def test_a_control_that_wants_a_password_is_named():
+    with tnc_control(password="secret") as control:
+        _, found = looked_at("heidenhain", control.port)
+    assert "wants a password" in found["machine-unreachable"].text
 
 
-def test_answers_that_are_no_memory_are_named(tmp_path):
-    """A TNC whose memory telegrams are shorter than asked for."""
+def test_a_data_block_that_is_not_there_is_named_and_the_others_are_read():
+    """Without the axes nobody knows whether the machine stands: that is an error, not a machine that never stands."""
+    with s7_control() as control:
+        seen, found = looked_at("siemens-828d", control.port, lambda text: text.replace('"db3902"', '"db3912"'))
+    assert found["signal-refused"].severity == "error"
+    assert "fine_z at db3912 0 bit 7" in found["signal-refused"].text
+    assert "object does not exist" in found["signal-refused"].text
+    assert seen.machine.signals.setup == 0
+
+
+def test_answers_that_are_no_memory_are_named():
+    """A TNC whose memory telegrams are shorter than asked for: never a number."""
 
     def short(letters, data):
         return telegram("S_MB", b"\0") if letters == "R_MB" else None
 
-    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, tnc_control(answer=short) as control:
-        place.survey.write_text(with_control(place.survey.read_text(), "heidenhain", control.port))
-        code, out, _ = stepdiag("check", place.survey, "--seconds", "3", "--json")
-    assert code == 4
-    assert "something else" in out
+    with tnc_control(answer=short) as control:
+        seen, found = looked_at("heidenhain", control.port)
+    assert "something else" in found["machine-silent"].text
+    assert seen.machine.polls == 0
+
+
+def test_the_journal_names_it_too(tmp_path):
+    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, listener(web_server) as port:
+        place.survey.write_text(with_control(place.survey.read_text(), "siemens-828d", port))
+        with daemon(place.survey, wait_for=("laser",)) as process:
+            assert "bytes of something else" in until(process, "link-lost", link="machine")[-1]["detail"]

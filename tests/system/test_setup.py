@@ -15,7 +15,7 @@ import pytest
 
 from stepdiag.daq.survey.file import load_survey
 from testkit.cli import stepdiag as quickly
-from testkit.controls import s7_control, tnc_control
+from testkit.controls import s7_control
 from testkit.hall import hall
 from testkit.survey_runs import stepdiag
 
@@ -101,42 +101,23 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         assert code == 0, out + said
 
 
-@pytest.mark.parametrize(("name", "control"), [("siemens-828d", s7_control), ("heidenhain", tnc_control)])
-def test_options_alone_do_the_same_for_a_control_in_its_own_protocol(tmp_path, name, control):
-    file = tmp_path / "mill.toml"
-    with hall(tmp_path) as place, control(modbus_port(place)) as there:
-        reached = ("--host", "127.0.0.1", "--port", there.port, "--control", name)
-        code, out, said = stepdiag("setup", file, "--laser-port", laser_port(place), *reached, *VOLUME)
-        assert code == 0, out + said
-        assert "it is umd" in out
-        assert load_survey(file).plc.tcp_port == there.port
-        written = file.read_bytes()
-        code, _, said = stepdiag("setup", file, "--laser-port", laser_port(place), *reached, *VOLUME)
-        assert (code, file.read_bytes()) == (2, written)
-        assert "found one that exists" in said
-        code, out, said = stepdiag("check", file, "--seconds", "3")
-        assert code == 0, out + said
-
-
-def test_each_protocol_is_tried_and_the_one_that_answers_is_offered(tmp_path):
-    """Somebody who does not know what his control speaks: the other two say why they do not."""
+def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_path):
+    """Somebody who does not know what his control speaks: the other two say why they do not. Nothing is overwritten."""
     file = tmp_path / "mill.toml"
     with hall(tmp_path) as place, s7_control(modbus_port(place)) as there:
         options = ("--laser-port", laser_port(place), "--laser-format", "umd", "--host", "127.0.0.1", "--port", there.port)
         code, out, said = stepdiag("setup", file, *options, *VOLUME)
         assert code == 0, out + said
-    assert load_survey(file).plc.transport == "s7"
-    assert re.search(r"modbus: .*expected", out)
-    assert re.search(r"heidenhain: .*expected", out)
-
-
-def test_a_machine_that_says_nothing_needs_no_control(tmp_path):
-    file = tmp_path / "mill.toml"
-    with hall(tmp_path, silent=True, patient=False, laser_survey='[environment]\nsource = "fixed"\n') as place:
-        code, out, said = stepdiag("setup", file, "--laser-port", laser_port(place), "--host", "none", *VOLUME)
-    assert code == 0, out + said
-    survey = load_survey(file)
-    assert (survey.plc.silent, survey.environment.source) == (True, "fixed")
+        survey = load_survey(file)
+        assert (survey.plc.transport, survey.plc.tcp_port, survey.environment.source) == ("s7", there.port, "fixed")
+        assert re.search(r"modbus: .*expected", out)
+        assert re.search(r"heidenhain: .*expected", out)
+        written = file.read_bytes()
+        done = quickly("setup", file, *options, *VOLUME)
+        assert (done.code, file.read_bytes()) == (2, written)
+        assert "found one that exists" in done.refusal
+        code, out, said = stepdiag("check", file, "--seconds", "3")
+        assert code == 0, out + said
 
 
 def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
@@ -154,5 +135,6 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
         assert (done.code, file.exists()) == (2, False), done
     code, out, _ = stepdiag("setup", file, "--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--host", "none", *VOLUME)
     assert code == 4
-    assert file.exists(), "the answers are kept, and what is missing is said"
+    survey = load_survey(file)
+    assert (survey.plc.silent, survey.environment.source) == (True, "fixed"), "the answers are kept, and what is missing is said"
     assert "ERROR" in out
