@@ -12,7 +12,7 @@ from testkit.brokers import PASSWORD, PATIENCE_S, USER, heard, prepared, running
 from testkit.fleets import finished_survey
 from testkit.foreign_logs import SURVEY
 
-pytestmark = [pytest.mark.system, pytest.mark.timeout(300)]
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
 TOPICS = "works/Mill 7%2F%C3%A4/bench"
 EVERYTHING = {"online", "state", "findings", "result"}

@@ -45,7 +45,7 @@ def install_in_a_home(folder):
     return root
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_a_python_in_a_home_runs_and_nothing_else_of_it_is_seen(tmp_path):
     root = install_in_a_home(tmp_path)
     with booted(root, "stepdiag-home") as system:
