@@ -67,7 +67,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "field": field_figures(result, correction, words),
         "measured": measured.setup_figures(layout, words) if layout is not None else [],
         "closure": closure_figures(result, words),
-        "budget": budget_figures(sections.budget_of(result), _units(result)),
+        "budget": budget_figures(sections.budget_of(result), _units(result), language),
     }
     standards = _standards(result, layout, readings)
     tables = {

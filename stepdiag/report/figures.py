@@ -10,6 +10,8 @@ from stepdiag.report.figure import Figure, csv_table
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
+from stepdiag.texts.sentences import translated
+from stepdiag.texts.texts import Language
 
 Correction = Callable[[Vector], Vector]
 """From commanded points (N, 3) in mm to the displacement of the tool by the control's tables, (N, 3) in um."""
@@ -105,12 +107,14 @@ def _columns(closure: dict[str, object]) -> list[tuple[str, Vector]]:
     return known
 
 
-def budget_figures(budget: dict[str, dict[str, float]], units: dict[str, str]) -> list[Figure]:
-    """Return one bar chart a quantity: its standard uncertainty by source, largest first."""
+def budget_figures(budget: dict[str, dict[str, float]], units: dict[str, str], language: Language) -> list[Figure]:
+    """Return one bar chart a quantity: its standard uncertainty by source, largest first. Tables keep the sources' own names."""
     figures = []
     for quantity, sources in budget.items():
         bars = sorted(sources.items(), key=lambda item: (-item[1], item[0]))
         unit = units.get(quantity, "")
-        drawing = charts.bar_chart(bars, label=quantity, unit=UNITS.get(unit, unit))
-        figures.append(Figure(name=f"budget-{quantity}", title=quantity, drawing=drawing, table=csv_table(["source", f"u_{unit}"], bars)))
+        title = translated(quantity, language)
+        named = [(translated(source, language), u) for source, u in bars]
+        drawing = charts.bar_chart(named, label=title, unit=UNITS.get(unit, unit))
+        figures.append(Figure(name=f"budget-{quantity}", title=title, drawing=drawing, table=csv_table(["source", f"u_{unit}"], bars)))
     return figures
