@@ -355,13 +355,13 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     drift_um: Assumed = 0.15
     wander_um: Assumed = 0.1
     repeatability_um: Assumed = 0.1
-    setup_c: Assumed = 0.02
+    setup_c: Assumed = 0.1
     index_ppm: Assumed = 0.2
     u_air_temperature_c: Assumed = 0.0
     u_air_pressure_hpa: Assumed = 0.0
     u_relative_humidity_percent: Assumed = 0.0
     u_laser_ppm: Assumed = 0.0
-    index_setup_ppm: Assumed = 0.05
+    index_setup_ppm: Assumed = 0.1
     u_material_c: Assumed = 0.3
     u_expansion_um_m_c: Assumed = 1.0
     alignment_mrad: Assumed = 0.5

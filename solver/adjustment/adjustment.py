@@ -27,6 +27,7 @@ from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.between import BETWEEN, Between, between_of, effect_between
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.effects import AngleShapes, Effect, angle_shapes, effects_of
 from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows
@@ -50,6 +51,9 @@ SETTLED = 0.02
 """Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
 LEAST_NOISE = 1e-4
 """Of a variance, relative to the usual: readings a hundred times better than usual are not told apart from perfect ones."""
+STEADY = {"setup scale": 0.2}
+"""What contradicts a survey is looked for with scales of setups that vary by this share of what is usual: U holds the usual, so that a
+setup which is off unseen lies within it, and one that is seen to be off is still named."""
 MOST_TILT_MRAD = 200.0
 """A tenth of it sends the beam past the laser after a quarter of a metre."""
 
@@ -58,10 +62,10 @@ MOST_TILT_MRAD = 200.0
 class Adjustment:
     """The fit of a survey and what came up on the way. Rows of the fit are the readings (first m), the head's straightness and the priors.
 
-    ``effects`` are the random effects in the order of the fit's causes, ``shapes`` describes those that are angular functions, ``sizes``
-    says what became of their sizes. ``u_um`` (m,) is the standard uncertainty used for every reading, infinite where a stop was left
-    out. ``chi_square`` is the square sum of the residuals by the uncertainties stated and assumed, before the repeatability was
-    enlarged by ``enlarged``.
+    ``effects`` are the random effects in the order of the fit's causes, ``shapes`` describes those that are angular functions, ``between``
+    those that are values off the nodes, ``sizes`` says what became of their sizes. ``u_um`` (m,) is the standard uncertainty used for every
+    reading, infinite where a stop was left out. ``chi_square`` is the square sum of the residuals by the uncertainties stated and assumed,
+    before the repeatability was enlarged by ``enlarged``.
     """
 
     layout: Layout
@@ -71,6 +75,7 @@ class Adjustment:
     assumed: Assumptions
     effects: tuple[Effect, ...]
     shapes: AngleShapes
+    between: Between
     sizes: Sizes
     u_um: Vector
     chi_square: float
@@ -83,7 +88,7 @@ class Adjustment:
         return _tilts(self.design, _smallest_machine(self.design, self.fit), len(self.layout.setups))
 
     def as_usual(self, *found: str) -> MixedFit:
-        """Return the fit with no cause larger than usual: what contradicts it is named, however large a cause could hold it.
+        """Return the fit with no cause larger than usual, or `STEADY`: what contradicts it is named, however large a cause could hold it.
 
         Causes of the names ``found`` keep the size that was found.
         """
@@ -97,7 +102,8 @@ class Adjustment:
 
 def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()) -> MixedFit:
     kept = np.array([effect.name in found for effect in effects], dtype=np.bool_)
-    factor = np.where(kept, 1.0, np.minimum(1.0, 1.0 / sizes.factor))
+    steady = np.array([STEADY.get(effect.name, 1.0) for effect in effects])
+    factor = np.where(kept, 1.0, np.minimum(1.0, steady / sizes.factor))
     return sized(fit, np.repeat(factor, [effect.count for effect in effects]))
 
 
@@ -149,7 +155,10 @@ class _Task:
         freed = layout.deviation_um - angular_effect_um(layout, chain, angles)
         self.target = np.concatenate([freed, lateral.target, np.zeros(len(prior.u))])
         self.shapes = angle_shapes(layout, angles, assumed)
+        self.between = between_of(layout)
         self.effects = list(effects_of(layout, chain, self.shapes, assumed))
+        if self.between.count:
+            self.effects.append(effect_between(layout, self.between))
         self.beside = {
             "angles": np.pad(lateral_angles(self.design, straightness, self.shapes), ((0, len(prior.u)), (0, 0))),
             "angle origin": np.pad(origin_pattern(self.design, angles, len(prior.u)), ((len(lateral.u), 0), (0, 0))),
@@ -182,6 +191,7 @@ class _Task:
             assumed=self.assumed,
             effects=tuple(self.effects),
             shapes=self.shapes,
+            between=self.between,
             sizes=self.sizes,
             u_um=u[: len(self.layout)],
             chi_square=chi_square,
@@ -205,7 +215,7 @@ class _Task:
         pattern = np.hstack([np.zeros((len(self.rows), 0)), *(self._on_all_rows(effect) for effect in effects)])
         group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
         usual = MixedFit(fixed, Causes.of(fixed, pattern), np.ones(pattern.shape[1]))
-        sought = [effect.sought and (self.clean or effect.name == "angles") for effect in effects]
+        sought = [effect.sought and (self.clean or effect.name in ("angles", BETWEEN)) for effect in effects]
         sizes = scored(usual, group, np.array(sought, dtype=np.bool_), self._noise)
         return sized(usual, sizes.factor[group] / np.sqrt(sizes.noise)), sizes
 

@@ -60,15 +60,18 @@ def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_],
     free = np.flatnonzero(sought)
     noise = noise_of(mixed.chi_square, mixed.freedom)
     member = (group[:, None] == free).astype(np.float64)
+    furthest, before = np.full(len(free), LARGEST_STEP), np.zeros(len(free))
     for _ in range(ROUNDS if len(free) else 0):
         here = sized(mixed, np.exp(log)[group] / np.sqrt(noise))
         gradient, information = _slope(here, member, noise)
         first, curved = _prior_slope(log[free])
         step = np.linalg.solve(information + np.diag(curved), gradient + first)
-        largest = max(float(np.max(np.abs(step))), 1e-30)
-        log[free] = np.clip(log[free] + step * min(1.0, LARGEST_STEP / largest), -FURTHEST, FURTHEST)
+        # a size that has gone past the likeliest goes back half as far: expected information may promise too much
+        furthest = np.where(step * before < 0, 0.5 * furthest, furthest)
+        before = np.clip(step, -furthest, furthest)
+        log[free] = np.clip(log[free] + before, -FURTHEST, FURTHEST)
         noise = noise_of(here.chi_square, here.freedom)
-        if largest < SETTLED:
+        if np.max(np.abs(before)) < SETTLED:
             break
     return Sizes(np.exp(log), sought, noise)
 

@@ -14,10 +14,11 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.methods.angular import angle_findings, expected_angles
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.coverage import coverage, coverage_findings
+from stepdiag.solver.methods.finer import finer
 from stepdiag.solver.methods.head_report import agreeing, beside_head, head_findings
 from stepdiag.solver.methods.lengths import lengths_report, tool_report
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
-from stepdiag.solver.methods.volumetric import budget, drawn_surveys, left_with_head_um, make_posterior, volume_report
+from stepdiag.solver.methods.volumetric import budget, coarse_findings, drawn_surveys, left_with_head_um, make_posterior, volume_report
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Model
@@ -164,7 +165,7 @@ def solve_estimate(
         squareness={name: _quantity(done.number(name)) for name in SQUARENESS},
         scale={letter: _scale(done.number(letter)) for letter in AXIS_LETTERS},
         setups=reports,
-        findings=(*findings, *head_findings(of_head)),
+        findings=(*findings, *coarse_findings(errors), *head_findings(of_head)),
         posterior=posterior,
     )
     texts = {"readings": _noise_text(found), **{effect.name: effect.text for effect in found.effects}}
@@ -203,8 +204,15 @@ def _scale(number: tuple[float, float, float] | None) -> Scale:
 
 def _errors(done: Estimate) -> dict[str, Function]:
     """Return the nine displacement functions and the angular functions that are known."""
-    errors = {name: _function(done, name, sloped(name) if name in POSITIONING else None) for name in DISPLACEMENTS}
+    errors = {name: _positioning(done, name) if name in POSITIONING else _function(done, name, None) for name in DISPLACEMENTS}
     return {**errors, **{name: _known_angle(done, name) for name in ROTATIONS if name in done.adjustment.angles}}
+
+
+def _positioning(done: Estimate, name: str) -> Function:
+    """Return a positioning function at the nodes and wherever else it was measured."""
+    function = _function(done, name, sloped(name))
+    stands_as = sloped(name) if function.slope_identified else name
+    return finer(done.adjustment, done.spread, done.quantities, stands_as, function, name)
 
 
 def _function(done: Estimate, name: str, with_slope: str | None) -> Function:

@@ -71,7 +71,7 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
         function = errors[name]
         arch, within = assumed.shape_um, 0.0
         if function.value is not None and len(function.value) > 2:
-            arch, within = arch_um(function.value, 0.0 if function.u_readings is None else rms(function.u_readings))
+            arch, within = arch_um(_evenly(function), 0.0 if function.u_readings is None else rms(function.u_readings))
         hidden = assumed.between_um * float(name in POSITIONING) * np.roll(factor, len(factor) // 2)
         found[name] = np.hypot(arch * np.exp(within * likely), hidden)
     return found
@@ -81,8 +81,8 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
     """Return the finding on functions whose waves are hardly longer than two increments: between the targets nobody knows them."""
     names = []
     for name in DISPLACEMENTS:
-        value = errors[name].value
-        if value is not None and len(value) > 4:
+        if errors[name].value is not None and len(errors[name].position_mm) > 4:
+            value = _evenly(errors[name])
             u_readings = errors[name].u_readings
             arch, _ = arch_um(value, 0.0 if u_readings is None else rms(u_readings))
             if arch > HARMFUL * rms(value - np.linspace(value[0], value[-1], len(value))):
@@ -94,6 +94,12 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
         "worse; drive the survey again with twice as many increments"
     )
     return [Finding(code="increments-coarse", severity="warning", text=text)]
+
+
+def _evenly(function: Function) -> Vector:
+    """Return the values at as many equally distant positions: only there do bends say how short waves are."""
+    even = np.linspace(function.position_mm[0], function.position_mm[-1], len(function.position_mm))
+    return np.interp(even, function.position_mm, np.zeros(len(even)) if function.value is None else function.value)
 
 
 def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:

@@ -26,11 +26,11 @@ class Assumptions:
     drift_um: float = 0.15
     wander_um: float = 0.1
     repeatability_um: float = 0.1
-    setup_c: float = 0.02
+    setup_c: float = 0.1
     expansion_um_m_c: tuple[float, float, float] = (11.7, 11.7, 11.7)
     u_expansion_um_m_c: float = 1.0
     index: float = 2e-7
-    index_setup: float = 5e-8
+    index_setup: float = 1e-7
     alignment_mrad: float = 0.5
     between_um: float = 0.3
     reading_um: float = 0.3

@@ -1,10 +1,15 @@
 """What is said of the volume between the targets."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.volumetric import coarse_findings
+from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.result.result import DISPLACEMENTS, Function
+from testkit.surveys import Bench
 
 NODES = np.linspace(0.0, 500.0, 11)
 
@@ -19,3 +24,15 @@ def test_waves_that_ten_increments_cannot_carry_are_named(waves, named):
     findings = coarse_findings(errors)
     assert bool(findings) is named
     assert all(finding.code == "increments-coarse" and finding.text.startswith("EXX:") for finding in findings)
+
+
+def test_the_result_names_waves_that_its_increments_cannot_carry():
+    """Five full waves of 20 um on ten increments of X, as every setup sees them at its stops."""
+    readings = Bench(seed=4).survey()
+    ordered = readings.select(np.concatenate(list(readings.passes().values())))
+    layout = lay_out(ordered)
+    wave_um = 20.0 * np.sin(2.0 * np.pi * 4.5 * ordered.position_mm[:, 0] / 500.0 + 0.7)
+    waved = replace(ordered, reading_mm=ordered.reading_mm + 1e-3 * layout.direction[:, 0] * wave_um)
+    named = [[finding for finding in solve(one).findings if finding.code == "increments-coarse"] for one in (readings, waved)]
+    assert not named[0]
+    assert [finding.text.startswith("EXX:") for finding in named[1]] == [True]

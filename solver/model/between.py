@@ -1,0 +1,136 @@
+"""Readings off the nodes: what a function does there beside the straight line between its nodes, as unknowns of their own.
+
+A linear run may be driven finer than the diagonals, diagonals with different increments: what such a reading sees of a function is no
+noise. Within a cell the departure is a Brownian bridge (zero at both nodes, smooth in no other sense), its size found with the others.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.model.design import between_nodes
+from stepdiag.solver.model.effects import Effect
+from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM, Layout
+from stepdiag.solver.result.result import DISPLACEMENTS
+
+USUAL_UM = 0.5
+"""Standard deviation in the middle between two nodes where the search for it begins."""
+MOST_CAUSES = 600
+"""With more, only the longest waves of every cell are kept: what is shorter is smaller."""
+BETWEEN = "between the nodes"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class AxisBetween:
+    """The off-node positions of an axis in mm, ascending, and the ``basis`` (positions, r) of what a function does there.
+
+    ``alone`` (positions,) tells where a run of this axis alone passed: there its positioning is measured, elsewhere only within a sum.
+    """
+
+    position_mm: Vector
+    basis: Vector
+    alone: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Between:
+    """By axis the positions off the nodes; ``names`` of the functions that readings see there, in the order of their causes."""
+
+    axes: tuple[AxisBetween, ...]
+    names: tuple[str, ...]
+
+    @property
+    def count(self) -> int:
+        """Return the number of causes."""
+        return sum(self.of(name).basis.shape[1] for name in self.names)
+
+    def of(self, name: str) -> AxisBetween:
+        """Return positions and basis of a function."""
+        return self.axes[DISPLACEMENTS.index(name) // 3]
+
+    def causes_of(self, name: str) -> slice:
+        """Return the places of a function's causes among all of them."""
+        before = self.names[: self.names.index(name)]
+        first = sum(self.of(one).basis.shape[1] for one in before)
+        return slice(first, first + self.of(name).basis.shape[1])
+
+
+def between_of(layout: Layout) -> Between:
+    """Return what is to be found off the nodes: nothing where all readings lie on them."""
+    off = _off_nodes(layout)
+    axes = tuple(_positions(layout, axis, off) for axis in range(3))
+    seen = [
+        name
+        for index, name in enumerate(DISPLACEMENTS)
+        if np.any(np.abs(layout.direction[off[:, index // 3], index % 3]) > 1e-9) and axes[index // 3].basis.size
+    ]
+    found = Between(axes=axes, names=tuple(seen))
+    if found.count <= MOST_CAUSES:
+        return found
+    share = MOST_CAUSES / found.count
+    return Between(axes=tuple(_longest(axis, layout, number, share) for number, axis in enumerate(axes)), names=tuple(seen))
+
+
+def effect_between(layout: Layout, between: Between) -> Effect:
+    """Return the effect on the readings, one column a cause."""
+    off = _off_nodes(layout)
+    pattern = np.zeros((len(layout), between.count))
+    for name in between.names:
+        axis, component = divmod(DISPLACEMENTS.index(name), 3)
+        rows = np.flatnonzero(off[:, axis])
+        place = _nearest(between.of(name).position_mm, layout.position_mm[rows, axis])
+        pattern[rows, between.causes_of(name)] = layout.direction[rows, component, None] * between.of(name).basis[place]
+    text = "readings off the nodes see what a function does beside the straight line between them: unknowns of their own"
+    return Effect(name=BETWEEN, text=text, pattern_um=pattern, sought=True)
+
+
+def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
+    """Tell for each reading and axis whether it lies off the nodes of an axis that its setup travels, shape (m, 3).
+
+    Where an axis stands, what it does is in the offset of the count.
+    """
+    _, fraction = between_nodes(layout.volume, layout.position_mm)
+    travels = np.array([setup.signs for setup in layout.setups])[layout.setup_index] != 0
+    found: NDArray[np.bool_] = (fraction > 0) & (fraction < 1) & travels
+    return found
+
+
+def _positions(layout: Layout, axis: int, off: NDArray[np.bool_]) -> AxisBetween:
+    ordered = np.sort(layout.position_mm[off[:, axis], axis])
+    new = np.append(True, np.diff(ordered) > POSITION_TOLERANCE_MM)[: len(ordered)]
+    moved = np.abs(np.array([setup.signs for setup in layout.setups]))[layout.setup_index]
+    single = layout.position_mm[off[:, axis] & (np.sum(moved, axis=1) == 1), axis]
+    alone = np.any(np.abs(ordered[new][:, None] - single) <= POSITION_TOLERANCE_MM, axis=1)
+    return _axis(layout, axis, ordered[new], alone, np.inf)
+
+
+def _axis(layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float) -> AxisBetween:
+    """Return the bridges of the cells at positions, at most so many components in each."""
+    steps = (position_mm - layout.volume.origin_mm[axis]) / layout.volume.step_mm[axis]
+    cell = np.floor(steps).astype(np.int64)
+    pieces = []
+    for number in np.unique(cell):
+        mine = np.flatnonzero(cell == number)
+        share = steps[mine] - number
+        bridge = 4.0 * (np.minimum(share[:, None], share) - share[:, None] * share)
+        size, shape = np.linalg.eigh(bridge)
+        kept = np.arange(len(mine))[::-1][: int(min(len(mine), waves))]
+        piece = np.zeros((len(position_mm), len(kept)))
+        piece[mine] = USUAL_UM * shape[:, kept] * np.sqrt(np.maximum(size[kept], 0.0))
+        pieces.append(piece)
+    return AxisBetween(position_mm=position_mm, basis=np.hstack([np.zeros((len(position_mm), 0)), *pieces]), alone=alone)
+
+
+def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> AxisBetween:
+    """Return the axis with a share of its components, one a cell at least."""
+    cells = max(len(np.unique(np.floor((axis.position_mm - layout.volume.origin_mm[number]) / layout.volume.step_mm[number]))), 1)
+    return _axis(layout, number, axis.position_mm, axis.alone, max(np.floor(share * axis.basis.shape[1] / cells), 1.0))
+
+
+def _nearest(positions: Vector, wanted: Vector) -> NDArray[np.int64]:
+    upper = np.clip(np.searchsorted(positions, wanted), 1, max(len(positions) - 1, 1)) if len(positions) > 1 else np.zeros(len(wanted), int)
+    lower = np.maximum(upper - 1, 0)
+    found: NDArray[np.int64] = np.where(np.abs(positions[upper] - wanted) < np.abs(positions[lower] - wanted), upper, lower)
+    return found

@@ -1,0 +1,20 @@
+"""The sizes of the causes: where the search for them ends."""
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.linear.components import _prior_slope, _slope
+from stepdiag.solver.methods.estimate import estimate
+from stepdiag.solver.model.layout import lay_out
+from testkit.surveys import Bench
+
+
+@pytest.mark.parametrize("angle_urad", [0.0, 20.0])
+def test_the_search_ends_where_the_likelihood_is_flat(angle_urad):
+    """A machine without angles: there the search once went to and fro between a fifth and a half of the usual size."""
+    done = estimate(lay_out(Bench(seed=1, angle_urad=angle_urad, increments=8).survey()), "FXYZ")
+    sizes, spread = done.adjustment.sizes, done.spread
+    free = np.flatnonzero(sizes.sought)
+    gradient, _ = _slope(done.adjustment.fit, (spread.group[:, None] == free).astype(float), sizes.noise)
+    first, _ = _prior_slope(np.log(sizes.factor[free]))
+    assert gradient + first == pytest.approx(0.0, abs=0.01)
