@@ -31,6 +31,8 @@ five increments differ from what their values say by a factor of 1.3 on average.
 HARMFUL = 0.5
 """Where a function leaves the curve through its values by more than this share of itself, they say little of what is between them: more
 than three and a half waves on ten increments."""
+LEAST_VALUES = 8
+"""Of fewer values the fourth differences are too few to tell waves from bends: five increments would nearly always be called coarse."""
 _ENDS = 1.2
 """Drawn functions leave the curve so much more than single waves do: it is less sure at its ends."""
 _BENT, _BENT_TWICE = 6.0, 70.0
@@ -81,7 +83,7 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
     """Return the finding on functions whose waves are hardly longer than two increments: between the targets nobody knows them."""
     names = []
     for name in DISPLACEMENTS:
-        if errors[name].value is not None and len(errors[name].position_mm) > 4:
+        if errors[name].value is not None and len(errors[name].position_mm) > LEAST_VALUES:
             value = _evenly(errors[name])
             u_readings = errors[name].u_readings
             arch, _ = arch_um(value, 0.0 if u_readings is None else rms(u_readings))

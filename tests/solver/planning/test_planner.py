@@ -92,7 +92,8 @@ def test_more_of_everything_is_never_worse(bare):
 
 
 def test_head_lowers_what_angles_spoil(bare):
-    """Pitch and yaw known to 1 urad instead of 10: the false squareness of theory.md 5.3 shrinks to what rolls, drift, air and setups 0.1 C apart leave."""
+    """Pitch and yaw known to 1 urad instead of 10: the false squareness of theory.md 5.3 shrinks to what rolls, drift, air and setups
+    0.1 C apart leave."""
     runs = [Run(setup=f"fourdof-{axis}") for axis in "xyz"]
     measured = forecast(BARE.with_runs(*runs), USUAL)
     assert measured.u["EXX"] < 0.4 * bare.u["EXX"]
