@@ -20,7 +20,8 @@ HAND_S = 1.0
 """A person starts the program when everything is seen to run, not within the daemon's first milliseconds."""
 SETTLED_S = 2.0
 """When the machine has ended its program, a daemon silent for so long has said what is still missing."""
-MOST_AGAIN = 6
+MOST_AGAIN = 20
+"""On a quiet computer hardly anything is driven again; with fifteen busy processes a core six times were not enough."""
 LOOK_S = 0.02
 
 
