@@ -91,8 +91,11 @@ async def listen(port: str, baud: int, seconds: float) -> Heard:
 
 
 async def probe(host: str, tcp_port: int) -> list[Answered]:
-    """Ask a host for the signals of every control that is known, in each protocol at once; ``tcp_port`` 0 stands for the usual ports."""
-    return list(await asyncio.gather(*(_asked(control, host, tcp_port) for control in PROBED)))
+    """Ask a host for the signals of every control that is known, one protocol after the other; ``tcp_port`` 0 stands for the usual ports.
+
+    (Not at once: loading a library holds up the loop, and an answer that came meanwhile would count as late.)
+    """
+    return [await _asked(control, host, tcp_port) for control in PROBED]
 
 
 def _by_id() -> Iterator["_Link"]:
