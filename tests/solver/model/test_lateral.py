@@ -68,6 +68,7 @@ def test_offset_and_slope_of_the_head_do_not_touch_the_machine(seed, chain):
     truth = bench.truth
     for name in STRAIGHT:
         assert with_head.errors[name].value == pytest.approx(truth.errors[name], abs=1.5)
+        # the sizes of causes are found anew with the head's rows, and may come out a little larger
         assert np.all(with_head.errors[name].u <= 1.1 * without.errors[name].u + 1e-9)
     for name, value in truth.squareness_urad.items():
         assert with_head.squareness[name].value == pytest.approx(value, abs=3.0)
