@@ -12,7 +12,7 @@ from testkit.browser import Watched, seconds_until
 from testkit.played import Served, served
 
 pytestmark = pytest.mark.page
-ATTEMPTS = 4
+ATTEMPTS = 10
 PICTURES_S = 10.0
 """Pictures a second, for all readers together."""
 

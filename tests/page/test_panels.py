@@ -1,11 +1,13 @@
 """What a person sees in a real browser while a survey is played."""
 
+import re
+
 import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Page, expect
 
 from stepdiag.daq.records.status import FindingStatus, LinkStatus
-from testkit.browser import Watched, violations
+from testkit.browser import Watched, seconds_until, violations
 from testkit.played import Served
 
 pytestmark = pytest.mark.page
@@ -40,12 +42,75 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
     expect(page.locator("#conclusion .next-step")).to_contain_text("Make the sign test on siemens")
     expect(page.locator("#conclusion .reached li").last).to_contain_text("1.3 to 2.6 µm (rms, k = 2)")
     expect(page.locator("#conclusion .load")).to_contain_text("siemens: nothing before its sign test (EEC).")
-    expect(page.locator("#field figure")).to_have_count(1)
+    expect(page.locator("#field figure")).to_have_count(2)
     expect(page.locator("#result figure")).to_have_count(9)
     expect(page.locator("#result")).to_contain_text("20.0 ± 0.8 µrad")
     expect(page.locator("#result")).to_contain_text("not identified")
-    expect(page.locator("#bundles a")).to_have_text("Open the report")
+    expect(page.locator("#bundles a")).to_have_text(["Open the report", "All files for siemens (zip)", "Restore siemens as it was (zip)"])
+    expect(page.locator("#bundles .steps li").first).to_contain_text("Make the sign test")
     expect(page.locator("#downloads a")).to_contain_text(["result.json", "conclusion.json", "Open the report"])
+
+
+def values_at(page: Page, chart: str, *, key: str = "") -> list[str]:
+    """Return what a chart says of the point under the pointer, or under the key pressed."""
+    over = page.locator(f"{chart} .u-over")
+    over.scroll_into_view_if_needed()
+    if key:
+        over.focus()
+        page.keyboard.press(key)
+    else:
+        over.hover()
+    return page.locator(f"{chart} .u-legend .u-series:not(.bound) .u-value").all_inner_texts()
+
+
+def test_every_chart_says_its_values_under_pointer_and_key(page: Page, daemon: Served) -> None:
+    """Deviations, the last ten seconds, noise, functions of the result: hover or arrow keys, figures as the language writes them."""
+    page.locator("#language").click()
+    for chart in ("#strip", "#trend"):
+        expect(page.locator(f"{chart} canvas")).to_be_visible(timeout=20_000)
+        assert all(re.fullmatch(r"[−\d,]+", value) for value in values_at(page, chart, key="End")), chart
+    for stop in range(9):
+        daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
+    expect(page.locator("#deviations")).to_have_attribute("data-points", "[9]")
+    assert values_at(page, "#deviations", key="Home") == ["0", "0,00"]
+    assert values_at(page, "#deviations", key="ArrowRight") == ["1", "0,89"]
+    assert len(values_at(page, "#deviations")) == 2
+    daemon.do(daemon.survey.complete)
+    expect(page.locator("#result figure")).to_have_count(9)
+    for name in ("EXX", "EZZ"):
+        by_key = values_at(page, f"#function-{name}", key="End")
+        assert all(re.fullmatch(r"[−\d,]+", value) for value in by_key), by_key
+
+
+def test_the_last_ten_seconds_are_drawn_at_full_rate(page: Page, daemon: Served) -> None:
+    """Fifty bins a second, each with its lowest and highest sample, whatever the pictures a second; silence is a gap."""
+    seen = "JSON.parse(document.getElementById('strip').dataset.points ?? '[0, 0]')"
+    seconds_until(lambda: page.evaluate(seen)[0] >= 400, page)
+    assert page.evaluate(f"(([high, low]) => high === low)({seen})")
+    expect(page.locator("#scatter")).to_contain_text(re.compile(r"half a second: 0\.\d\d µm"))
+
+
+def test_a_chart_zooms_and_comes_back_by_key(page: Page, daemon: Served) -> None:
+    """Dragging shows a part, Escape the whole; a new stop does not take the part away."""
+    for stop in range(20):
+        daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
+    chart, over = page.locator("#deviations"), page.locator("#deviations .u-over")
+    expect(chart).to_have_attribute("data-range", "[0,30]")
+    over.scroll_into_view_if_needed()
+    box = over.bounding_box()
+    assert box is not None
+    page.mouse.move(box["x"] + 0.2 * box["width"], box["y"] + 20)
+    page.mouse.down()
+    page.mouse.move(box["x"] + 0.5 * box["width"], box["y"] + 20, steps=4)
+    page.mouse.up()
+    expect(chart).not_to_have_attribute("data-range", "[0,30]")
+    part = chart.get_attribute("data-range")
+    daemon.do(lambda: daemon.survey.stop("npp", 1, 20))
+    expect(chart).to_have_attribute("data-points", "[21]")
+    expect(chart).to_have_attribute("data-range", part or "")
+    over.focus()
+    page.keyboard.press("Escape")
+    expect(chart).to_have_attribute("data-range", "[0,30]")
 
 
 def test_a_doubtful_stop_differs_in_shape(page: Page, daemon: Served) -> None:
@@ -107,10 +172,12 @@ def test_both_languages(page: Page, daemon: Served) -> None:
     expect(page.locator("#lead")).to_have_text("Justieren, dann Programm O8002 starten")
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize(("size", "scheme"), [("phone", "dark"), ("tablet", "light"), ("wall", "dark")])
 def test_contrast_and_labels(watched: Watched, daemon: Served, size: str, scheme: str) -> None:
-    """axe-core finds nothing, neither while all is live nor while all is old and an alarm, and nothing is wider than the screen."""
+    """axe-core finds nothing, neither while all is live nor while all is old and an alarm, and nothing is wider than the screen.
+
+    Light on phone and wall is asked stage by stage in `test_stages`.
+    """
     width, height = SIZES[size]
     page = watched.open(daemon.address, width=width, height=height, scheme=scheme)
     daemon.do(lambda: daemon.survey.stop("npp", 1, 12))

@@ -22,7 +22,7 @@ export function update(snapshot) {
   tilt(snapshot);
   const { beam, beam_lost: lost, laser, strip } = snapshot;
   const now = performance.now() / 1000;
-  if (trend.length && now - trend.at(-1).time < SAMPLE_S) return;
+  if (trend.length && now - trend.at(-1).time < SAMPLE_S && reported === (beam !== null)) return;
   const live = laser.age_s !== null && laser.age_s < STALE_MS / 1000;
   const high = strip?.high_mm.filter((value) => value !== null) ?? [];
   const low = strip?.low_mm.filter((value) => value !== null) ?? [];
@@ -51,6 +51,6 @@ function draw(strength = reported) {
   const words = say(strength ? "trend_beam" : "trend_noise");
   put("h-trend", words);
   const y = trend.map(({ beam, noise }) => (strength ? beam : noise));
-  curves ??= new Curves("trend", { height: 130, legend: false, xRange: [-KEEP_S, 0], decimals: 1 });
+  curves ??= new Curves("trend", { height: 130, xRange: [-KEEP_S, 0], decimals: 1 });
   curves.draw([{ label: say(strength ? "beam" : "noise"), x, y, dots: false }], words, { xLabel: say("seconds"), yLabel: strength ? "%" : "µm", yRange: strength ? [0, 100] : null });
 }

@@ -45,7 +45,14 @@ export class Curves {
     return Math.abs(min - low) > 1e-9 || Math.abs(max - high) > 1e-9;
   }
 
-  #range = (_plot, low, high) => (this.options.xRange ? [Math.min(...this.options.xRange), Math.max(...this.options.xRange)] : low < high ? [low, high] : [(low ?? 0) - 1, (high ?? 0) + 1]);
+  // A part that a person chose stays what it is; the whole is the chart's own range, or that of its data.
+  #range = (plot, low, high) => {
+    const [first, last] = ends(plot?.data?.[0] ?? [low, high]);
+    if (low > first || high < last) return [low, high];
+    const own = this.options.xRange;
+    if (own) return [Math.min(...own), Math.max(...own)];
+    return low < high ? [low, high] : [(low ?? 0) - 1, (high ?? 0) + 1];
+  };
 
   #build(series, label) {
     const { xLabel, yLabel, decimals, yRange } = this.options;
@@ -74,10 +81,15 @@ export class Curves {
         { ...axis, label: xLabel, size: 34, values: (_plot, marks) => marks.map((mark) => shown(mark, places(marks))) },
         { ...axis, label: yLabel, size: 54, values: (_plot, marks) => marks.map((mark) => shown(mark, places(marks))) },
       ],
-      hooks: { draw: [(plot) => this.#marks(plot, series)] },
+      hooks: { draw: [(plot) => this.#marks(plot, series)], setScale: [(plot, key) => key === "x" && this.#show(plot.scales.x)] },
       focus: { alpha: 1 },
       label,
     };
+  }
+
+  // Which part is shown can be read by whoever does not see the drawing.
+  #show({ min, max }) {
+    this.place.dataset.range = JSON.stringify([min, max].map((end) => Math.round(end * 100) / 100));
   }
 
   // Doubtful points get a cross of their own: colour alone does not tell.

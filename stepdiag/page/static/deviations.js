@@ -50,6 +50,6 @@ function passes(stops, count) {
       u[one.place] = Number.isFinite(one.u_um) ? one.u_um : 0;
       odd[one.place] = Boolean(told(one.doubtful));
     }
-    return { label: `${number}: ${say(number % 2 === 1 ? "outward" : "return")}`, x, y, u, odd };
+    return { label: say("pass_label", { number, way: say(number % 2 === 1 ? "outward" : "return") }), x, y, u, odd };
   });
 }

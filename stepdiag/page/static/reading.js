@@ -27,9 +27,9 @@ function beam({ beam: strength, beam_lost: lost }) {
   const unknown = strength === null && !lost;
   document.getElementById("no-beam").hidden = !unknown;
   document.querySelector(".beam").hidden = unknown;
-  const share = strength === null ? 0 : Math.min(1, Math.max(0, strength));
+  const share = strength === null || lost ? 0 : Math.min(1, Math.max(0, strength));
   const words = say(lost ? "beam_lost" : share < WEAK ? "beam_weak" : "beam_good");
-  const said = strength === null ? words : `${shown(100 * share, 0)} % ${words}`;
+  const said = strength === null || lost ? words : `${shown(100 * share, 0)} % ${words}`;
   const meter = document.getElementById("beam-meter");
   meter.setAttribute("aria-valuenow", (100 * share).toFixed(0));
   meter.setAttribute("aria-valuetext", said);

@@ -39,9 +39,10 @@ function draw(oldest, newest, width) {
     if (pair && pair[0] !== null) middle.push((pair[0] + pair[1]) / 2);
   }
   const zero = middle.at(-1) ?? 0;
-  const shift = (column) => column.map((value) => (value === null ? null : (value - zero) * 1e3));
-  curves ??= new Curves("strip", { height: 110, legend: false, xRange: [-KEEP_S, 0], yRange: narrow });
-  const labels = { xLabel: say("seconds"), yLabel: "µm" };
+  const moving = Math.max(...middle) - Math.min(...middle) > 1; // a travel is read in mm, a standstill in µm
+  const shift = (column) => column.map((value) => (value === null ? null : (value - zero) * (moving ? 1 : 1e3)));
+  curves ??= new Curves("strip", { height: 110, xRange: [-KEEP_S, 0], yRange: narrow });
+  const labels = { xLabel: say("seconds"), yLabel: moving ? "mm" : "µm" };
   curves.draw([{ label: say("strip_high"), x, y: shift(high), dots: false }, { label: say("strip_low"), x, y: shift(low), dots: false }], say("strip"), labels);
   put("scatter", say("scatter", { um: shown(scatter(newest, width), 2) }));
 }

@@ -12,12 +12,14 @@ from testkit.steady import watched
 
 QUIET = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
 AXE = Path(__file__).parents[2] / "page" / "node" / "node_modules" / "axe-core" / "axe.min.js"
+PATIENCE_MS = 60_000
 AWAY = "net::ERR_"
 """What chromium says where the daemon is away; the tests that end the daemon expect it."""
 
 
 def launch(playwright: Playwright) -> Browser:
-    """Return chromium; it needs no sandbox for pages of ours alone."""
+    """Return chromium; it needs no sandbox for pages of ours alone. What is awaited may take as long as a busy computer takes."""
+    expect.set_options(timeout=PATIENCE_MS)
     program = shutil.which("chromium")
     assert program, "chromium is needed: apt-get install chromium"
     return playwright.chromium.launch(executable_path=program, chromium_sandbox=False, args=QUIET)
@@ -40,13 +42,14 @@ class Watched:
         context = self._browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme, accept_downloads=True)
         self._contexts.append(context)
         self._addresses.add(address)
+        context.set_default_timeout(PATIENCE_MS)
         page = context.new_page()
         page.on("console", lambda message: self.complaints.append(f"console {message.type}: {message.text}"))
         page.on("pageerror", lambda error: self.complaints.append(f"error: {error}"))
         page.on("request", lambda request: self.requests.append(request.url))
         page.goto(address + path)
         if path == "/":
-            expect(page.locator("#machine")).to_have_text(self._machine, timeout=20_000)
+            expect(page.locator("#machine")).to_have_text(self._machine, timeout=PATIENCE_MS)
         return page
 
     def close(self) -> None:

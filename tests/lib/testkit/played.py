@@ -5,6 +5,7 @@ import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
+from datetime import date
 from pathlib import Path
 from typing import Any, TypeVar
 
@@ -20,11 +21,14 @@ from stepdiag.daq.records.status import (
     SetupStatus,
     Snapshot,
     StopStatus,
+    StripStatus,
 )
 from stepdiag.daq.service.geometry import geometry
+from stepdiag.exporters.export.export import export
 from stepdiag.page.keeper import Listeners, address_of, open_listener, page_kept
 from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
+from stepdiag.report.exported import exported_of
 from stepdiag.report.fields import field_of
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import AXES, diagonal_stops_mm
@@ -40,6 +44,7 @@ REACH = Reach(
     largest_after=Interval(value_um=4.4, low_um=3.0, high_um=6.2),
 )
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x")
+STRIP_BIN_S, STRIP_BINS = 0.02, 75
 
 
 class PlayedSurvey:
@@ -89,7 +94,17 @@ class PlayedSurvey:
         links = {name: self._link(name, now - heard) for name, heard in self._heard.items()}
         outward = self.fields.get("expects_pass", 1) % 2 == 1
         drawn = geometry(VOLUME, "xyz", self.fields["setups"], self.fields["expects_setup"], outward=outward)
-        return Snapshot(sequence=self._sequence, wall_time="2026-01-01T00:00:00Z", geometry=drawn, **links, **self.fields)
+        fields = {"strip": self._strip(now), **self.fields}
+        return Snapshot(sequence=self._sequence, wall_time="2026-01-01T00:00:00Z", geometry=drawn, **links, **fields)
+
+    def _strip(self, now: float) -> StripStatus | None:
+        """Return the newest second and a half: noise of a tenth of a micrometre about the reading; nothing while the laser is silent."""
+        if "laser" in self.silent:
+            return None
+        first = int(now / STRIP_BIN_S) - STRIP_BINS + 1
+        noise = 1e-4 * np.sin(0.7 * np.arange(first, first + STRIP_BINS) ** 2)
+        low, high = (tuple((self.fields["reading_mm"] + noise + side).tolist()) for side in (-5e-5, 5e-5))
+        return StripStatus(first=first, bin_s=STRIP_BIN_S, low_mm=low, high_mm=high)
 
     def _link(self, name: str, age_s: float) -> LinkStatus:
         address = {"laser": "/dev/ttyUSB0", "plc": "127.0.0.1:502"}[name]
@@ -152,7 +167,12 @@ class PlayedSurvey:
         """Have the result and the report ready."""
         result = made_up_result()
         (self.place / "result.json").write_text(result.to_json(), encoding="utf-8")
-        told = conclusion_json(conclude(result, [Export(controller="siemens", untested=("EEC",), reach=REACH)]), field_of(result, None))
+        out = self.place / "exports" / "siemens"
+        written = export(result, "siemens", None, step_mm=25.0, out_dir=out, today=date(2026, 1, 1))
+        correction = exported_of(written).correction
+        told = conclusion_json(
+            conclude(result, [Export(controller="siemens", untested=("EEC",), reach=REACH)]), field_of(result, correction)
+        )
         (self.place / "conclusion.json").write_text(told, encoding="utf-8")
         (self.place / "report.html").write_text(build_report(result, source="result.json").html, encoding="utf-8")
         findings = tuple(FindingStatus(code=one.code, severity=one.severity, text=one.text) for one in result.findings)

@@ -1,0 +1,82 @@
+"""One survey, read wherever a person may read it: the same interval, to the last digit."""
+
+import json
+import re
+from datetime import date
+from pathlib import Path
+
+import pytest
+from playwright.sync_api import Browser, expect
+
+from stepdiag.daq.service.completion import Completed
+from stepdiag.exporters.export.export import export
+from stepdiag.report.completed import write_completed_report
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.readings.readings import render_readings
+from testkit.browser import Watched
+from testkit.cli import stepdiag
+from testkit.foreign_logs import with_survey
+from testkit.played import served
+from testkit.surveys import Bench
+from testkit.timeline import survey_text
+
+pytestmark = pytest.mark.page
+AFTER = {
+    "en": re.compile(r"predicted:\s*(?P<low>[\d.]+) to (?P<high>[\d.]+) µm\s+\(rms, k = 2\), largest up to (?P<largest>[\d.]+) µm"),
+    "de": re.compile(
+        r"vorhergesagt:\s*(?P<low>[\d,]+) bis (?P<high>[\d,]+) µm\s+\(Effektivwert, k = 2\), größter bis (?P<largest>[\d,]+) µm"
+    ),
+}
+TABLED = r"\D+[\d.]+ to [\d.]+\D+(?P<low>[\d.]+) to (?P<high>[\d.]+)"
+EXPORTED = re.compile(r"without rigid motion, after" + TABLED)
+VERIFIED = re.compile(r"rms, without rigid motion" + TABLED)
+
+
+def finished(folder: Path) -> Path:
+    """Return the folder of a survey that was solved, exported and reported as the daemon does it."""
+    place = folder / "bench" / "0001"
+    place.mkdir(parents=True)
+    text = survey_text(setups=("ppp",), n=1, dwell=0.5)
+    (folder / "survey.toml").write_text(text, encoding="utf-8")
+    (place / "0001.mcap").write_bytes(with_survey(text))
+    readings = Bench(increments=4, angle_urad=3.0).survey()
+    (place / "readings.csv").write_text(render_readings(readings), encoding="utf-8")
+    result = solve(readings)
+    (place / "result.json").write_text(result.to_json(), encoding="utf-8")
+    out = place / "exports" / "siemens"
+    written = export(result, "siemens", None, step_mm=25.0, out_dir=out, today=date(2026, 1, 1))
+    write_completed_report(Completed(folder=place, recorded=place, result=result, exports=(written,), refusals={}))
+    return place
+
+
+def read(pattern: re.Pattern[str], text: str) -> tuple[str, ...]:
+    """Return the figures of a text as English writes them."""
+    found = pattern.search(" ".join(text.split()))
+    assert found, text
+    return tuple(figure.replace(",", ".") for figure in found.groupdict().values())
+
+
+def test_every_place_says_the_same_figure(tmp_path: Path, browser: Browser) -> None:
+    """Terminal, status, verify, export report, report, conclusion.json and page, in both languages."""
+    place = finished(tmp_path)
+    told = json.loads((place / "conclusion.json").read_text(encoding="utf-8"))["reached"][1]
+    promised = read(AFTER["en"], told["en"])
+    assert float(promised[0]) < float(promised[1]) < float(promised[2])
+    assert read(AFTER["de"], told["de"]) == promised
+    assert read(AFTER["en"], stepdiag("status", tmp_path / "survey.toml").out) == promised
+    assert read(AFTER["en"], re.sub(r"<[^>]+>", " ", (place / "report.html").read_text(encoding="utf-8"))) == promised
+    files = place / "exports" / "siemens"
+    assert read(EXPORTED, (files / "EXPORT_REPORT.txt").read_text(encoding="utf-8")) == promised[:2]
+    assert read(VERIFIED, stepdiag("verify", place / "result.json", files).out) == promised[:2]
+    watching = Watched(browser)
+    with served(place) as daemon:
+        daemon.do(lambda: daemon.survey.publish(phase="complete", expects_setup="", result_ready=True))
+        page = watching.open(daemon.address)
+        reached = page.locator("#conclusion .reached li").last
+        expect(reached).to_contain_text("µm")
+        assert read(AFTER["en"], reached.inner_text()) == promised
+        page.locator("#language").click()
+        expect(reached).to_contain_text("größter")
+        assert read(AFTER["de"], reached.inner_text()) == promised
+        page.context.close()
+    watching.close()
