@@ -24,6 +24,7 @@ from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.own_files import own_and_zeros
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
+from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.findings import Finding
@@ -140,9 +141,14 @@ class Beckhoff:
             raise DataError("files", expected="an ISG_CSV file or an axis list", found=", ".join(file.name for file in files) or "nothing")
         return tuple(tables)
 
+    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return what acts: the volumetric file and each axis list are replaced as a whole."""
+        held, loaded = (self.parse(files, profile) if files else () for files in (own, new))
+        return overwritten(held, loaded, _seat)
+
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own volumetric file or axis lists, each replaced as a whole, and zeros where there is none."""
-        return own_and_zeros(self, tables, profile, lambda table: VOLCOMP if table.kind in (VOLCOMP, ANGLE) else table.output_axis)
+        return own_and_zeros(self, tables, profile, _seat)
 
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file is an axis list with compensation, or has a heading of component errors."""
@@ -169,6 +175,10 @@ class Beckhoff:
             "A list with two columns holds the reversal: set the backlash of that axis to 0.",
             "Sign test first for crosscomp: no page states its sense. Measure again; if the residual has grown, restore.",
         )
+
+
+def _seat(table: Table) -> str:
+    return VOLCOMP if table.kind in (VOLCOMP, ANGLE) else table.output_axis
 
 
 def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:

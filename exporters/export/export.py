@@ -12,6 +12,7 @@ from pathlib import Path
 
 import msgspec
 
+from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.export.report import report_text
 from stepdiag.exporters.export.volume import export_etalon, export_kinematics, export_lattice
 from stepdiag.exporters.export.written import REPORT, ExportReport
@@ -30,14 +31,11 @@ from stepdiag.exporters.safety.identity import require_same_machine
 from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.safety.restore import restore_files
-from stepdiag.exporters.safety.verify import predict
+from stepdiag.exporters.safety.standing import Standing, standing_findings
+from stepdiag.exporters.safety.verify import predict, worse_findings
 from stepdiag.exporters.tables import lattice
-from stepdiag.exporters.tables.angular import require_chain
-from stepdiag.exporters.tables.controller import Controller, Multiplying, Plan
-from stepdiag.exporters.tables.fit import fitted
-from stepdiag.exporters.tables.merge import merged
+from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.solver.errors import SafetyError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import Result
@@ -73,14 +71,16 @@ def export(
     require_levers(result, settled)
     if isinstance(settled.options, LinuxCncOptions) and settled.options.way == "kinematics":
         return export_kinematics(result, settled, accept, out_dir)
-    case, plan = _planned(result, control, settled, today or datetime.now(tz=UTC).date())
-    findings = run_checks(case)
+    made = planned(result, control, settled, today or datetime.now(tz=UTC).date())
+    case, plan, standing = made.case, made.plan, made.standing
+    findings = (*run_checks(case), *standing_findings(standing, result, case.profile))
     refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
     said = (*findings, *plan.findings, *compensation_remarks(result, case.profile), *remarks(case))
-    prediction = predict(result, case.tables, case.previous if case.profile.machine.measured_with == "on" else ())
+    prediction = predict(result, *standing.acting(result, case.profile))
+    refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, f"export for {controller}")
     text = report_text(case, plan, said, prediction)
     try:
-        files = _control_files(case)
+        files = _control_files(case, standing)
     except SafetyError as error:
         if error.code != "template-missing":
             raise
@@ -117,36 +117,14 @@ def _step(step_mm: float | None, profile: Profile | None) -> float:
     return step_mm
 
 
-def _planned(result: Result, control: Controller, profile: Profile, today: date) -> tuple[Case, Plan]:
-    """Return everything that the checks look at, and the plan."""
-    require_chain(result, profile)
-    previous = tables_in(control, profile.existing, profile) if profile.existing else ()
-    active = [table for table in previous if table.multiplier is not None] if profile.machine.measured_with == "on" else []
-    fit = fitted(result, profile.machine.functions, profile.machine.squareness_into, profile.zone, active)
-    curves = fit.curves
-    if profile.machine.measured_with == "on":
-        curves = merged(curves, previous, profile)
-    plan = control.plan_products(curves, fit.products, profile) if isinstance(control, Multiplying) else control.plan(curves, profile)
-    case = Case(
-        controller=control,
-        profile=replace(profile, options=plan.options or profile.options),
-        result=result,
-        curves=curves,
-        tables=plan.tables,
-        previous=previous,
-        today=today,
-    )
-    return case, plan
-
-
-def _control_files(case: Case) -> list[ControlFile]:
+def _control_files(case: Case, standing: Standing) -> list[ControlFile]:
     """Return the files for the control, read back and compared, and their restore files."""
     kinds = untested_kinds(case)
     notes = [f"UNTESTED SIGN ({', '.join(kinds)}): make the sign test before this table is used"] if kinds else []
     rendered = case.controller.render(case.tables, case.profile, notes)
     readable = [file for file in rendered if file.role == "data"]
     read = case.controller.parse(readable, case.profile)
-    errors = [item for item in gate_findings(case.controller, case.profile, case.result, read) if item.severity == "error"]
+    errors = [item for item in gate_findings(case, read, standing) if item.severity == "error"]
     refuse((*check_round_trip(case.tables, read), *errors), (), "files as written")
     restore = restore_files(case.controller, case.tables, case.profile)
     require_clean([*rendered, *restore], case.profile.existing)

@@ -5,7 +5,7 @@ parameters (controllers.md 2.6). The readable table in the report then says what
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import msgspec
 import numpy as np
@@ -22,6 +22,7 @@ from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
+from stepdiag.exporters.tables.seats import copied
 from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.findings import Finding
@@ -69,7 +70,10 @@ class Fanuc:
                 findings.append(Finding(code="straightness-left-out", severity="info", text=text))
             else:
                 table, left_um = fitted[curve.name]
-                (tables if curve.name in options.straightness else listed).append(table)
+                if (numbers := options.straightness.get(curve.name)) is None:
+                    listed.append(table)
+                else:
+                    tables.append(replace(table, place={**table.place, "set": numbers.moving}))
                 findings.append(_straightness_remark(curve, left_um, options))
         return Plan(
             tables=tuple(tables),
@@ -118,6 +122,11 @@ class Fanuc:
             where = ", ".join(file.name for file in files) or "no file"
             raise DataError(where, expected=f"pitch data, N{FIRST_PITCH_LINE} and above without Q1", found="none")
         return read_tables(punched, profile, options)
+
+    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables in the memory of the control: a punch file that is read in leaves nothing of the one that it was made from."""
+        files = copied(own, new)
+        return self.parse(files, profile) if files else ()
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - the files hold all that changes
         """Return the machine's own punch files: an export changes only numbers that stand in them."""

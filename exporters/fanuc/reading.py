@@ -1,6 +1,7 @@
 """FANUC tables as the control reads them from punch files, the parameters they refer to included."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -75,7 +76,8 @@ class _Reader:
         keys = (*numbers.points, *numbers.values)
         if self._find(keys[0], None) is None:
             return []
-        return [self._line_table(lines.STRAIGHTNESS, name[2], name[1], keys, None)]
+        table = self._line_table(lines.STRAIGHTNESS, name[2], name[1], keys, None)
+        return [replace(table, place={**table.place, "set": numbers.moving})]
 
     def _range(self, letter: str, axis: AxisPoints) -> tuple[int, int]:
         if self._find(3621, axis.number) is None or self._find(3622, axis.number) is None:

@@ -35,13 +35,18 @@ def sets_in(files: Sequence[PunchFile]) -> tuple[StraightnessNumbers, ...]:
 def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence[PunchFile], source: str) -> FanucOptions:
     """Return the options with the machine's sets given to the functions that are worth most; those of the profile stay.
 
+    A function keeps the set that it has in the machine's files, and a set of a function that ``tables`` lack is not taken from it.
+
     Raises ``SafetyError`` (code ``template-lacks-parameters``) where the profile says that the option is there and no file shows it.
     """
     if not options.straightness_option:
         return options
+    asked = {name: table for name, table in tables.items() if name not in options.straightness}
+    in_use = found_in(files, options)
     taken = {numbers.moving for numbers in options.straightness.values()}
+    taken |= {numbers.moving for name, numbers in in_use.items() if name not in asked}
     free = [one for one in sets_in(files) if one.moving not in taken]
-    if not free and not options.straightness:
+    if not sets_in(files) and not options.straightness:
         raise SafetyError(
             f"{source}: fanuc.straightness_option",
             code="template-lacks-parameters",
@@ -49,8 +54,10 @@ def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence
             found="none of these sets",
             remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file in machine.existing; without the option: false",
         )
-    names = sorted((name for name in tables if name not in options.straightness), key=lambda name: -_worth_um(tables[name]))
-    given = dict(zip(names, free, strict=False))
+    names = sorted(asked, key=lambda name: -_worth_um(asked[name]))[: len(free)]
+    given = {name: in_use[name] for name in names if name in in_use}
+    left = [one for one in free if one not in given.values()]
+    given |= dict(zip((name for name in names if name not in given), left, strict=False))
     return msgspec.structs.replace(options, straightness={**options.straightness, **given})
 
 

@@ -29,6 +29,7 @@ from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.own_files import lacking
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
+from stepdiag.exporters.tables.seats import copied
 from stepdiag.exporters.tables.tables import Law, Table, plain_rows
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.findings import Finding
@@ -112,7 +113,7 @@ class Heidenhain:
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return the .COM files and the .CMA file; neither can hold a comment, so ``notes`` go into a note beside them."""
-        named = {profile.axis(table.input_axis).name: str(table.place["file"]) for table in tables}
+        named = _called(profile) | {profile.axis(table.input_axis).name: str(table.place["file"]) for table in tables}
         beside = [ControlFile(name="heidenhain_notes.txt", data=ascii_lines(notes), role="note")] if notes else []
         if any(table.kind == KINEMATICS for table in tables):
             beside.append(ControlFile(name=LINES, data=ascii_lines(_kinematics_lines(tables, profile)), role="note"))
@@ -145,6 +146,8 @@ class Heidenhain:
         else:
             called = {com.axis_in(name, [axis.name for axis in profile.axes.values()]): name for name in tables_of}
         tables: list[Table] = []
+        beside = {plain_name(file.name).upper(): file for file in profile.existing if file.name.upper().endswith(".COM")}
+        tables_of = {**beside, **tables_of} if assignments else tables_of
         for axis, name in called.items():
             if name.upper() not in tables_of:
                 raise DataError(assignments[0].name, expected=f"{name}, which it calls for {axis}", found=", ".join(tables_of))
@@ -152,13 +155,18 @@ class Heidenhain:
             tables += com.read(tables_of[name.upper()], profile.letter_of(axis, name), profile, how)
         return tuple(tables)
 
+    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return what the last .CMA file calls, each .COM table as it was copied last; which .CMA acts is the control's matter."""
+        called = [file for files in (own, new) for file in files if file.name.upper().endswith(".CMA")][-1:]
+        tables = [file for file in copied(own, new) if not file.name.upper().endswith(".CMA")]
+        return self.parse([*tables, *called], profile) if tables else ()
+
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own tables and assignment; without an assignment, one that calls the own tables and zeros in place of new ones."""
         if any(file.name.upper().endswith(".CMA") for file in profile.existing):
             return profile.existing
-        own = self.parse(profile.existing, profile) if profile.existing else ()
         zeros = lacking(self, tables, profile, _file_of)
-        named = {profile.axis(table.input_axis).name: str(table.place["file"]) for table in (*own, *zeros)}
+        named = {profile.axis(table.input_axis).name: str(table.place["file"]) for table in zeros} | _called(profile)
         assignment = self._assignment(named, profile)
         return (*profile.existing, *self._com_files(zeros, profile), assignment)
 
@@ -210,6 +218,16 @@ def _levers(profile: Profile) -> Vector | None:
             remedy="the files of KinematicsComp on other controls are not public",
         )  # fmt: skip
     return levers_of(options.chain, own=False)
+
+
+def _called(profile: Profile) -> dict[str, str]:
+    """Return the own table of each axis, as the own .CMA file calls it or its name tells: those an export leaves alone stay called."""
+    assignments = [file for file in profile.existing if file.name.upper().endswith(".CMA")]
+    if assignments:
+        return com.read_assignment(assignments[0])
+    names = [plain_name(file.name) for file in profile.existing if file.name.upper().endswith(".COM")]
+    axes = [axis.name for axis in profile.axes.values()]
+    return {com.axis_in(name, axes): name for name in names}
 
 
 def _place(input_axis: str, profile: Profile) -> dict[str, int | str]:

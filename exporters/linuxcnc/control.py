@@ -24,6 +24,7 @@ from stepdiag.exporters.tables.curves import POSITIONING, SQUARENESS_SLOPE, Curv
 from stepdiag.exporters.tables.fit import straight_line_um_mm
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, quantised
+from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Table, correction_um, plain_rows
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.geometry.volume import Vector
@@ -124,6 +125,12 @@ class LinuxCnc:
             found = _read_matrix(file) if b"matrixkins" in file.data else _read_screw(file, profile)
             tables += found
         return tuple(tables)
+
+    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return what acts: one COMP_FILE an axis, as the INI file names it, and one HAL file with the coefficients of matrixkins."""
+        return overwritten(
+            self.parse(own, profile), self.parse(new, profile), lambda table: (table.kind, table.kind == SCREW and table.name)
+        )
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own files, and the lines that go out of the INI file: a COMP_FILE of zeros would still switch BACKLASH off."""

@@ -99,6 +99,11 @@ class Mitsubishi:
         """Return the tables of such a list."""
         return tuple(table for file in files for table in _read(file, profile))
 
+    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables in the parameters of the control: every number keeps what was keyed in last, the data of any pair included."""
+        values = {number: value for file in (*own, *new) for number, value in _values(file).items()}
+        return tuple(_pairs(", ".join(file.name for file in (*own, *new)), values, profile)) if values else ()
+
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own list, and zeros for every pair of axes that it lacks.
 
@@ -236,6 +241,11 @@ def _shifted(units: Sequence[int], origin: int, table: Table) -> list[int]:
 
 
 def _read(file: ControlFile, profile: Profile) -> Iterator[Table]:
+    return _pairs(file.name, _values(file), profile)
+
+
+def _values(file: ControlFile) -> dict[int, tuple[str, str]]:
+    """Return, by parameter number, where a value stands and what it is."""
     require_end(file, _MARK, _END)
     values: dict[int, tuple[str, str]] = {}
     for where, line in read_lines(file):
@@ -247,16 +257,20 @@ def _read(file: ControlFile, profile: Profile) -> Iterator[Table]:
         values[whole(said[0][1:], where)] = (where, said[1])
     if 4000 not in values or 4001 not in values or not file.data.endswith(b"\n"):
         raise DataError(file.name, expected="#4000 and #4001, and a line end after the last value", found="nothing like it")
+    return values
+
+
+def _pairs(source: str, values: dict[int, tuple[str, str]], profile: Profile) -> Iterator[Table]:
     for pair, base in enumerate(range(4000, _FIRST_DATA - 1, 10)):
         if base + 1 in values:
-            yield _read_pair(file, values, base, pair + 1, profile)
+            yield _read_pair(source, values, base, pair + 1, profile)
 
 
-def _read_pair(file: ControlFile, values: dict[int, tuple[str, str]], base: int, pair: int, profile: Profile) -> Table:
+def _read_pair(source: str, values: dict[int, tuple[str, str]], base: int, pair: int, profile: Profile) -> Table:
     options = profile.options_as(MitsubishiOptions)
     missing = [f"#{base + index} {word}" for index, word in enumerate(_HEAD) if index and base + index not in values]
     if missing:
-        raise DataError(file.name, expected=", ".join(missing), found="nothing", remedy="the list is truncated")
+        raise DataError(source, expected=", ".join(missing), found="nothing", remedy="the list is truncated")
     if whole(values[4000][1], values[4000][0]) != int(options.data == "incremental"):
         raise DataError(values[4000][0], expected=f"#4000 for {options.data} data, as the profile says", found=values[4000][1])
     base_axis, moved_axis = (profile.letter_of(values[base + index][1], values[base + index][0]) for index in (1, 2))
@@ -267,7 +281,7 @@ def _read_pair(file: ControlFile, values: dict[int, tuple[str, str]], base: int,
         raise DataError(values[base + 3][0], expected=expected, found=f"{first} {origin} {last}, scale {scale}, interval {step:g}")
     absent = [number for number in range(first, last + 1) if number not in values]
     if absent:
-        raise DataError(file.name, expected=f"#{first} to #{last}", found=f"no #{absent[0]}", remedy="the list is truncated")
+        raise DataError(source, expected=f"#{first} to #{last}", found=f"no #{absent[0]}", remedy="the list is truncated")
     reference_mm = profile.axis(base_axis).reference_mm
     position = reference_mm + step * np.arange(first - origin, last + 1 - origin, dtype=np.float64)
     require_rising(position, values[base + 7][0])

@@ -68,6 +68,10 @@ class Neutral:
         """Return the curves in the files."""
         return tuple(table for file in files for table in _tables(file, profile))
 
+    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the curves of the later file: they stand for a compensation as a whole."""
+        return self.parse(new or own, profile)
+
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - part of the protocol
         """Return nothing: curves for people change no control."""
         return ()

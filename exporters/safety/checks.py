@@ -70,40 +70,18 @@ def check_values(case: Case) -> Iterator[Finding]:
 
 
 def check_change(case: Case) -> Iterator[Finding]:
-    """3: the change against the previous table; and a previous table that would stay active beside the new one.
+    """3: the change against the previous tables of the same function. What becomes of old tables beside it is in `standing`.
 
     A table of zeros is no previous table: the first compensation of a machine is judged by its size alone (check 2).
     """
     for table in case.tables:
         before = [old for old in case.previous if old.name == table.name and np.any(old.value_um)]
-        if not before:
+        if not before or not np.any(table.value_um):
             continue
-        change = float(np.max(np.abs(movement_um(table, [table]) - movement_um(table, before))))
+        new = [each for each in case.tables if each.name == table.name]
+        change = float(np.max(np.abs(movement_um(table, new) - movement_um(table, before))))
         if change > case.profile.limits.change_um:
             yield _warning("change-large", f"{table.label}: differs by {change:.1f} um from the table in the control now")
-        for old in before:
-            if not any(_replaces(new, old) for new in case.tables):
-                yield _error(
-                    "old-table-left-active", f"{old.label}: would act together with the new {table.label}; give the new one its place"
-                )
-    yield from _left_or_lost(case)
-
-
-def _left_or_lost(case: Case) -> Iterator[Finding]:
-    """Yield what is wrong with previous tables of functions that are not exported: products that go on, and tables whose place is taken."""
-    exported = {table.name for table in case.tables}
-    for old in case.previous:
-        if old.name in exported or not np.any(old.value_um):
-            continue
-        taken = [new for new in case.tables if _replaces(new, old)]
-        if taken:
-            text = f"{old.label}: the new {taken[0].label} takes its place, and nothing does its work"
-            yield _error("old-table-lost", f"{text}: export its function as well, or move the new one")
-        elif "*" in old.name:
-            text = (
-                f"{old.label}: this product of tables would act beside the new tables, which do not count on it; take it out of the control"
-            )
-            yield _error("old-table-left-active", text)
 
 
 def check_slope(case: Case) -> Iterator[Finding]:
@@ -303,14 +281,6 @@ def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
     for table in tables:
         total += correction_um(table, grid_of.position_mm, grid_of.direction or 1)
     return total
-
-
-def _replaces(new: Table, old: Table) -> bool:
-    """Return whether the new table overwrites the old one: that of its number, where tables are numbered, else that of its function."""
-    numbers = [table.place.get("table", table.place.get("pair")) for table in (new, old)]
-    if new.kind != old.kind:
-        return False
-    return numbers[0] == numbers[1] if numbers[1] is not None else new.name == old.name
 
 
 def _error(code: str, text: str) -> Finding:

@@ -8,13 +8,12 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.safety.checks import limit_findings
-from stepdiag.exporters.tables.controller import Controller
-from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.safety.checks import Case, limit_findings
+from stepdiag.exporters.safety.judgement import judge
+from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.findings import Finding
-from stepdiag.solver.result.result import Result
 
 _NO_NUMBER = re.compile(r"(?<![A-Za-z_])(?:nan|inf|infinity)(?![A-Za-z_])", re.IGNORECASE)
 _POWER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?\d+(?:\.\d*)?[eE][-+]?\d+(?![A-Za-z0-9_.])")
@@ -22,6 +21,8 @@ _NUMBER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?(\d+)(?:\.(\d*))?(?![A-Za-z0-9_.])
 _BARE_POINT = re.compile(r"(?<![0-9])\.\d|--\d|\+-\d|-\+\d")
 _DIGITS, _DECIMALS = 12, 9
 """Digits before and after the point: the identity of a control has twelve, a position in inches nine decimals."""
+_MISTAKEN = ("sign-turned", "axes-swapped", "input-output-swapped", "wrong-measuring-system", "beside-volume")
+"""Verdicts that no coarse grid explains."""
 _PAST = 3
 """Lines that a refusal names at most."""
 
@@ -44,9 +45,12 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
             )
 
 
-def gate_findings(controller: Controller, profile: Profile, result: Result, read: Sequence[Table]) -> Iterator[Finding]:
-    """Yield what the limits say about tables as they were read back from the text, and positions outside the travel of their axis."""
-    yield from limit_findings(controller, profile, result, read)
+def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iterator[Finding]:
+    """Yield what is wrong with tables as they were read back from the text: limits, travel, and the verdicts that `verify` would give."""
+    profile = case.profile
+    yield from limit_findings(case.controller, profile, case.result, read)
+    judged = judge(case.result, read, standing, profile)
+    yield from (Finding(code=each.code, severity="error", text=each.text) for each in judged if each.code in _MISTAKEN)
     for table in read:
         travel = profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
         if travel is None or table.law.ends == "extended":

@@ -11,6 +11,7 @@ from typing import Literal
 
 import numpy as np
 
+from stepdiag.exporters.safety.standing import Standing, unchanged
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
 from stepdiag.exporters.tables.profile import Profile
@@ -22,10 +23,10 @@ from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import Result
 
 Code = Literal[
-    "right", "empty", "unidentified", "sign-turned", "axes-swapped", "input-output-swapped", "wrong-measuring-system", "scaled",
+    "right", "empty", "kept", "unidentified", "sign-turned", "axes-swapped", "input-output-swapped", "wrong-measuring-system", "scaled",
     "beside-volume", "unlike",
 ]  # fmt: skip
-HARMLESS: frozenset[Code] = frozenset({"right", "empty", "unidentified"})
+HARMLESS: frozenset[Code] = frozenset({"right", "empty", "kept", "unidentified"})
 """Verdicts that do not stop anybody from loading a file."""
 _POINTS = 61
 _SAME = 0.4
@@ -71,18 +72,22 @@ class Judgement:
         }
 
 
-def judge(result: Result, tables: Sequence[Table], replaced: Sequence[Table], profile: Profile) -> tuple[Judgement, ...]:
-    """Return a judgement for every table, in their order; ``replaced`` were active while measuring and give way to the new ones.
+def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: Profile) -> tuple[Judgement, ...]:
+    """Return a judgement for every table, in their order: by what all that act in the control afterwards do, old tables among them.
 
-    Tables that act together (two directions, two kinds for one function) are judged by their sum.
+    Tables that act together (two directions, two kinds for one function) are judged by their sum. One of a function that nobody asked for
+    and that goes on as before is "kept".
     """
+    after, before = standing.acting(result, profile)
     wanted = _Wanted(result)
     judged = []
     for table in tables:
-        fault = _measuring_system(table, profile)
+        fault = _measuring_system(table, profile) or _kept(table, standing, profile)
         if fault is None:
-            acting = [[each for each in some if _acts_with(each, table)] for some in (tables, replaced)]
+            acting = [[each for each in some if _acts_with(each, table)] for some in (after, before)]
             case = _Case(table, acting[0], acting[1], result.volume)
+            fault = _emptied(case)
+        if fault is None:
             fault = _of_product(case, result) if table.multiplier is not None else _of_curve(case, wanted, result.volume)
         judged.append(fault)
     return tuple(judged)
@@ -181,6 +186,23 @@ def _measuring_system(table: Table, profile: Profile) -> Judgement | None:
         return None
     text = f"{table.label}: written for measuring system {system}, the profile says that {used} is in use: it would not act"
     return Judgement(table=table, code="wrong-measuring-system", text=text)
+
+
+def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | None:
+    """Return a judgement where a function that nobody asked for moves the axis as it did before."""
+    if table.name in profile.machine.functions or table.multiplier is not None:
+        return None
+    then, now = ([each for each in some if each.name == table.name] for some in (standing.before, standing.after))
+    if not then or not now or not unchanged(now, then):
+        return None
+    return Judgement(table=table, code="kept", text=f"{table.label}: as it was in the control before")
+
+
+def _emptied(case: _Case) -> Judgement | None:
+    """Return a judgement of zeros beside another table that does the work."""
+    if case.table.value_um.any() or not any(each.value_um.any() for each in case.together):
+        return None
+    return case.says("empty", "zeros: nothing acts from this place any more")
 
 
 def _of_curve(case: _Case, wanted: _Wanted, volume: Volume) -> Judgement:

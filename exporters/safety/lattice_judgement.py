@@ -12,6 +12,7 @@ import numpy as np
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.judgement import SURE_UM, Judgement, grid_mm, growing_um, judge
+from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
@@ -34,7 +35,8 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: tuple[Vector, Vector
     # no profile enters a judgement of a lattice: the neutral control stands in
     stand_in = quick_profile(controller_named("neutral"), result.volume, float(result.volume.step_mm[0]))
     known = replace(result, errors={**result.errors, **result.expected})
-    return judge(known, [*curves, *_products(moved_um, result.volume)], (), stand_in)
+    tables = (*curves, *_products(moved_um, result.volume))
+    return judge(known, tables, Standing(after=tables, new=tables), stand_in)
 
 
 def _curve(name: str, moved_um: Moved, axes_mm: tuple[Vector, Vector, Vector], volume: Volume) -> Table:

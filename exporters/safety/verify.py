@@ -5,7 +5,7 @@ Statistics are given twice: as they are, counted from the low corner of the volu
 is a matter of where the workpiece lies.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,6 +20,7 @@ from stepdiag.exporters.safety.identity import require_same_machine
 from stepdiag.exporters.safety.judgement import Judgement, judge, judge_field
 from stepdiag.exporters.safety.lattice_judgement import judge_lattice
 from stepdiag.exporters.safety.levers import require_levers
+from stepdiag.exporters.safety.standing import Standing, identifies, standing_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.angular import require_chain
 from stepdiag.exporters.tables.controller import Controller
@@ -36,6 +37,7 @@ from stepdiag.solver.result.result import Result
 
 Correction = Callable[[Vector], Vector]
 """Commanded points (N, 3) in mm to what is added there in um."""
+CLEARLY = 1.02
 ROUNDING_UM = 0.3
 """What the rounding of tables in units of 1 um may add to the rms of an error."""
 NODES = 11
@@ -84,7 +86,7 @@ class Prediction:
     def clearly_worse(self) -> bool:
         """Tell whether the machine errs more with the files by more than rounding can do."""
         before, after = self.figures(rigid_motion=False)
-        return after.rms_um > before.rms_um * 1.02 + ROUNDING_UM
+        return after.rms_um > before.rms_um * CLEARLY + ROUNDING_UM
 
     def picture(self) -> dict[str, list[list[float]]]:
         """Return plain lists for a plot: points in mm, error vectors before and after in um without rigid motion."""
@@ -167,15 +169,40 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
     reading = profile or quick_profile(controller, result.volume, float(result.volume.step_mm[0]))
     require_chain(result, reading)
     tables = tables_in(controller, files, reading)
-    replaced = tables_in(controller, reading.existing, reading) if reading.machine.measured_with == "on" else ()
+    standing = _standing(controller, files, tables, reading)
+    prediction = predict(result, *standing.acting(result, reading), nodes=nodes)
+    findings = (*standing_findings(standing, result, reading), *worse_findings(prediction, standing, result, reading))
     return Verification(
         controller=controller.name,
         assumed=reading.assumed,
         tables=tables,
-        prediction=predict(result, tables, replaced, nodes=nodes),
-        judgements=judge(result, tables, replaced, reading),
-        findings=limit_findings(controller, reading, result, tables),
+        prediction=prediction,
+        judgements=judge(result, tables, standing, reading),
+        findings=(*limit_findings(controller, reading, result, tables), *findings),
     )
+
+
+def _standing(controller: Controller, files: Sequence[ControlFile], tables: tuple[Table, ...], profile: Profile) -> Standing:
+    """Return what stands in the control before and after loading; without files of its own, what was read."""
+    if not profile.existing:
+        return Standing(after=tables, new=tables)
+    tables_in(controller, profile.existing, profile)
+    before, after = (controller.standing(profile.existing, new, profile) for new in ((), files))
+    return Standing(before=before, after=after, new=tables)
+
+
+def worse_findings(prediction: Prediction, standing: Standing, result: Result, profile: Profile) -> Iterator[Finding]:
+    """Yield an error where the machine would err clearly more after loading than while it was measured, or with its old tables."""
+    before, after = (figures.rms_um for figures in prediction.figures(rigid_motion=False))
+    then = "while it was measured"
+    old = [table for table in standing.before if identifies(result, table)] if profile.machine.measured_with == "off" else []
+    if old:
+        errors = prediction.before_um + mean_correction_um(old, prediction.points_mm)
+        with_old = Figures.of(without_rigid_motion(result.volume, prediction.points_mm, errors)).rms_um
+        before, then = min((before, then), (with_old, "with the tables that are in the control now"))
+    if after > before * CLEARLY + ROUNDING_UM:
+        text = f"the machine would err by {after:.1f} um rms after loading, {then} by {before:.1f}"
+        yield Finding(code="worse-after", severity="error", text=text)
 
 
 def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:

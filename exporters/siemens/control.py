@@ -21,7 +21,7 @@ from stepdiag.exporters.tables.curves import POSITIONING, Curve
 from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
-from stepdiag.exporters.tables.tables import Sense, Table, plain_rows
+from stepdiag.exporters.tables.tables import Sense, Table, plain_rows, zeroed
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
 
@@ -138,10 +138,9 @@ class Siemens:
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables in data files and part programs; the same table in two files must be the same."""
-        sense = profile.options_as(SiemensOptions).cec_sense
         found: dict[tuple[str, str], tuple[Table, str]] = {}
         for file in files:
-            tables = eec.read_tables(file, profile) + cec.read_tables(file, profile, sense)
+            tables = self._numbered_in(file, profile)
             if not tables:
                 raise DataError(file.name, expected="an EEC or CEC table", found="none", remedy="give the data files of the control")
             for table in tables:
@@ -151,6 +150,34 @@ class Siemens:
                     raise DataError(file.name, expected=f"the same {table.label} as in {found[key][1]}", found="another")
                 found.setdefault(key, (table, file.name))
         return joined([table for table, _ in found.values()], ", ".join(file.name for file in files))
+
+    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables that act: the EEC of each axis for the measuring system in use, and CEC tables by number, linked as they stand.
+
+        The table that multiplied another one acts by itself where that one is overwritten: nothing takes it out.
+        """
+        held: dict[tuple[str, str], Table] = {}
+        for file in (*own, *new):
+            held |= {_seat(table): table for table in self._numbered_in(file, profile)}
+        acting = [table for table in held.values() if _acts(table, profile)]
+        return joined(acting, ", ".join(file.name for file in (*own, *new)))
+
+    def emptied(self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile) -> tuple[Table, ...]:
+        """Return zeros for old tables of the same functions under other numbers, and for tables that multiplied what is overwritten."""
+        held = {_seat(table): table for file in own for table in self._numbered_in(file, profile)}
+        taken = {_seat(table) for table in numbered(tables)}
+        names = {table.name for table in tables}
+        needed: set[tuple[str, str]] = set()
+        for table in self.standing(own, (), profile):
+            seats = {_seat(table)} | ({_numbered_seat(int(table.place[cec.TIMES]))} if table.multiplier is not None else set())
+            if table.name not in names and not seats & taken:
+                needed |= seats
+        gone = [table for seat, table in held.items() if seat not in needed | taken and table.value_um.any() and _acts(table, profile)]
+        return zeroed([replace(table, place={key: value for key, value in table.place.items() if key != cec.TIMES}) for table in gone])
+
+    def _numbered_in(self, file: ControlFile, profile: Profile) -> tuple[Table, ...]:
+        """Return the tables of a file as the control numbers them, those that multiply another among them."""
+        return eec.read_tables(file, profile) + cec.read_tables(file, profile, profile.options_as(SiemensOptions).cec_sense)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own files, zeros for the tables they lack, and part programs that load the same and switch off what was not there."""
@@ -189,6 +216,23 @@ class Siemens:
             "The positions on the screen do not show the compensation. Measure again; if the residual has grown, load the restore files:",
             "LOAD_EEC_RESTORE.MPF and LOAD_CEC_RESTORE.MPF write the old tables and zeros where there were none, and switch those off.",
         )
+
+
+def _seat(table: Table) -> tuple[str, str]:
+    """Return where the control keeps a table: an EEC by measuring system and axis, a CEC by its number."""
+    if table.kind == eec.KIND:
+        return eec.KIND, f"{table.place['measuring system']},{table.place['axis']}"
+    return _numbered_seat(int(table.place["table"]))
+
+
+def _acts(table: Table, profile: Profile) -> bool:
+    """Return whether a table is of the measuring system in use; without a profile nobody has said which that is."""
+    used = profile.options_as(SiemensOptions).measuring_system
+    return profile.assumed or table.place.get("measuring system", used) == used
+
+
+def _numbered_seat(number: int) -> tuple[str, str]:
+    return cec.KIND, str(number)
 
 
 def _curve_tables(curve: Curve, profile: Profile, options: SiemensOptions, numbers: Iterator[int]) -> Sequence[Table]:

@@ -19,6 +19,7 @@ from stepdiag.exporters.tables.curves import POSITIONING, Curve
 from stepdiag.exporters.tables.own_files import own_and_zeros
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
+from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Table
 from stepdiag.solver.errors import DataError, SafetyError
 from stepdiag.solver.findings import Finding
@@ -92,6 +93,10 @@ class AxisList:
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of such lists."""
         return tuple(table for file in files for table in self._read(file, profile))
+
+    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the lists that act: one an axis."""
+        return overwritten(self.parse(own, profile), self.parse(new, profile), lambda table: table.input_axis)
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the machine's own lists, and a list of zeros for every axis that has none."""

@@ -64,6 +64,14 @@ class Multiplying(Protocol):
         """Return the tables for the curves, and for the products as far as the profile wants them and the control has tables."""
 
 
+@runtime_checkable
+class Emptying(Protocol):
+    """A control on which an old table that nothing overwrites can be emptied, so that it does not act beside the new ones."""
+
+    def emptied(self, own: Sequence[ControlFile], tables: Sequence[Table], profile: Profile) -> tuple[Table, ...]:
+        """Return tables of zeros for every seat of ``own`` from which something would act that ``tables`` does not count on."""
+
+
 class Controller(Protocol):
     """One controller family. Implementations hold no state: everything about a machine is in its profile."""
 
@@ -109,6 +117,13 @@ class Controller(Protocol):
         """Return the tables as the control would read them from these files.
 
         Raises ``DataError`` naming file and line for a foreign, damaged or incomplete file.
+        """
+
+    def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
+        """Return the tables that act once ``new`` has been loaded into a control that held ``own``; with nothing new, those of ``own``.
+
+        A table gives way to what takes its seat (a number, a pair of axes, a file name, as this control keeps them) and to nothing else.
+        Raises ``DataError`` as `parse` does.
         """
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:

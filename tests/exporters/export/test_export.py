@@ -4,6 +4,7 @@ import hashlib
 from collections.abc import Sequence
 from dataclasses import replace
 from datetime import date
+from pathlib import Path
 
 import msgspec
 import numpy as np
@@ -15,7 +16,7 @@ from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, run_checks
 from stepdiag.exporters.safety.compensation import stated
-from stepdiag.exporters.safety.verify import verify_files
+from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import curves_of
@@ -24,6 +25,7 @@ from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import Result
+from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.machines import MACHINES, profile_of
 from testkit.results import VOLUME, made_result
 
@@ -273,6 +275,21 @@ $AA_ENC_COMP_IS_MODULO[0,AX1]=0
 M17
 """
 """An EEC table of X that is a straight line from 0 to 20 um."""
+CEC = (
+    b"$AN_CEC[%(n)d,0]=0\n$AN_CEC[%(n)d,1]=0.002\n$AN_CEC_INPUT_AXIS[%(n)d]=(AX%(from)d)\n$AN_CEC_OUTPUT_AXIS[%(n)d]=(AX%(to)d)\n"
+    b"$AN_CEC_STEP[%(n)d]=400\n$AN_CEC_MIN[%(n)d]=-200\n$AN_CEC_MAX[%(n)d]=200\nM17\n"
+)
+"""A CEC table that is a straight line from 0 to 2 um."""
+
+
+def left_um(old: bytes, folder: Path) -> float:
+    """What a virtual control moves the tool by at most, after an export was loaded over an old file, in um."""
+    control = SiemensControl()
+    control.load(old.decode("ascii"))
+    for path in sorted(folder.glob("LOAD_*_UNTESTED_SIGN.MPF")):
+        control.load(path.read_text(encoding="ascii"))
+    points = grid_points_mm(VOLUME, 5)
+    return float(np.max(np.abs(sum(table.correction_mm(points, np.ones(points.shape)) for table in control.tables())))) * 1e3
 
 
 def measured_with(result: Result, active: Sequence[ControlFile]) -> Result:
@@ -309,36 +326,49 @@ class TestActiveTables:
         big = made_result({"EXX": [0, -8, -16, -24, -32]})
         assert refusal_of(big, self.active("off"), tmp_path).code == "change-large"
 
-    def test_an_old_table_that_would_stay_active_is_refused(self, tmp_path):
-        """Two CEC tables on one output axis add up: the new one must take the old one's number."""
-        old = OLD_TABLE.replace(b"\nM17\n", b"\n") + (
-            b"$AN_CEC[7,0]=0\n$AN_CEC[7,1]=0.002\n$AN_CEC_INPUT_AXIS[7]=(AX1)\n$AN_CEC_OUTPUT_AXIS[7]=(AX2)\n"
-            b"$AN_CEC_STEP[7]=400\n$AN_CEC_MIN[7]=-200\n$AN_CEC_MAX[7]=200\nM17\n"
-        )
+    def test_an_old_table_under_another_number_is_emptied(self, tmp_path):
+        """Two CEC tables on one output axis add up: the number that held the function before gets zeros."""
+        old = OLD_TABLE.replace(b"\nM17\n", b"\n") + CEC % {b"n": 7, b"from": 1, b"to": 2}
         profile = replace(machine(), existing=(ControlFile(name="ALL.INI", data=old),))
-        assert refusal_of(RESULT, profile, tmp_path).code == "old-table-left-active"
+        made = export(RESULT, "siemens", profile, out_dir=tmp_path / "out", today=TODAY)
+        assert 7 in [table.place["table"] for table in made.tables if table.name == "EYX" and not table.value_um.any()]
+        assert left_um(old, tmp_path / "out") == pytest.approx(left_um(b"", tmp_path / "out"), abs=1e-6)
 
     def test_an_axis_that_goes_from_one_kind_of_table_to_another_keeps_no_old_one(self, tmp_path):
         """Two directions go into CEC tables: the old EEC of X would act beside them, whatever becomes of the EEC of other axes."""
         both = made_result({"EXX": [0, 5, 10, 15, 20], "EYY": [0, 1, 2, 3, 4]}, reversal={"EXX": [3, 3, 3, 3, 3]})
-        refused = refusal_of(both, self.directional(), tmp_path)
-        assert refused.code == "old-table-left-active"
-        assert "eec" in str(refused)
+        made = export(both, "siemens", self.directional(), out_dir=tmp_path / "out", today=TODAY, accept=["change-large"])
+        assert [table.kind for table in made.tables if table.name == "EXX"] == ["cec", "cec", "eec"]
+        assert left_um(OLD_TABLE, tmp_path / "out") == pytest.approx(left_um(b"", tmp_path / "out"), abs=1e-6)
 
     def directional(self):
         active = self.active("off")
-        return replace(active, machine=msgspec.structs.replace(active.machine, direction="both"))
+        axes = {letter: msgspec.structs.replace(axis, backlash_um=0.0) for letter, axis in active.axes.items()}
+        return replace(active, machine=msgspec.structs.replace(active.machine, direction="both"), axes=axes)
 
-    def test_a_table_whose_place_another_function_takes_is_not_lost_in_silence(self, tmp_path):
-        """Number 0 held what Z does to X; the new number 0 is what X does to Y."""
-        old = (
-            b"CHANDATA(1)\n$AN_CEC[0,0]=0\n$AN_CEC[0,1]=0.002\n$AN_CEC_INPUT_AXIS[0]=(AX3)\n$AN_CEC_OUTPUT_AXIS[0]=(AX1)\n"
-            b"$AN_CEC_STEP[0]=400\n$AN_CEC_MIN[0]=-200\n$AN_CEC_MAX[0]=200\nM17\n"
-        )
+    def test_a_function_whose_place_another_one_takes_is_written_once_more(self, tmp_path):
+        """Number 0 held what Z does to X; the new number 0 is what X does to Y, and X along Z goes on as it was."""
+        old = b"CHANDATA(1)\n" + CEC % {b"n": 0, b"from": 3, b"to": 1}
         profile = replace(machine(functions=("EXX", "EYX")), existing=(ControlFile(name="NC_CEC.INI", data=old),))
-        assert refusal_of(RESULT, profile, tmp_path).code == "old-table-lost"
+        made = export(RESULT, "siemens", profile, out_dir=tmp_path / "out", today=TODAY)
+        (kept,) = (table for table in made.tables if table.name == "EXZ")
+        np.testing.assert_allclose(kept.value_um, [0.0, 0.2, 0.5, 0.8, 1.0], atol=0.051)
         numbered = replace(profile, options=msgspec.structs.replace(profile.options, cec_tables={"EYX": [7]}))
-        assert export(RESULT, "siemens", numbered, out_dir=tmp_path / "out", today=TODAY).files
+        made = export(RESULT, "siemens", numbered, out_dir=tmp_path / "beside", today=TODAY)
+        assert not [table for table in made.tables if table.name == "EXZ"]
+
+    def test_what_no_table_can_hold_any_more_is_not_lost_in_silence(self, tmp_path):
+        """An axis list holds one cross table: that of another master axis would go."""
+        profile = profile_of("beckhoff", VOLUME)
+        lists = msgspec.structs.replace(profile.options, way="lists", cross_sense="as-error")
+        wanted = msgspec.structs.replace(profile.machine, functions=["EXX", "EYX"])
+        profile = replace(profile, options=lists, machine=wanted)
+        control = controller_named("beckhoff")
+        files = control.render(control.plan(curves_of(RESULT, ["EXX", "EYX"]), profile).tables, profile)
+        other = replace(profile, existing=files, machine=msgspec.structs.replace(wanted, functions=["EXX", "EYZ"]))
+        with pytest.raises(SafetyError) as refused:
+            export(RESULT, "beckhoff", other, out_dir=tmp_path / "out", today=TODAY)
+        assert refused.value.code == "one-cross-table"
 
     def test_an_old_table_for_each_direction_is_not_merged_into_a_mean(self, tmp_path):
         old = b"CHANDATA(1)\n" + b"".join(

@@ -97,7 +97,7 @@ def test_the_warning_in_a_file_name_is_seen_through():
 def test_column_widths_are_those_of_the_control():
     """A heading taken from the control's own file is kept to the letter, values stand under it."""
     own = "NR        AXISPOS    BACKLASH   AX1        AX2        AX3        "
-    template = ControlFile(name="OLD.COM", data=f"BEGIN OLD.COM MM\r\n{own}\r\n[END]\r\n".encode())
+    template = ControlFile(name="AXIS_AX1.COM", data=f"BEGIN AXIS_AX1.COM MM\r\n{own}\r\n[END]\r\n".encode())
     files, plan = files_of(profile(existing=[template]))
     lines = files["AXIS_AX1.COM"].data.decode().split("\r\n")
     assert lines[1] == own.rstrip()
@@ -109,7 +109,7 @@ def test_column_widths_are_those_of_the_control():
 def test_columns_that_are_too_narrow_are_refused():
     """Two values that would run into one another would be read as something else."""
     own = "NR AXISPOS BACKLASH AX1 AX2 AX3"
-    template = ControlFile(name="OLD.COM", data=f"BEGIN OLD.COM MM\r\n{own}\r\n[END]\r\n".encode())
+    template = ControlFile(name="AXIS_AX1.COM", data=f"BEGIN AXIS_AX1.COM MM\r\n{own}\r\n[END]\r\n".encode())
     with pytest.raises(SafetyError, match="columns wide enough") as refused:
         files_of(profile(existing=[template]))
     assert refused.value.code == "column-too-narrow"

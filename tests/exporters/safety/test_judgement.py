@@ -9,7 +9,8 @@ import pytest
 
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.compensation import stated
-from stepdiag.exporters.safety.judgement import judge
+from stepdiag.exporters.safety.judgement import Judgement, judge
+from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.curves import FUNCTIONS
@@ -34,8 +35,14 @@ def tables_of(name: str = "siemens", result: Result = RESULT, profile: Profile |
     return list(plan.tables), replace(profile, options=plan.options or profile.options)
 
 
+def judged_as(result: Result, tables: list[Table], old: list[Table], profile: Profile) -> tuple[Judgement, ...]:
+    """The verdicts on tables that take the place of old ones, which were active while measuring where there are any."""
+    machine = msgspec.structs.replace(profile.machine, measured_with="on" if old else "off")
+    return judge(result, tables, Standing(before=tuple(old), after=tuple(tables), new=tuple(tables)), replace(profile, machine=machine))
+
+
 def codes(tables: list[Table], profile: Profile, result: Result = RESULT) -> set[str]:
-    return {each.code for each in judge(result, tables, (), profile)}
+    return {each.code for each in judged_as(result, tables, [], profile)}
 
 
 def changed(tables: list[Table], name: str, **changes: object) -> list[Table]:
@@ -43,7 +50,7 @@ def changed(tables: list[Table], name: str, **changes: object) -> list[Table]:
 
 
 def verdict_on(name: str, tables: list[Table], profile: Profile, result: Result = RESULT) -> str:
-    by_name = {each.table.name: each for each in judge(result, tables, (), profile)}
+    by_name = {each.table.name: each for each in judged_as(result, tables, [], profile)}
     others = {each.code for key, each in by_name.items() if key != name}
     assert others <= {"right"}, others
     return by_name[name].code
@@ -75,7 +82,7 @@ class TestMistakes:
         (table,) = (table for table in tables if table.name == function)
         wrong = changed(tables, function, value_um=factor * table.value_um)
         assert verdict_on(function, wrong, profile) == "scaled"
-        judged = next(each for each in judge(RESULT, wrong, (), profile) if each.table.name == function)
+        judged = next(each for each in judged_as(RESULT, wrong, [], profile) if each.table.name == function)
         assert judged.factor == pytest.approx(factor, rel=0.2)
 
     def test_beside_the_volume(self, function):
@@ -134,9 +141,9 @@ def test_old_and_new_together_are_right_after_a_survey_with_the_old_one_active()
         replace(table, value_um=table.value_um + np.interp(table.position_mm, VOLUME.nodes_mm(0), [0, 4, -3, 5, 6]) * (table.name == "EXX"))
         for table in old
     ]
-    judged = {each.table.name: each.code for each in judge(residual, new, old, profile)}
+    judged = {each.table.name: each.code for each in judged_as(residual, new, old, profile)}
     assert judged["EXX"] == "right"
-    assert {each.code for each in judge(residual, new, (), profile) if each.table.name == "EXX"} == {"unlike"}
+    assert {each.code for each in judged_as(residual, new, [], profile) if each.table.name == "EXX"} == {"unlike"}
 
 
 @pytest.mark.parametrize(("factor", "code"), [(1.0, "right"), (-1.0, "sign-turned"), (10.0, "scaled"), (0.1, "scaled")])

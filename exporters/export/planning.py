@@ -1,0 +1,124 @@
+"""From a result to the tables that make a control whole: those asked for, and what the control held and would lose or keep by them.
+
+The plan is made, loaded in thought over the machine's own files, and made again as long as that shows something: an old table of a function
+that was not asked for and whose seat is taken is written once more where there is room; an old product that stays is counted on; an old
+table of a function that moved to another seat is emptied.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from datetime import date
+
+import numpy as np
+
+from stepdiag.exporters.safety.checks import Case
+from stepdiag.exporters.safety.standing import Standing
+from stepdiag.exporters.tables.angular import require_chain
+from stepdiag.exporters.tables.controller import Controller, Emptying, Multiplying, Plan
+from stepdiag.exporters.tables.curves import FUNCTIONS, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.fit import fitted
+from stepdiag.exporters.tables.merge import merged
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.reading import tables_in
+from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.solver.errors import SafetyError
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.result import Result
+
+_ROUNDS = 12
+"""Nine functions, and what moves by them: more rounds change nothing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Planned:
+    """Everything that the checks look at, the plan, and what stands in the control before and after."""
+
+    case: Case
+    plan: Plan
+    standing: Standing
+
+
+def planned(result: Result, control: Controller, profile: Profile, today: date) -> Planned:
+    """Return the plan of an export. Raises ``SafetyError`` and ``DataError`` as its steps do."""
+    require_chain(result, profile)
+    if not profile.existing:
+        case, plan = _once(result, control, profile, today, (), {}, frozenset())
+        return Planned(case=case, plan=plan, standing=Standing(after=tuple(case.tables), new=tuple(case.tables)))
+    tables_in(control, profile.existing, profile)
+    before = control.standing(profile.existing, (), profile)
+    kept: dict[str, Curve] = {}
+    products: frozenset[str] = frozenset()
+    for _ in range(_ROUNDS):
+        case, plan = _once(result, control, profile, today, before, kept, products)
+        standing = _loaded(case, before)
+        asked = {*profile.machine.functions, *kept}
+        lost = {table.name for table in standing.lost() if table.multiplier is None} - asked
+        stay = frozenset(table.name for table in standing.staying if table.multiplier is not None)
+        if not lost and stay == products:
+            break
+        kept |= {name: _as_it_was(name, before, profile) for name in lost}
+        products = stay
+    return Planned(case=case, plan=plan, standing=standing)
+
+
+def _once(
+    result: Result,
+    control: Controller,
+    profile: Profile,
+    today: date,
+    before: tuple[Table, ...],
+    kept: dict[str, Curve],
+    products: frozenset[str],
+) -> tuple[Case, Plan]:
+    """Return one plan, with the curves that are ``kept`` and the ``products`` that stay as they are."""
+    on = profile.machine.measured_with == "on"
+    gone = [table for table in before if table.multiplier is not None and table.name not in products] if on else []
+    fit = fitted(result, profile.machine.functions, profile.machine.squareness_into, profile.zone, gone)
+    curves: Sequence[Curve] = merged(fit.curves, before, profile) if on else fit.curves
+    if kept:
+        curves = sorted((*curves, *kept.values()), key=lambda curve: FUNCTIONS.index(curve.name))
+    plan = control.plan_products(curves, fit.products, profile) if isinstance(control, Multiplying) else control.plan(curves, profile)
+    settled = replace(profile, options=plan.options or profile.options)
+    if before and isinstance(control, Emptying):
+        plan = replace(plan, tables=(*plan.tables, *control.emptied(profile.existing, plan.tables, settled)))
+    case = Case(controller=control, profile=settled, result=result, curves=curves, tables=plan.tables, previous=before, today=today)
+    return case, plan
+
+
+def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
+    """Return what stands in the control once the files of a plan are loaded over the machine's own."""
+    new = tuple(case.tables)
+    try:
+        files = case.controller.render(case.tables, case.profile)
+    except SafetyError:
+        return Standing(before=before, after=new, new=new)  # said when the files are written, after the checks of the plan
+    after = case.controller.standing(case.profile.existing, [file for file in files if file.role == "data"], case.profile)
+    return Standing(before=before, after=after, new=new)
+
+
+def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
+    """Return the error that the old tables of a function correct. Raises ``SafetyError`` where a mean would lose a direction of them."""
+    old = [table for table in before if table.name == name and table.multiplier is None]
+    grid = profile.grid_mm(name[2])
+    forward, reverse = _moved(old, grid, 1), _moved(old, grid, -1)
+    directional = not np.array_equal(forward, reverse)
+    if directional and profile.machine.direction == "mean":
+        raise SafetyError(
+            f"{profile.source}: machine.direction",
+            code="merge-direction",
+            expected=f'"both": the old table of {name}, whose place is taken, has a column for each direction of travel',
+            found='"mean"',
+        )
+    slopes = [square for square, functions in SQUARENESS_SLOPE.items() if name in functions]
+    return Curve(
+        name=name,
+        position_mm=grid,
+        forward_um=-forward,
+        reverse_um=-reverse if directional else None,
+        u_um=np.full(grid.shape, np.nan),
+        parts=("the table in the control", *(slopes if old[0].law.ends == "extended" else ())),
+    )
+
+
+def _moved(tables: Sequence[Table], at: Vector, way: int) -> Vector:
+    return sum((correction_um(table, at, way) for table in tables), np.zeros(at.shape))

@@ -1,0 +1,160 @@
+"""What stands in the control after the files have been loaded over what it held, and what of that nobody counted on.
+
+A control forgets nothing but what is written over. So the effect of an export is that of all tables that act afterwards, new and old, and
+an old table that goes on beside a new one of its function, or that vanishes unasked, stops the export.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.result import Result
+
+_NOTHING_UM = 1.0
+"""A slope or an end that is lost is worth a warning from here on."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Standing:
+    """The tables that act in a control before and after loading, and the ``new`` ones among those after."""
+
+    before: tuple[Table, ...] = ()
+    after: tuple[Table, ...] = ()
+    new: tuple[Table, ...] = ()
+
+    @property
+    def staying(self) -> tuple[Table, ...]:
+        """Return what acts afterwards and was not written by the new files."""
+        written = {_key(table) for table in self.new}
+        return tuple(table for table in self.after if _key(table) not in written and table.value_um.any())
+
+    def lost(self) -> tuple[Table, ...]:
+        """Return the tables of before whose function nothing serves any more, or serves otherwise although the new files do not name it."""
+        named, held = {table.name for table in self.new if table.value_um.any()}, self.staying
+        return tuple(
+            old
+            for old in self.before
+            if old.name not in named and old.value_um.any() and not any(_key(table) == _key(old) and _same(table, old) for table in held)
+        )
+
+    def foreign(self) -> tuple[Table, ...]:
+        """Return what stays without having acted so before: a table that multiplied another, or whose numbers are partly overwritten."""
+        old = {_key(table): table for table in self.before}
+        return tuple(table for table in self.staying if _key(table) not in old or not _same(table, old[_key(table)]))
+
+    def acting(self, result: Result, profile: Profile) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
+        """Return the tables whose effect on the error of a result is to be predicted, and those that acted while it was measured.
+
+        An old table that stays on a machine that was measured without it counts where the result knows what it corrects.
+        """
+        if profile.machine.measured_with == "on":
+            return self.after, self.before
+        staying = {_key(table) for table in self.staying}
+        return tuple(table for table in self.after if _key(table) not in staying or identifies(result, table)), ()
+
+
+def identifies(result: Result, table: Table) -> bool:
+    """Return whether a result knows all that a table corrects: its function, the slope in it, of a product the angle."""
+    if table.multiplier is not None:
+        turns = {0, 1, 2} - {"XYZ".index(table.output_axis), "XYZ".index(table.multiplier.axis)}
+        angles = [result.errors.get(f"E{'ABC'[turn]}{table.input_axis}") for turn in turns]
+        return len(angles) == 1 and angles[0] is not None and angles[0].value is not None
+    function = result.errors.get(table.name)
+    slopes = [name for name, functions in SQUARENESS_SLOPE.items() if table.name in functions]
+    squares = all(name in result.squareness and result.squareness[name].value is not None for name in slopes)
+    return function is not None and function.value is not None and squares and (bool(slopes) or function.slope_identified)
+
+
+def standing_findings(standing: Standing, result: Result, profile: Profile) -> Iterator[Finding]:
+    """Yield an error for every old table that would act where nobody counts on it, or not act any more where somebody does.
+
+    A warning where a new table knows no slope, or reaches less far, and the old one did.
+    """
+    asked = set(profile.machine.functions)
+    named = {table.name: table for table in standing.new}
+    foreign = {_key(table) for table in standing.foreign()}
+    for table in standing.staying:
+        if table.name in named and _key(table) not in foreign:
+            text = f"{table.label}: would act together with the new {named[table.name].label}; take the old one out of the control"
+            yield Finding(code="old-table-left-active", severity="error", text=text)
+        elif _key(table) in foreign:
+            text = f"{table.label}: the new tables take part of it away, and what is left would act by itself; take it out of the control"
+            yield Finding(code="old-table-left-active", severity="error", text=text)
+    for table in standing.lost():
+        if table.name not in asked and (profile.machine.measured_with == "off" or table.multiplier is None) and not _chosen(result, table):
+            text = (
+                f"{table.label}: a new table takes its place, and nothing does its work: export its function as well, or move the new one"
+            )
+            yield Finding(code="old-table-lost", severity="error", text=text)
+    for table in standing.new:
+        old = [each for each in standing.before if each.name == table.name and each.multiplier is None and each.value_um.any()]
+        if old and table.multiplier is None and table.value_um.any():
+            yield from _shrunk(table, old, standing.new)
+            if profile.machine.measured_with == "off" and not identifies(result, table):
+                yield from _slope_lost(table, old)
+
+
+def _chosen(result: Result, table: Table) -> bool:
+    """Return whether a product that is lost was weighed against others: the prediction judges what its loss does."""
+    return table.multiplier is not None and identifies(result, table)
+
+
+def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterator[Finding]:
+    """Yield a warning where old tables reach further than the new ones of the same function and are not flat there."""
+    first = min(float(each.position_mm[0]) for each in new if each.name == table.name)
+    last = max(float(each.position_mm[-1]) for each in new if each.name == table.name)
+    for each in old:
+        outside = np.concatenate([each.position_mm[each.position_mm < first], each.position_mm[each.position_mm > last]])
+        if not len(outside):
+            continue
+        ends = np.clip(outside, first, last)
+        way = each.direction or 1
+        lost_um = float(np.max(np.abs(correction_um(each, outside, way) - correction_um(each, ends, way))))
+        if lost_um > _NOTHING_UM:
+            text = (
+                f"{table.label}: {table.position_mm[0]:g} to {table.position_mm[-1]:g} mm, the old table reaches from "
+                f"{each.position_mm[0]:g} to {each.position_mm[-1]:g} mm: up to {lost_um:.1f} um of it are lost outside"
+            )
+            yield Finding(code="table-shrinks", severity="warning", text=f"{text}; start_mm and end_mm of the axis keep them")
+            return
+
+
+def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
+    """Yield a warning where the new table holds a shape alone and the old ones held a slope."""
+    ends = table.position_mm[[0, -1]]
+    rise_um = sum(float(np.diff(correction_um(each, ends, each.direction or 1))[0]) for each in old) / len({each.direction for each in old})
+    if abs(rise_um) > _NOTHING_UM:
+        text = f"{table.label}: the result knows its shape alone; the old table holds a slope of {rise_um:.1f} um that is lost"
+        yield Finding(code="old-slope-lost", severity="warning", text=f"{text}: measure a linear run, or with the compensation on")
+
+
+def _key(table: Table) -> tuple[object, ...]:
+    place = tuple(sorted((key, str(value)) for key, value in table.place.items() if key not in ("file", "list")))
+    return table.kind, table.name, table.direction, place
+
+
+def _same(one: Table, other: Table) -> bool:
+    alike = np.array_equal(one.position_mm, other.position_mm) and np.array_equal(one.value_um, other.value_um)
+    if one.multiplier is None or other.multiplier is None:
+        return alike and one.multiplier is other.multiplier
+    pairs = ((one.multiplier.position_mm, other.multiplier.position_mm), (one.multiplier.value, other.multiplier.value))
+    return alike and one.multiplier.axis == other.multiplier.axis and all(np.array_equal(*pair) for pair in pairs)
+
+
+def unchanged(now: Iterable[Table], then: Iterable[Table]) -> bool:
+    """Return whether tables move an axis as others did, to a unit of theirs and but for an origin, where those of now have points."""
+    every, rest = list(now), list(then)
+    at = np.unique(np.concatenate([table.position_mm for table in every]))
+    unit = max(table.quantum_um for table in (*every, *rest))
+    moved = [_moved(every, at, way) - _moved(rest, at, way) for way in (1, -1)]
+    return all(float(np.max(np.abs(each - moved[0][0]))) <= 2.0 * unit for each in moved)
+
+
+def _moved(tables: Iterable[Table], at: Vector, way: int) -> Vector:
+    return sum((correction_um(table, at, way) for table in tables), np.zeros(at.shape))
