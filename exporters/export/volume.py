@@ -16,7 +16,8 @@ from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.gate import require_clean
-from stepdiag.exporters.safety.verify import Prediction, predict_moved
+from stepdiag.exporters.safety.standing import Standing
+from stepdiag.exporters.safety.verify import Prediction, predict_moved, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM
 from stepdiag.exporters.tables.lattice import Lattice
@@ -59,12 +60,13 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
     refuse([item for item in findings if item.severity != "info"], accept, "export for linuxcnc")
     points_moved = (held.correction_um, active.correction_um if active is not None else None)
     prediction = predict_moved(result, *points_moved)
-    files = kinematics.control_files(held, profile, profile.options_as(LinuxCncOptions).joints)
-    nothing = active or Lattice(axes_mm=axes, vectors_um=np.zeros(held.vectors_um.shape))
-    restore = replace(lattice.render(nothing), name=suffixed("lattice.csv", RESTORE))
-    require_clean([file for file in (*files, restore) if lattice.recognises(file)])
+    refuse(tuple(worse_findings(prediction, Standing(), result, profile)), accept, "export for linuxcnc")
+    joints = profile.options_as(LinuxCncOptions).joints
+    files = kinematics.control_files(held, profile, joints)
+    restore = [replace(file, name=suffixed(file.name, RESTORE)) for file in kinematics.restore_files(held, profile, joints)]
+    require_clean([file for file in (*files, *restore) if lattice.recognises(file)], profile.existing)
     text = _report(result, profile, findings, prediction)
-    names = write_set(out_dir, [*files, restore, ControlFile(name=REPORT, data=text.encode(), role="note")])
+    names = write_set(out_dir, [*files, *restore, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(controller="linuxcnc", out_dir=out_dir, files=names, findings=findings, tables=(), prediction=prediction, text=text)
 
 

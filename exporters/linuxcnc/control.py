@@ -18,6 +18,8 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.files.numbers import fixed, shortest
+from stepdiag.exporters.linuxcnc.ini import Naming, axis_in, back, change, named_by
+from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.averaging import straightness_remark
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, SQUARENESS_SLOPE, Curve
@@ -38,12 +40,6 @@ MOST_ROWS = 256
 """EMCMOT_COMP_SIZE."""
 _COEFFICIENT_DECIMALS = 9
 _HAL_NAME = "squareness.hal"
-_INI_NAME = "ini_lines.txt"
-_RESTORE_NOTE = (
-    "# Back to where the control was. Lines with '-' go out of the INI file, lines with '+' into it, each in its section.",
-    "# A joint without COMP_FILE uses its BACKLASH again, as before.",
-)
-_SCREW_NAME = re.compile(r"(?:^|[^a-z])(?P<axis>[xyz])(?:\Z|[^a-z])|(?P<last>[xyz])\Z")
 _SETP = re.compile(r"^setp\s+matrixkins\.C_(?P<row>[xyz])(?P<column>[xyz])\s+(?P<value>\S+)\Z")
 
 
@@ -106,15 +102,14 @@ class LinuxCnc:
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return ``screw_x.comp`` .. for the axes, ``squareness.hal``, and the lines for the INI file as a note."""
-        options = profile.options_as(LinuxCncOptions)
         screws = {letter: [t for t in tables if t.kind == SCREW and t.input_axis == letter] for letter in "XYZ"}
         files = [ControlFile(name=_screw_name(letter), data=_screw_file(of_axis, profile)) for letter, of_axis in screws.items() if of_axis]
         matrix = [table for table in tables if table.kind == MATRIX]
         if matrix:
             lines = [*(f"# {note}" for note in notes), *map(_coefficient_line, matrix)]
             files.append(ControlFile(name=_HAL_NAME, data=ascii_lines(lines)))
-        ini = list(_ini_lines([letter for letter in screws if screws[letter]], options, profile, has_matrix=bool(matrix)))
-        return (*files, ControlFile(name=_INI_NAME, data=ascii_lines([*(f"# {note}" for note in notes), *ini]), role="note"))
+        before = self._naming(profile)
+        return (*files, change(before, self._naming(profile, files, before), notes))
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of screw files (the axis is told by the file name) and of HAL files with matrixkins coefficients."""
@@ -122,6 +117,8 @@ class LinuxCnc:
         for file in files:
             if file.role == "note":
                 continue
+            if lattice.recognises(file):
+                raise _lattice_in_control(file, profile)
             found = _read_matrix(file) if b"matrixkins" in file.data else _read_screw(file, profile)
             tables += found
         return tuple(tables)
@@ -134,9 +131,14 @@ class LinuxCnc:
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own files, and the lines that go out of the INI file: a COMP_FILE of zeros would still switch BACKLASH off."""
-        own = self.parse(profile.existing, profile) if profile.existing else ()
-        lines = [*_RESTORE_NOTE, *_ini_changes(tables, own, profile.options_as(LinuxCncOptions))]
-        return (*profile.existing, ControlFile(name=_INI_NAME, data=ascii_lines(lines), role="note"))
+        before = self._naming(profile)
+        written = [file for file in self.render(tables, profile) if file.role == "data"]
+        return (*profile.existing, back(before, self._naming(profile, written, before)))
+
+    def _naming(self, profile: Profile, files: Sequence[ControlFile] | None = None, over: Naming | None = None) -> Naming:
+        """Return what the INI file names, for the machine's own files or for new ones over those."""
+        joints, inch = profile.options_as(LinuxCncOptions).joints, profile.machine.units == "inch"
+        return named_by(profile.existing if files is None else files, joints, inch=inch, source=profile.source, over=over)
 
     def _active(self, profile: Profile) -> tuple[Table, ...]:
         """Return the screw tables that acted while measuring."""
@@ -147,7 +149,7 @@ class LinuxCnc:
     def recognises(self, file: ControlFile) -> bool:
         """Return whether the file sets matrixkins, or begins with three numbers and is named after one axis."""
         first = file.data.split(b"\n", 1)[0].decode("ascii", errors="replace")
-        return b"setp matrixkins." in file.data or (_three_numbers(first) is not None and _axis_in(file.name) is not None)
+        return b"setp matrixkins." in file.data or (_three_numbers(first) is not None and axis_in(file.name) is not None)
 
     def readable(self, table: Table, profile: Profile) -> tuple[str, ...]:  # noqa: ARG002 - part of the protocol
         """Return one row a point."""
@@ -170,6 +172,16 @@ class LinuxCnc:
 def unit_mm(profile: Profile) -> float:
     """Return the machine's length unit in mm."""
     return 25.4 if profile.machine.units == "inch" else 1.0
+
+
+def _lattice_in_control(file: ControlFile, profile: Profile) -> SafetyError:
+    return SafetyError(
+        f"{profile.source}: machine.existing",
+        code="active-not-tables",
+        expected='COMP_FILEs and coefficients of matrixkins, or way = "kinematics"',
+        found=f"{file.name}, a lattice, which COMP_FILEs would act beside",
+        remedy="put the old KINEMATICS line back, measure with no compensation, and leave the lattice out of machine.existing",
+    )
 
 
 def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple[float, float]:
@@ -206,26 +218,8 @@ def _with_backlash(tables: Sequence[Table], forward_um: float, reverse_um: float
     )
 
 
-def _ini_changes(tables: Sequence[Table], own: Sequence[Table], options: LinuxCncOptions) -> Iterator[str]:
-    """Yield what the INI file needs so that it names the own files again, or none."""
-    before = {table.input_axis: str(table.place["file"]) for table in own if table.kind == SCREW}
-    for letter in dict.fromkeys(table.input_axis for table in tables if table.kind == SCREW):
-        new, old = _screw_name(letter), before.get(letter)
-        if old != new:
-            for joint in options.joints.get(letter, []):
-                yield from (f"[JOINT_{joint}]", f"- COMP_FILE = {new}", f"+ COMP_FILE = {old}" if old else "- COMP_FILE_TYPE = 0")
-    if any(table.kind == MATRIX for table in tables) and not any(table.kind == MATRIX for table in own):
-        yield from ("[KINS]", "- KINEMATICS = matrixkins", "+ KINEMATICS = as it was before", "[HAL]", f"- HALFILE = {_HAL_NAME}")
-
-
 def _screw_name(letter: str) -> str:
     return f"screw_{letter.lower()}.comp"
-
-
-def _axis_in(name: str) -> str | None:
-    """Return the axis that a file name tells: ``screw_x.comp``, ``screwcompX.dat``; None where it tells none."""
-    match = _SCREW_NAME.search(name.rpartition(".")[0].lower())
-    return (match["axis"] or match["last"]).upper() if match else None
 
 
 def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
@@ -269,18 +263,8 @@ def _screw_file(tables: Sequence[Table], profile: Profile) -> bytes:
     )
 
 
-def _ini_lines(letters: Sequence[str], options: LinuxCncOptions, profile: Profile, *, has_matrix: bool) -> Iterator[str]:
-    for letter in letters:
-        if letter not in options.joints:
-            raise UsageError(f"{profile.source}: linuxcnc.joints", expected=f"the joints of {letter}", found=str(options.joints))
-        for joint in options.joints[letter]:
-            yield from (f"[JOINT_{joint}]", f"COMP_FILE = {_screw_name(letter)}", "COMP_FILE_TYPE = 0")
-    if has_matrix:
-        yield from ("[KINS]", "KINEMATICS = matrixkins", "[HAL]", f"HALFILE = {_HAL_NAME}")
-
-
 def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
-    letter = _axis_in(file.name)
+    letter = axis_in(file.name)
     if letter is None:
         raise DataError(file.name, expected="an axis in the name, such as screw_x.comp", found=file.name)
     if not file.data.endswith(b"\n"):

@@ -1,7 +1,8 @@
 """The lines of LinuxCNC's INI file that make files act: what an export puts in and takes out, and the way back."""
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
@@ -10,78 +11,98 @@ from stepdiag.exporters.tables import lattice
 from stepdiag.solver.errors import UsageError
 
 NAME = "ini_lines.txt"
-TYPE = "COMP_FILE_TYPE = 0"
-_OUT = "# Lines with '-' go out of the INI file, lines with '+' into it, each in its section."
-_BACK = "# Back to where the control was."
-_BACKLASH = "# A joint without COMP_FILE uses its BACKLASH again."
-_AS_BEFORE = "KINEMATICS = as it was before"
+COMPONENT_HAL = "stepdiagkins.hal"
+_CHANGE = "# Lines with '-' go out of the INI file, lines with '+' into it, each in its section."
+_BACK = ("# Back to where the control was.", _CHANGE, "# A joint without COMP_FILE uses its BACKLASH again, as before.")
+_AS_BEFORE = ("[KINS]", "KINEMATICS = as it was before")
+_SCREW_NAME = re.compile(r"(?:^|[^a-z])(?P<axis>[xyz])(?:\Z|[^a-z])|(?P<last>[xyz])\Z")
+Joints = Mapping[str, Sequence[int]]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Naming:
-    """What an INI file names: the COMP_FILE of each joint, the kinematics with its arguments, the HAL file that belongs to it."""
+    """What an INI file names: the COMP_FILE of each joint, our kinematics with its arguments, the HAL file that belongs to it."""
 
-    comp: Mapping[int, str]
+    comp: Mapping[int, str] = field(default_factory=dict)
     kinematics: str = ""
     hal: str = ""
 
     def lines(self) -> list[tuple[str, str]]:
         """Return section and line, in the order of the file."""
-        comp = [(f"[JOINT_{joint}]", line) for joint, name in self.comp.items() for line in (f"COMP_FILE = {name}", TYPE)]
-        kins = [("[KINS]", f"KINEMATICS = {self.kinematics}")] if self.kinematics else []
-        return comp + kins + ([("[HAL]", f"HALFILE = {self.hal}")] if self.hal else [])
+        comp = [
+            (f"[JOINT_{joint}]", line)
+            for joint, name in sorted(self.comp.items())
+            for line in (f"COMP_FILE = {name}", "COMP_FILE_TYPE = 0")
+        ]
+        kins = [("[KINS]", f"KINEMATICS = {self.kinematics}"), ("[HAL]", f"HALFILE = {self.hal}")]
+        return comp + (kins if self.kinematics else [])
 
 
-def named_by(files: Sequence[ControlFile], joints: Mapping[str, Sequence[int]], axis_of: Mapping[str, str], source: str) -> Naming:
-    """Return what the INI file has to name for ``files`` to act; ``axis_of`` gives the axis of each COMP_FILE by its name.
+def axis_in(name: str) -> str | None:
+    """Return the axis that a file name tells: ``screw_x.comp``, ``screwcompX.dat``; None where it tells none."""
+    match = _SCREW_NAME.search(name.rpartition(".")[0].lower())
+    return (match["axis"] or match["last"]).upper() if match else None
+
+
+def coordinates(joints: Joints, source: str) -> str:
+    """Return the axis letter of each joint in order, ``XYYZ``. Raises ``UsageError`` where a joint has no letter, or two."""
+    letters = {joint: letter for letter, each in joints.items() for joint in each}
+    numbers = sorted(joint for each in joints.values() for joint in each)
+    if numbers != list(range(len(numbers))) or not all(joints.get(letter) for letter in "XYZ"):
+        raise UsageError(
+            f"{source}: linuxcnc.joints",
+            expected="all joints of the machine, each once, from 0: { X = [0], Y = [1, 2], Z = [3], A = [4] }",
+            found=str({letter: list(each) for letter, each in joints.items()}),
+        )
+    return "".join(letters[number] for number in numbers)
+
+
+def named_by(files: Iterable[ControlFile], joints: Joints, *, inch: bool, source: str, over: Naming | None = None) -> Naming:
+    """Return what the INI file names when ``files`` act, ``over`` what it named before; a lattice takes the place of everything.
 
     Raises ``UsageError`` for an axis whose joints nobody has said.
     """
-    comp: dict[int, str] = {}
-    kinematics = hal = ""
+    named = over or Naming()
     for file in files:
         name = plain_name(file.name)
+        if lattice.recognises(file):
+            vertices = lattice.parse(file).vectors_um[..., 0].size
+            unit = " inch=1" if inch else ""
+            words = f"stepdiagkins coordinates={coordinates(joints, source)} lattice={name} vertices={vertices}{unit}"
+            return Naming(kinematics=words, hal=COMPONENT_HAL)
         if b"setp matrixkins." in file.data:
-            kinematics, hal = "matrixkins", name
-        elif lattice.recognises(file):
-            kinematics, hal = f"stepdiagkins .. lattice={name} ..", "stepdiagkins.hal"
-        elif name in axis_of:
-            letter = axis_of[name]
+            named = Naming(comp=named.comp, kinematics="matrixkins", hal=name)
+        elif (letter := axis_in(name)) is not None:
             if letter not in joints:
                 raise UsageError(f"{source}: linuxcnc.joints", expected=f"the joints of {letter}", found=str(dict(joints)))
-            comp |= dict.fromkeys(joints[letter], name)
-    return Naming(comp=dict(sorted(comp.items())), kinematics=kinematics, hal=hal)
+            named = Naming(comp={**named.comp, **dict.fromkeys(joints[letter], name)}, kinematics=named.kinematics, hal=named.hal)
+    return named
 
 
 def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
-    """Return the lines that bring an INI file from one naming to another: plain lines where nothing has to go out of it."""
+    """Return the lines that bring an INI file from one naming to another: plain ones where nothing has to go out of it."""
     old, new = before.lines(), after.lines()
-    if not [line for line in old if line not in new]:
-        rows = list(_sections((section, line) for section, line in new if (section, line) not in old))
-    else:
-        rows = [_OUT, *_changed(before, after)]
+    rows = [_CHANGE, *_changed(before, after)] if any(line not in new for line in old) else list(_sections(new))
     return ControlFile(name=NAME, data=ascii_lines([*(f"# {note}" for note in notes), *rows]), role="note")
 
 
 def back(before: Naming, after: Naming) -> ControlFile:
-    """Return the lines that bring the INI file back from ``after`` to ``before``."""
-    return ControlFile(name=NAME, data=ascii_lines([_BACK, _OUT, _BACKLASH, *_changed(after, before)]), role="note")
+    """Return the lines that bring the INI file from ``after`` back to ``before``."""
+    return ControlFile(name=NAME, data=ascii_lines([*_BACK, *_changed(after, before)]), role="note")
 
 
 def _changed(before: Naming, after: Naming) -> Iterator[str]:
-    """Yield what goes out and what comes in, by section; a kinematics that was there before ours comes back by its own words."""
+    """Yield what goes out and what comes in, section by section; kinematics of somebody else's come back by their own words."""
     old, new = before.lines(), after.lines()
-    if before.kinematics and not after.kinematics:
-        new.append(("[KINS]", _AS_BEFORE))
+    new += [_AS_BEFORE] if before.kinematics and not after.kinematics else []
     signed = [(section, f"- {line}") for section, line in old if (section, line) not in new]
     signed += [(section, f"+ {line}") for section, line in new if (section, line) not in old]
-    return _sections(sorted(signed, key=lambda item: item[0] == "[HAL]" and 3 or item[0] == "[KINS]" and 2 or 1))
+    return _sections(signed)
 
 
-def _sections(lines: "Iterator[tuple[str, str]] | list[tuple[str, str]]") -> Iterator[str]:
+def _sections(lines: Iterable[tuple[str, str]]) -> Iterator[str]:
     by_section: dict[str, list[str]] = {}
     for section, line in lines:
         by_section.setdefault(section, []).append(line)
     for section, of_section in by_section.items():
-        yield section
-        yield from of_section
+        yield from (section, *of_section)

@@ -7,22 +7,25 @@ left to ``BACKLASH``, which a COMP_FILE would switch off.
 """
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
+
+import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
+from stepdiag.exporters.linuxcnc.ini import COMPONENT_HAL, NAME, Joints, Naming, back, change, named_by
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.errors import SafetyError, UsageError
+from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.geometry.volume import Vector
 
 MOST_VERTICES = 65536
 """As many as the component has room for."""
 SOURCE = "stepdiagkins.c"
-HAL = "stepdiagkins.hal"
-INI = "ini_lines.txt"
+HAL = COMPONENT_HAL
 TITLE = "LinuxCNC (kinematics component with a lattice over the volume)"
 
 
@@ -39,38 +42,34 @@ def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
         )
 
 
-def control_files(held: Lattice, profile: Profile, joints: Mapping[str, Sequence[int]]) -> tuple[ControlFile, ...]:
+def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[ControlFile, ...]:
     """Return the lattice, the component's source, its HAL lines, and the lines for the INI file as a note.
 
-    Raises ``UsageError`` for joints that have a gap.
+    The lines take out of it what the machine's own files are named by: COMP_FILEs and coefficients would act beside the lattice. Raises
+    ``UsageError`` for joints that have a gap.
     """
+    file = lattice.render(held)
+    before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
     hal = ascii_lines(["addf stepdiagkins.update servo-thread", "setp stepdiagkins.enable 1"])
-    ini = ascii_lines(_ini_lines(coordinates(joints, profile), held.vectors_um[..., 0].size, inch=profile.machine.units == "inch"))
     return (
-        lattice.render(held),
+        file,
         ControlFile(name=SOURCE, data=Path(__file__).with_name(SOURCE).read_bytes(), role="program"),
         ControlFile(name=HAL, data=hal, role="program"),
-        ControlFile(name=INI, data=ini, role="note"),
+        change(before, after),
     )
 
 
-def coordinates(joints: Mapping[str, Sequence[int]], profile: Profile) -> str:
-    """Return the axis letter of each joint in order, ``XYYZ``. Raises ``UsageError`` where a joint has no letter, or two."""
-    letters = {joint: letter for letter, each in joints.items() for joint in each}
-    numbers = sorted(joint for each in joints.values() for joint in each)
-    if numbers != list(range(len(numbers))) or not all(joints.get(letter) for letter in "XYZ"):
-        raise UsageError(
-            f"{profile.source}: linuxcnc.joints",
-            expected="all joints of the machine, each once, from 0: { X = [0], Y = [1, 2], Z = [3], A = [4] }",
-            found=str({letter: list(each) for letter, each in joints.items()}),
-        )
-    return "".join(letters[number] for number in numbers)
+def restore_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[ControlFile, ...]:
+    """Return what takes the lattice out again: the own files, the lines of the INI file, and zeros where no lattice was there before."""
+    file = lattice.render(held)
+    before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
+    had_lattice = any(map(lattice.recognises, profile.existing))
+    zeros = () if had_lattice else (lattice.render(replace(held, vectors_um=np.zeros(held.vectors_um.shape))),)
+    return (*profile.existing, *zeros, back(before, after))
 
 
-def _ini_lines(letters: str, vertices: int, *, inch: bool) -> Iterator[str]:
-    unit = " inch=1" if inch else ""
-    yield from ("[KINS]", f"KINEMATICS = stepdiagkins coordinates={letters} lattice=lattice.csv vertices={vertices}{unit}")
-    yield from ("[HAL]", f"HALFILE = {HAL}")
+def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> Naming:
+    return named_by(files, joints, inch=profile.machine.units == "inch", source=profile.source)
 
 
 def instructions(profile: Profile) -> tuple[str, ...]:
@@ -79,10 +78,10 @@ def instructions(profile: Profile) -> tuple[str, ...]:
         f"Back up the configuration folder. Its unit is {profile.machine.units}; the lattice is in mm and um, the component converts it.",
         f"Once for each LinuxCNC version: apt install linuxcnc-uspace-dev, then sudo halcompile --install {SOURCE}.",
         f"Copy lattice.csv and {HAL} beside the INI file.",
-        f"Put the KINEMATICS line of {INI} in the place of the present one, and its HALFILE line after the others.",
-        "Take every COMP_FILE line out: the lattice holds the positioning errors too. BACKLASH stays as it is.",
+        f"Change the INI file as {NAME} says: its KINEMATICS line in the place of the present one, its HALFILE line after the others.",
+        "No COMP_FILE line may stay: the lattice holds the positioning errors too. BACKLASH stays as it is.",
         "Start LinuxCNC. It does not start with a damaged lattice: the reason stands in the terminal. Home all axes.",
         "halcmd show pin stepdiagkins: weight rises to 1, no joint faster than stepdiagkins.slew-um-per-second.",
         "setp stepdiagkins.enable 0 brings the machine back to where it was, and 1 again; the positions on the screen do not change.",
-        "Measure again; if the residual has grown, put the old KINEMATICS line back and take the HALFILE line out.",
+        "Measure again; if the residual has grown, change the INI file back as ini_lines_RESTORE.txt says.",
     )

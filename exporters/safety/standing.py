@@ -95,7 +95,7 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     for table in standing.new:
         old = [each for each in standing.before if each.name == table.name and each.multiplier is None and each.value_um.any()]
         if old and table.multiplier is None and table.value_um.any():
-            yield from _shrunk(table, old, standing.new)
+            yield from () if table.law.ends == "extended" else _shrunk(table, old, standing.new)
             if profile.machine.measured_with == "off" and not identifies(result, table):
                 yield from _slope_lost(table, old)
 

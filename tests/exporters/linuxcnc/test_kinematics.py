@@ -252,6 +252,7 @@ class TestExport:
             "stepdiagkins.c",
             "stepdiagkins.hal",
             "ini_lines.txt",
+            "ini_lines_RESTORE.txt",
             "EXPORT_REPORT.txt",
             "SHA256SUMS",
         }
