@@ -87,13 +87,12 @@ def _once(
 
 def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
     """Return what stands in the control once the files of a plan are loaded over the machine's own."""
-    new = tuple(case.tables)
     try:
-        files = case.controller.render(case.tables, case.profile)
-    except SafetyError:
-        return Standing(before=before, after=new, new=new)  # said when the files are written, after the checks of the plan
-    after = case.controller.standing(case.profile.existing, [file for file in files if file.role == "data"], case.profile)
-    return Standing(before=before, after=after, new=new)
+        files = [file for file in case.controller.render(case.tables, case.profile) if file.role == "data"]
+    except SafetyError:  # said when the files are written, after the checks of the plan
+        return Standing(before=before, after=tuple(case.tables), new=tuple(case.tables))
+    after = case.controller.standing(case.profile.existing, files, case.profile)
+    return Standing(before=before, after=after, new=case.controller.parse(files, case.profile))
 
 
 def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:

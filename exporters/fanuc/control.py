@@ -13,7 +13,7 @@ import numpy as np
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.identity import identity_findings
 from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
-from stepdiag.exporters.fanuc.parameters import SET_BY_HAND, Key, fitted, parameter_rows, parameters_of, stored_in
+from stepdiag.exporters.fanuc.parameters import INTERVAL, SET_BY_HAND, Key, fitted, parameter_rows, parameters_of, stored_in
 from stepdiag.exporters.fanuc.punch import FIRST_PITCH_LINE, PunchFile, read_punch
 from stepdiag.exporters.fanuc.reading import read_tables
 from stepdiag.exporters.fanuc.straightness import given_to
@@ -75,6 +75,7 @@ class Fanuc:
                 else:
                     tables.append(replace(table, place={**table.place, "set": numbers.moving}))
                 findings.append(_straightness_remark(curve, left_um, options))
+        _require_pitch_points(tables, masters, profile)
         return Plan(
             tables=tuple(tables),
             findings=(*findings, *_overlaps(tables), *identity_findings(masters, profile, options)),
@@ -194,6 +195,21 @@ def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile],
             found="no " + ", ".join(f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]),
             remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file too",
         )
+
+
+def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile], profile: Profile) -> None:
+    """Refuse straight lines between pitch points of an axis for which neither the plan nor the machine's own file sets them."""
+    own = {table.input_axis for table in tables if table.kind == pitch.KIND}
+    for table in tables:
+        texts = [master.parameter(INTERVAL, profile.options_as(FanucOptions).axes[table.input_axis].number) for master in masters]
+        if table.input_axis not in own and any(text is not None and not text.strip("0.") for text in texts):
+            raise SafetyError(
+                f"{profile.source}: machine.functions",
+                code="pitch-points-unset",
+                expected=f"E{table.input_axis}{table.input_axis} beside {table.name}: its points are pitch points of {table.input_axis}",
+                found=f"parameter {INTERVAL} of {table.input_axis} is 0 in the machine's own file",
+                remedy="export the positioning error of that axis as well",
+            )
 
 
 def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) -> Finding:

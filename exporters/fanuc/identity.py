@@ -2,13 +2,16 @@
 
 Read in manuals: 1020 axis names as ASCII (88 X, 89 Y, 90 Z), 3620 reference point, 3605#0 bidirectional compensation, 8135#0 of the 0i-D
 (controllers.md 2.1, 2.6). Recalled only, and therefore warnings that may be accepted: 1001#0 inch machine, 1006#3 axis in diameters,
-1013#0 and #1 the increment system.
+1013#0 and #1 the increment system, 5711 to 5764 straightness compensation.
 """
 
 from collections.abc import Iterator, Sequence
 
+import msgspec
+
 from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions
 from stepdiag.exporters.fanuc.punch import PunchFile
+from stepdiag.exporters.fanuc.straightness import found_in
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.findings import Finding
 
@@ -23,6 +26,11 @@ def identity_findings(masters: Sequence[PunchFile], profile: Profile, options: F
         yield _error("compensation-disabled", "8135#0 (NPE) is 1: this control does not use stored pitch error compensation")
     if _bit(masters, 1001, None, 0) and profile.machine.units == "mm":
         yield _warning("machine-in-inches", "1001#0 (INM) is 1: the machine counts in inches, the profile in mm")
+    used = found_in(masters, msgspec.structs.replace(options, straightness_option=True))
+    acting = [name for name, one in used.items() if any(_number(masters, key, None) for key in one.values)]
+    if acting and not options.straightness_option and not options.straightness:
+        text = f"5711 to 5764 hold what looks like straightness compensation ({', '.join(acting)}), the profile says there is none"
+        yield _warning("straightness-in-file", text)
     for letter, axis in options.axes.items():
         yield from _axis(masters, letter, axis, profile, options)
 
@@ -52,9 +60,9 @@ def _text(masters: Sequence[PunchFile], number: int, axis: int | None) -> str | 
     return next((text for master in masters if (text := master.parameter(number, axis)) is not None), None)
 
 
-def _number(masters: Sequence[PunchFile], number: int, axis: int) -> int | None:
+def _number(masters: Sequence[PunchFile], number: int, axis: int | None) -> int | None:
     text = _text(masters, number, axis)
-    whole = None if text is None else text.removesuffix(".0").removesuffix(".")
+    whole = None if text is None else text.removesuffix(".0").removesuffix(".").removeprefix("-")
     return int(whole) if whole is not None and whole.isdecimal() else None
 
 

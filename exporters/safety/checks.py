@@ -15,10 +15,10 @@ from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um
 from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.geometry.volume import AXES, Vector
 from stepdiag.solver.result.result import Result
 
 SIGN_TEST_DAYS = 365
@@ -60,7 +60,7 @@ def check_values(case: Case) -> Iterator[Finding]:
     """2: the size of the correction, and what the control itself can hold."""
     limits = case.profile.limits
     for table in case.tables:
-        largest = float(np.max(np.abs(table.absolute_um)))
+        largest = float(np.max(np.abs(_net_um(case, table))))
         own = case.controller.limits(table, case.profile).value_um
         if largest > limits.value_um or (own is not None and largest > own):
             limit = min(limits.value_um, own or np.inf)
@@ -90,7 +90,7 @@ def check_slope(case: Case) -> Iterator[Finding]:
         own = case.controller.limits(table, case.profile)
         spacing = np.diff(table.position_mm)
         steps = np.abs(np.diff(table.absolute_um))
-        steepest = float(np.max(steps / spacing))
+        steepest = float(np.max(np.abs(np.diff(_net_um(case, table))) / spacing))
         most = case.profile.limits.slope_um_mm or own.slope_um_mm
         if most is not None and steepest > most:
             yield _warning("slope-steep", f"{table.label}: {steepest:.3f} um/mm, above {most:g} um/mm")
@@ -281,6 +281,31 @@ def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
     for table in tables:
         total += correction_um(table, grid_of.position_mm, grid_of.direction or 1)
     return total
+
+
+def _net_um(case: Case, table: Table) -> Vector:
+    """Return what acts at the points of a table: with what angles beside it do there, whose levers count from the zero of the axes.
+
+    Far from that zero such a column and its angle are large and nearly cancel; the axis moves by what is left, here in the middle of the
+    volume and from the reference.
+    """
+    turns = [
+        each
+        for each in case.tables
+        if each.multiplier is not None
+        and each.multiplier.ends == "extended"
+        and each.output_axis == table.output_axis
+        and table.input_axis in (each.input_axis, each.multiplier.axis)
+    ]
+    if table.multiplier is not None or not turns:
+        return table.absolute_um
+    volume, axis = case.result.volume, AXES.index(table.input_axis.lower())
+    at = np.concatenate([table.position_mm, [table.reference_mm]])
+    points = np.tile(np.asarray(volume.origin_mm) + np.asarray(volume.size_mm) / 2.0, (len(at), 1))
+    points[:, axis] = at
+    moved = mean_correction_um([*turns, *(each for each in case.tables if each.name == table.name)], points)
+    moved = moved[:, AXES.index(table.output_axis.lower())]
+    return np.asarray(moved[:-1] - moved[-1])
 
 
 def _error(code: str, text: str) -> Finding:

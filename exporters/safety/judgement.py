@@ -80,12 +80,13 @@ def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: 
     """
     after, before = standing.acting(result, profile)
     wanted = _Wanted(result)
+    turns = _turns(wanted, after, before, result.volume)
     judged = []
     for table in tables:
         fault = _measuring_system(table, profile) or _kept(table, standing, profile)
         if fault is None:
             acting = [[each for each in some if _acts_with(each, table)] for some in (after, before)]
-            case = _Case(table, acting[0], acting[1], result.volume)
+            case = _Case(table, acting[0], acting[1], result.volume, turns.get(table.name, 0.0))
             fault = _emptied(case)
         if fault is None:
             fault = _of_product(case, result) if table.multiplier is not None else _of_curve(case, wanted, result.volume)
@@ -101,6 +102,8 @@ class _Case:
     together: Sequence[Table]
     before: Sequence[Table]
     volume: Volume
+    turn_um_mm: float = 0.0
+    """What a turn of the workpiece adds to the slope of the curve: nobody's error."""
 
     @property
     def is_slope(self) -> bool:
@@ -112,12 +115,18 @@ class _Case:
 
         Of a product that counts which is the same everywhere in the volume: its mean over the other axis.
         """
-        ways = [
-            sum((self._along(_joined(each), position_mm, way) for each in tables), np.zeros(position_mm.shape)) * sign
-            for tables, sign in ((self.together, 1.0), (self.before, -1.0))
-            for way in (1, -1)
-        ]
-        return np.asarray(sum(ways) / 2.0)
+        return self.sum_um(self.together, position_mm) - self.sum_um(self.before, position_mm)
+
+    def sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
+        """Return what some of these tables do at positions, mean of both directions, steps joined by straight lines, in um."""
+        ways = [self._along(_joined(each), position_mm, way) for each in tables for way in (1, -1)]
+        return np.asarray(sum(ways, np.zeros(position_mm.shape)) / 2.0)
+
+    def off_um(self, curve: Curve, at: Vector, shift_mm: float) -> Vector:
+        """Return how far the table is from one that has, at its own points, all that acted before and what the curve asks for."""
+        own = self.table.position_mm + shift_mm
+        wanted = self.sum_um(self.before, own - shift_mm) - curve.at(own)
+        return _centred(self.sum_um(self.together, at - shift_mm) - self.turn_um_mm * at - np.interp(at, own, wanted))
 
     def _along(self, table: Table, position_mm: Vector, way: int) -> Vector:
         """Return what a table moves along the input axis of the judged one."""
@@ -171,6 +180,29 @@ class _Wanted:
         return [replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None) for curve in self.of(name)]
 
 
+def _turns(wanted: _Wanted, after: Sequence[Table], before: Sequence[Table], volume: Volume) -> dict[str, float]:
+    """Return, for each two functions of one pair of axes that both have tables, the slopes in um/mm that are a turn of the workpiece.
+
+    Old tables, levers and the choice of the function that holds a squareness move such a turn from one calibration into the next: it raises
+    one function by as much as it lowers the other.
+    """
+    found: dict[str, float] = {}
+    for one, other in (("EXY", "EYX"), ("EXZ", "EZX"), ("EYZ", "EZY")):
+        slopes = []
+        for name in (one, other):
+            tables = [table for table in after if table.name == name and table.multiplier is None]
+            curves = wanted.of(name)
+            if tables and curves:
+                acting = [[each for each in some if _acts_with(each, tables[0])] for some in (after, before)]
+                first, last = curves[0].position_mm[[0, -1]]
+                at = np.linspace(first, last, _POINTS)
+                off = _Case(tables[0], acting[0], acting[1], volume).moved_um(at) + curves[0].at(at)
+                slopes.append(float(np.polyfit(at, off, 1)[0]))
+        if len(slopes) == 2:
+            found |= {one: (slopes[0] - slopes[1]) / 2.0, other: (slopes[1] - slopes[0]) / 2.0}
+    return found
+
+
 def _acts_with(one: Table, other: Table) -> bool:
     """Return whether ``one`` counts for the judgement of ``other``: the same function, and of a curve what products do along its axis."""
     if other.multiplier is not None:
@@ -209,10 +241,11 @@ def _of_curve(case: _Case, wanted: _Wanted, volume: Volume) -> Judgement:
     own = wanted.as_slope(case.table.name) if case.is_slope else wanted.of(case.table.name)
     if not own:
         return case.says("unidentified", "the result does not identify what it corrects: nothing to compare it with")
-    fits = [_Fit.of(case, curve) for curve in own]
-    known = [fit for fit in fits if fit is not None]
-    if known and any(fit.is_right for fit in known):
-        return case.says("right", "what the result asks for", min(known, key=lambda fit: fit.left).factor)
+    plain = replace(case, turn_um_mm=0.0)
+    known, turned = ([fit for curve in own if (fit := _Fit.of(each, curve)) is not None] for each in (plain, case))
+    if any(fit.is_right for fit in (*known, *turned)):
+        return case.says("right", "what the result asks for", min((*known, *turned), key=lambda fit: fit.left).factor)
+    case = plain
     if known and all(fit.moved_um < fit.sure_um for fit in known):
         return case.says("empty", f"no correction, where the result asks for {max(fit.wanted_um for fit in known):.1f} um")
     return (
@@ -249,13 +282,13 @@ class _Fit:
     @classmethod
     def of(cls, case: _Case, curve: Curve, shift_mm: float = 0.0) -> "_Fit | None":
         """Return the comparison; None where the table does not cover the measured travel."""
-        position = case.table.position_mm + shift_mm
+        position = curve.position_mm[[0, -1]] if case.table.law.ends == "extended" else case.table.position_mm + shift_mm
         first, last = curve.position_mm[[0, -1]]
         low, high = max(first, position[0]), min(last, position[-1])
         if high - low < _COVERED * (last - first):
             return None
         at = np.linspace(low, high, _POINTS)
-        moved = _centred(case.moved_um(at - shift_mm))
+        moved = _centred(case.moved_um(at - shift_mm) - case.turn_um_mm * at)
         wanted = _centred(_held(-curve.at(at), at, position))
         size, size_moved = _rms(wanted), _rms(moved)
         # what a survey is unsure of excuses little: the table is judged against what this result asks for, not against the machine
@@ -264,7 +297,7 @@ class _Fit:
         return cls(
             wanted_um=size,
             moved_um=size_moved,
-            left=_rms(moved - wanted) / max(size, sure),
+            left=min(_rms(moved - wanted), _rms(case.off_um(curve, at, shift_mm))) / max(size, sure),
             turned=_rms(moved + wanted) / max(size, sure),
             factor=product / size**2 if size > 0 else np.nan,
             alike=product / (size * size_moved) if size > 0 and size_moved > 0 else 0.0,
@@ -297,6 +330,8 @@ def _swapped(case: _Case, wanted: _Wanted, left_scaled: float) -> Judgement | No
 
 def _shifted(case: _Case, own: Sequence[Curve], volume: Volume) -> Judgement | None:
     """Return a judgement where the table lies elsewhere than the measured volume."""
+    if case.table.law.ends == "extended":
+        return None
     first, last = case.table.position_mm[[0, -1]]
     axis = AXES.index(case.table.input_axis.lower())
     low, high = volume.origin_mm[axis], volume.origin_mm[axis] + volume.size_mm[axis]

@@ -77,7 +77,7 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     A warning where a new table knows no slope, or reaches less far, and the old one did.
     """
     asked = set(profile.machine.functions)
-    named = {table.name: table for table in standing.new}
+    named = {table.name: table for table in standing.new if table.value_um.any() or table.name in asked}
     foreign = {_key(table) for table in standing.foreign()}
     for table in standing.staying:
         if table.name in named and _key(table) not in foreign:

@@ -61,7 +61,7 @@ def load_fanuc(
 ) -> list[AxisTable]:
     """Return the tables of axes 1 to 3 after ``texts`` (parameters and pitch data, one or several files) have been read in.
 
-    An axis without parameter 3624 (interval) has no compensation. ``interpolated`` is for series that interpolate between the points.
+    An axis without parameter 3624 (interval), or with an interval of 0, has no compensation. ``interpolated`` is for series that interpolate between the points.
     Raises ValueError for a missing parameter or pitch point.
     """
     memory = _Memory()
@@ -69,7 +69,7 @@ def load_fanuc(
         memory.read(text)
     tables: list[AxisTable] = []
     for axis in (1, 2, 3):
-        if axis in memory.parameters.get(3624, {}):
+        if axis in memory.parameters.get(3624, {}) and memory.length_mm(3624, axis, least_input_mm):
             tables += _axis_tables(memory, axis, detection_unit_um * 1e-3, least_input_mm, interpolated=interpolated)
     tables += [table for number in range(3) for table in _straightness(memory, number, detection_unit_um * 1e-3, least_input_mm)]
     return tables

@@ -91,6 +91,19 @@ class TestEveryChain:
         assert np.max(np.abs(mean_correction_um(read, at_reference))) < 0.2
 
 
+@pytest.mark.parametrize(("name", "origin_mm"), [("beckhoff", (2000.0, -4000.0, 1500.0)), ("heidenhain", (-3250.0, 100.0, -300.0))])
+def test_verify_finds_every_table_right_far_from_the_zero_of_the_axes(
+    name: str, origin_mm: tuple[float, float, float], monkeypatch
+) -> None:
+    """Levers of metres make columns of a tenth of a millimetre that the angles beside them cancel: the axis hardly moves."""
+    monkeypatch.setitem(globals(), "VOLUME", replace(VOLUME, origin_mm=origin_mm))
+    result, of = drawn("FXYZ"), profile(name, "FXYZ")
+    data = [file for file in written(name, result, of) if file.role == "data"]
+    found = verify_files(result, data, of, nodes=5)
+    assert {each.code for each in found.judgements} == {"right"}
+    assert found.right, found.findings
+
+
 @pytest.mark.parametrize(("name", "chain"), [("beckhoff", "FXYZ"), ("beckhoff", "XYFZ"), ("heidenhain", "FXYZ")])
 def test_verify_finds_every_table_right_and_a_turned_angle_wrong(name: str, chain: str) -> None:
     result, of = drawn(chain), profile(name, chain)
