@@ -18,6 +18,7 @@ from stepdiag.exporters.fanuc.punch import FIRST_PITCH_LINE, PunchFile, read_pun
 from stepdiag.exporters.fanuc.reading import read_tables
 from stepdiag.exporters.fanuc.straightness import given_to
 from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.listing import finite
 from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import POSITIONING, Curve
 from stepdiag.exporters.tables.profile import Profile
@@ -198,18 +199,22 @@ def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile],
 
 
 def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile], profile: Profile) -> None:
-    """Refuse straight lines between pitch points of an axis for which neither the plan nor the machine's own file sets them."""
+    """Refuse straight lines between pitch points of an axis that the plan leaves alone, and that lie otherwise in the machine's own file."""
+    options = profile.options_as(FanucOptions)
     own = {table.input_axis for table in tables if table.kind == pitch.KIND}
-    for table in tables:
-        texts = [master.parameter(INTERVAL, profile.options_as(FanucOptions).axes[table.input_axis].number) for master in masters]
-        if table.input_axis not in own and any(text is not None and not text.strip("0.") for text in texts):
-            raise SafetyError(
-                f"{profile.source}: machine.functions",
-                code="pitch-points-unset",
-                expected=f"E{table.input_axis}{table.input_axis} beside {table.name}: its points are pitch points of {table.input_axis}",
-                found=f"parameter {INTERVAL} of {table.input_axis} is 0 in the machine's own file",
-                remedy="export the positioning error of that axis as well",
-            )
+    for letter in sorted({table.input_axis for table in tables} - own):
+        number, step_mm = options.axes[letter].number, profile.axis(letter).step_mm
+        for text in (text for master in masters if (text := master.parameter(INTERVAL, number)) is not None):
+            interval_mm = finite(text, f"parameter {INTERVAL} A{number}") * (1.0 if "." in text else options.least_input_um / 1000.0)
+            if abs(interval_mm - step_mm) > 1e-6:
+                name = next(table.name for table in tables if table.input_axis == letter)
+                raise SafetyError(
+                    f"{profile.source}: machine.functions",
+                    code="pitch-points-unset",
+                    expected=f"E{letter}{letter} beside {name}, whose points are pitch points of {letter} at {step_mm:g} mm",
+                    found=f"an interval (parameter {INTERVAL}) of {interval_mm:g} mm in the machine's own file",
+                    remedy="export the positioning error of that axis as well",
+                )
 
 
 def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) -> Finding:
