@@ -246,6 +246,11 @@ def _remarks(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
     bilateral = POSITIONING if options.way == "lists" else ()
     yield from averaged_remarks([curve for curve in curves if curve.name not in bilateral], profile)
     if options.way == "volumetric":
+        if options.chain is not None:
+            recalled = (
+                "chain and workpiece_axes in volcomp_lines.txt are derived from the manual's words, not read: compare them on the control"
+            )
+            yield Finding(code="chain-derived", severity="info", text=recalled)
         text = "the sense of the volumetric file depends on negate (P-VOLC-00009); make the sign test"
         yield Finding(code="sense-derived", severity="info", text=text)
 

@@ -77,6 +77,9 @@ class Fanuc:
                     tables.append(replace(table, place={**table.place, "set": numbers.moving}))
                 findings.append(_straightness_remark(curve, left_um, options))
         _require_pitch_points(tables, masters, profile)
+        if asked.straightness_option and options.straightness != asked.straightness:
+            text = "5711 to 5764 are remembered numbers, in no manual that was seen: compare them with this control's parameter manual"
+            findings.append(Finding(code="straightness-recalled", severity="info", text=text))
         return Plan(
             tables=tuple(tables),
             findings=(*findings, *_overlaps(tables), *identity_findings(masters, profile, options)),
@@ -199,7 +202,7 @@ def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile],
 
 
 def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile], profile: Profile) -> None:
-    """Refuse straight lines between pitch points of an axis that the plan leaves alone, and that lie otherwise in the machine's own file."""
+    """Refuse straight lines between pitch points of an axis that the plan leaves alone and the own file has elsewhere."""
     options = profile.options_as(FanucOptions)
     own = {table.input_axis for table in tables if table.kind == pitch.KIND}
     for letter in sorted({table.input_axis for table in tables} - own):

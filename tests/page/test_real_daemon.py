@@ -54,6 +54,19 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
         page.context.close()  # before the daemon ends, which the page would complain about
 
 
+def test_the_page_asks_what_is_active_before_the_first_pass(tmp_path: Path, real: Watched) -> None:
+    """A survey that does not say whether a compensation is on says so on the page, in both languages, before anything is driven."""
+    port = free_port()
+    with hall(tmp_path, page=True, page_port=port, machine="") as place, daemon(place.survey):
+        page = real.open(f"http://127.0.0.1:{port}")
+        expect(page.locator("#findings")).to_contain_text("nobody has said whether a compensation is active in the control", timeout=20_000)
+        expect(page.locator("#findings")).to_contain_text("machine.compensation")
+        expect(page.locator("#setups li")).to_have_count(4)
+        page.locator("#language").click()
+        expect(page.locator("#findings")).to_contain_text("niemand hat gesagt, ob in der Steuerung eine Kompensation aktiv ist")
+        page.context.close()  # before the daemon ends, which the page would complain about
+
+
 @pytest.mark.parametrize(("kind", "link"), [("laser-unplug", "laser"), ("plc-silent", "plc")])
 def test_a_cable_that_is_pulled_is_seen_within_a_second(tmp_path: Path, real: Watched, kind: str, link: str) -> None:
     """What came over it is old within a second of its last word, and young again by itself."""

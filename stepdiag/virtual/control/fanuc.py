@@ -61,7 +61,7 @@ def load_fanuc(
 ) -> list[AxisTable]:
     """Return the tables of axes 1 to 3 after ``texts`` (parameters and pitch data, one or several files) have been read in.
 
-    An axis whose parameter 3624 (interval) is 0 or not there has no compensation. ``interpolated`` is for series that interpolate between the points.
+    An axis whose parameter 3624 (interval) is 0 or not there has no compensation. ``interpolated``: series that interpolate between points.
     Raises ValueError for a missing parameter or pitch point.
     """
     memory = _Memory()

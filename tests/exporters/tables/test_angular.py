@@ -119,6 +119,18 @@ def test_verify_finds_every_table_right_and_a_turned_angle_wrong(name: str, chai
     assert told["EYX*Z"] == told["EZX*Y"] == "sign-turned"
 
 
+@pytest.mark.parametrize(("name", "code"), [("beckhoff", "chain-derived"), ("heidenhain", "kinematicscomp-recalled")])
+def test_what_was_read_in_no_manual_is_said(name: str, code: str) -> None:
+    """In the export's own words, on the terminal and in the report, beside the marks in the files; not where nothing of it is written."""
+    fit, of = fitted(drawn()), profile(name)
+    without = replace(of, options=msgspec.structs.replace(of.options, chain=None))
+    said = [{each.code for each in controller_named(name).plan_products(fit.curves, fit.products, one).findings} for one in (of, without)]
+    assert code in said[0]
+    assert code not in said[1]
+    notes = [file.data for file in written(name, drawn(), of) if file.role == "note"]
+    assert any(b"RECALLED" in data or b"DERIVED" in data for data in notes)
+
+
 @pytest.mark.parametrize("chain", CHAINS)
 def test_a_squareness_has_a_column_only_where_its_reading_does_not_matter(chain: str) -> None:
     """Whether the kernel turns what a leaning axis carries is not said: with these columns it makes no difference."""
