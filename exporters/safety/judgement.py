@@ -122,6 +122,17 @@ class _Case:
         ways = [self._along(_joined(each), position_mm, way) for each in tables for way in (1, -1)]
         return np.asarray(sum(ways, np.zeros(position_mm.shape)) / 2.0)
 
+    def unstepped(self, curve: Curve) -> Curve:
+        """Return a residual without the steps of what acted while it was measured: no table asks for them (`tables.merge`)."""
+        stepped = [each for each in self.before if each.law.between == "stepped" and each.multiplier is None]
+        if not stepped:
+            return curve
+        at = curve.position_mm
+        steps = sum(
+            ((correction_um(each, at, way) - correction_um(_joined(each), at, way)) / 2.0 for each in stepped for way in (1, -1)), 0.0 * at
+        )
+        return replace(curve, forward_um=curve.at(at) - steps, reverse_um=None)
+
     def off_um(self, curve: Curve, at: Vector, shift_mm: float) -> Vector:
         """Return how far the table is from one that has, at its own points, all that acted before and what the curve asks for."""
         own = self.table.position_mm + shift_mm
@@ -241,6 +252,7 @@ def _of_curve(case: _Case, wanted: _Wanted, volume: Volume) -> Judgement:
     own = wanted.as_slope(case.table.name) if case.is_slope else wanted.of(case.table.name)
     if not own:
         return case.says("unidentified", "the result does not identify what it corrects: nothing to compare it with")
+    own = [case.unstepped(curve) for curve in own]
     plain = replace(case, turn_um_mm=0.0)
     known, turned = ([fit for curve in own if (fit := _Fit.of(each, curve)) is not None] for each in (plain, case))
     if any(fit.is_right for fit in (*known, *turned)):

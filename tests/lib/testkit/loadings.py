@@ -60,7 +60,7 @@ class Step:
     def mispredicted(self) -> bool:
         """Tell whether the machine errs otherwise than was said of it."""
         stepped = 2.0 if self.maker == "fanuc" else 1.0
-        return self.whole and abs(self.after_um - self.predicted_um) > stepped * BETWEEN_UM
+        return self.whole and abs(self.after_um - self.predicted_um) > stepped * (BETWEEN_UM + 0.05 * self.before_um)
 
 
 class Sequence:
