@@ -397,7 +397,7 @@ def surveyed(
                 drive(control, stand, setup, program)
             left_um = driven_rms_um(control, machine)
             for attempt in range(ATTEMPTS):
-                missing = still_missing(own / "control" / "0001", log, attempt)
+                missing = still_missing(own / "control" / "0001", log, len(programs) + attempt)
                 if not missing:
                     return own / "control" / "0001", left_um
                 drive(control, stand, missing, programs[missing])
@@ -411,16 +411,17 @@ def drive(control: Control, stand: Stand, setup: str, program: bytes) -> None:
     control.run(program)
 
 
-def still_missing(folder: Path, log: Path, opened: int) -> str:
+def still_missing(folder: Path, log: Path, driven: int) -> str:
     """Return the setup to drive again, because a busy computer lost samples of it; nothing once the result is there.
 
-    ``opened``: how often the daemon had found the survey open before.
+    ``driven``: how many programs were run so far. What the daemon waits for counts once the last of them has ended.
     """
 
     def wanted() -> str:
         said = [json.loads(line) for line in log.read_text(encoding="utf-8", errors="replace").splitlines() if line.endswith("}")]
-        places = [place for place, event in enumerate(said) if event.get("event") == "survey-open"]
-        waits = [event["what"] for event in said[places[opened] :] if event.get("event") == "waiting"] if len(places) > opened else []
+        ended = [event for event in said if event.get("event") == "pass-ended"]
+        begun = max((place for place, event in enumerate(said) if event.get("event") == "stop" and event["stop"] == 0), default=0)
+        waits = [event["what"] for event in said[begun:] if event.get("event") == "waiting"] if len(ended) >= driven else []
         found = re.search(r"the program of ([a-z-]+)", waits[-1]) if waits else None
         return found[1] if found else ""
 
@@ -441,10 +442,10 @@ def daemon(survey: Path) -> Iterator[Path]:
         yield log
     finally:
         process.terminate()
-        assert process.wait(120.0) == 0, log.read_text(errors="replace")
+        assert process.wait(30.0) == 0, log.read_text(errors="replace")
 
 
-def until(done: Callable[[], bool], log: Path, timeout_s: float = 200.0) -> None:
+def until(done: Callable[[], bool], log: Path, timeout_s: float = 60.0) -> None:
     ends_s = time.monotonic() + timeout_s
     while not done():
         assert time.monotonic() < ends_s, log.read_text(errors="replace")[-4000:]
