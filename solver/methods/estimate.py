@@ -18,7 +18,15 @@ from stepdiag.solver.methods.finer import finer
 from stepdiag.solver.methods.head_report import agreeing, beside_head, head_findings
 from stepdiag.solver.methods.lengths import lengths_report, tool_report
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
-from stepdiag.solver.methods.volumetric import budget, coarse_findings, drawn_surveys, left_with_head_um, make_posterior, volume_report
+from stepdiag.solver.methods.volumetric import (
+    budget,
+    coarse_findings,
+    drawn_surveys,
+    left_with_head_um,
+    make_posterior,
+    volume_report,
+    with_the_usual,
+)
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Model
@@ -154,7 +162,8 @@ def solve_estimate(
     factors = coverage(found, done.quantities, done.known, done.u, done.u_readings)
     expected = expected_angles(found, done.spread)
     errors, of_head = beside_head(_errors(done), of_head, straightness, found)
-    posterior = make_posterior(found, done.spread, done.quantities, done.known, errors)
+    wider = with_the_usual(found, done.spread, done.quantities, done.known)
+    posterior = make_posterior(found, done.spread, wider, errors)
     result = Result(
         volume=layout.volume,
         chain=chain,
@@ -170,7 +179,7 @@ def solve_estimate(
     )
     texts = {"readings": _noise_text(found), **{effect.name: effect.text for effect in found.effects}}
     volume = volume_report(result)
-    left = left_with_head_um(found, done.spread, volume["volumetric_u_um"])
+    left = left_with_head_um(found, wider, volume["volumetric_u_um"])
     extra = {
         **_extra(done),
         "assumed": asdict(found.assumed),

@@ -39,16 +39,17 @@ _BENT, _BENT_TWICE = 6.0, 70.0
 """Variances of the second and fourth difference of independent values over theirs."""
 
 
-def make_posterior(
-    found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool], errors: Mapping[str, Function]
-) -> Posterior:
-    """Return how the machine may differ from what is reported; what is not identified counts with what is usual."""
+def with_the_usual(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]) -> Spread:
+    """Return the covariances with what is usual for what is not identified; the same where all of it is."""
     rows, u = usual_rows(quantities, known, found.assumed)
-    mixed = with_usual(found.fit, found.design, rows, u) if len(rows) else found.fit
-    wider = replace(spread, fit=mixed)
+    return replace(spread, fit=with_usual(found.fit, found.design, rows, u)) if len(rows) else spread
+
+
+def make_posterior(found: Adjustment, spread: Spread, wider: Spread, errors: Mapping[str, Function]) -> Posterior:
+    """Return how the machine may differ from what is reported; what is not identified counts with what is usual (`with_the_usual`)."""
     first = cause_place(found, "angles") if found.shapes.names else 0
-    machine = machine_of(found.design, found.shapes, first, len(mixed.size))
-    offset = _offset(machine, wider, spread) if len(rows) else np.zeros(len(machine.names))
+    machine = machine_of(found.design, found.shapes, first, len(wider.fit.size))
+    offset = np.zeros(len(machine.names)) if wider is spread else _offset(machine, wider, spread)
     posterior = posterior_of(wider, machine, found.layout.volume, found.design.chain, offset, "angles")
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
@@ -158,16 +159,20 @@ def volume_report(result: Result) -> dict[str, Any]:
     return {"volumetric_u_um": volumetric_u_um(result, points), "predicted": told.as_json()}
 
 
-def left_with_head_um(found: Adjustment, spread: Spread, now_um: float) -> dict[str, float]:
-    """Return the volumetric uncertainty as it is and with all angular functions known to `HEAD_URAD`."""
+def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[str, float]:
+    """Return the volumetric uncertainty as it is and with all angular functions known to `HEAD_URAD`.
+
+    What is not identified counts with what is usual (`with_the_usual`), as in ``now_um``: alone it is that of an arbitrary solution.
+    """
     if not found.shapes.names:
         return {"now": now_um, "with_head": now_um}
     volume, chain = found.layout.volume, found.design.chain
     place = [effect.name for effect in found.effects].index("angles")
     usual = float(np.mean(found.shapes.range_urad)) * found.sizes.factor[place]
-    factor = np.where(spread.group == place, 2.0 * HEAD_URAD / max(usual, 2.0 * HEAD_URAD), 1.0)
-    sure = replace(found.sizes, sought=found.sizes.sought & (np.arange(len(found.effects)) != place))
-    quiet = replace(spread, fit=sized(spread.fit, factor), sizes=sure)
-    machine = machine_of(found.design, found.shapes, cause_place(found, "angles"), len(spread.group))
-    with_head, without = (over_volume(covariance(one, machine), machine, volume, chain)[0] for one in (quiet, spread))
-    return {"now": now_um, "with_head": float(np.sqrt(max(now_um**2 - without**2 + with_head**2, 0.0)))}
+    factor = np.where(wider.group == place, 2.0 * HEAD_URAD / max(usual, 2.0 * HEAD_URAD), 1.0)
+    # the readings hold the angles as they are: with small ones they would say that all other causes are larger
+    sure = replace(found.sizes, sought=np.zeros_like(found.sizes.sought))
+    quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
+    machine = machine_of(found.design, found.shapes, cause_place(found, "angles"), len(wider.group))
+    with_head, without = (over_volume(covariance(one, machine), machine, volume, chain)[0] for one in (quiet, wider))
+    return {"now": now_um, "with_head": float(np.sqrt(max(now_um**2 - max(without**2 - with_head**2, 0.0), 0.0)))}

@@ -1,5 +1,6 @@
 """What is said of the volume between the targets."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -9,7 +10,7 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.volumetric import coarse_findings
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.result.result import DISPLACEMENTS, Function
-from testkit.surveys import Bench
+from testkit.surveys import DIAGONALS, LINEAR, Bench
 
 NODES = np.linspace(0.0, 500.0, 11)
 
@@ -36,3 +37,14 @@ def test_the_result_names_waves_that_its_increments_cannot_carry():
     named = [[finding for finding in solve(one).findings if finding.code == "increments-coarse"] for one in (readings, waved)]
     assert not named[0]
     assert [finding.text.startswith("EXX:") for finding in named[1]] == [True]
+
+
+@pytest.mark.parametrize("setups", [(*DIAGONALS, *LINEAR), DIAGONALS], ids=["with linear runs", "scales not identified"])
+def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
+    bench = Bench(seed=3, angle_urad=20.0)
+    readings = bench.survey(setups)
+    found, with_angles = solve(readings), solve(readings, angles=bench.angles(1.0))
+    text = next(finding.text for finding in found.findings if finding.code == "angles-unmeasured")
+    told = float(re.search(r"with a head's angles about (\S+) um", text)[1])
+    assert told == pytest.approx(with_angles.extra["volumetric_u_um"], rel=0.03)
+    assert told < 0.95 * found.extra["volumetric_u_um"]
