@@ -14,6 +14,7 @@ if TYPE_CHECKING:
 
 PORT, SECURE_PORT = 1883, 8883
 LARGEST_PORT = 65_535
+MOST_DIGITS = 5
 
 
 def register(app: typer.Typer) -> None:
@@ -80,12 +81,11 @@ def _broker(file: Path, address: str, ca: Path | None, user: str, password_file:
 
 def _address(text: str, port: int) -> tuple[str, int]:
     """Return host and port of HOST, HOST:PORT or [ADDRESS]:PORT."""
-    host, colon, number = (
-        text.rpartition(":") if not text.endswith("]") and text.count(":") in (1, text.count("]:") or 1) else (text, "", "")
-    )
-    if colon and not (number.isascii() and number.isdecimal() and 0 < int(number[:6]) <= LARGEST_PORT):
+    without_port = text.endswith("]") or (text.count(":") > 1 and "]:" not in text)
+    host, colon, number = (text, "", "") if without_port or ":" not in text else text.rpartition(":")
+    if colon and not (number.isascii() and number.isdecimal() and len(number) <= MOST_DIGITS and 0 < int(number) <= LARGEST_PORT):
         raise UsageError("--broker", expected="HOST, HOST:PORT or [ADDRESS]:PORT", found=repr(text))
     host = host.removeprefix("[").removesuffix("]")
-    if not host or any(letter.isspace() or letter == "/" for letter in host):
+    if not host or any(letter.isspace() or letter in "/[]" for letter in host):
         raise UsageError("--broker", expected="HOST, HOST:PORT or [ADDRESS]:PORT", found=repr(text))
     return host, int(number) if colon else port

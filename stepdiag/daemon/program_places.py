@@ -26,7 +26,7 @@ LINKS = 40
 def places_of_program() -> list[Path]:
     """Return the folders that hold the environment, its Python and the package, outermost alone, those of the system left out."""
     found = [Path(sys.prefix), Path(sys.base_prefix), Path(str(files("stepdiag"))).parent, *_homes_of(Path(sys.executable))]
-    every = sorted({place for each in found for place in (each, each.resolve()) if SYSTEM not in (place, *place.parents)})
+    every = sorted({place for each in found for place in (each, each.resolve()) if _is_own(place)})
     return [place for place in every if not set(place.parents) & set(every)]
 
 
@@ -42,6 +42,11 @@ def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> s
         # empty but for what is bound there: `yes` would hide that too
         unit = unit.replace("ProtectHome=yes", "ProtectHome=tmpfs")
     return unit
+
+
+def _is_own(place: Path) -> bool:
+    """Return whether a place is neither the system's nor the whole disk: /bin/python3 is a way to /usr/bin, and its folder stands in /."""
+    return SYSTEM not in (place, *place.parents) and place != place.parent
 
 
 def _homes_of(executable: Path) -> Iterator[Path]:

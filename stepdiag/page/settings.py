@@ -61,16 +61,21 @@ def is_loopback(host: str) -> bool:
 
 def _file(survey_file: Path, credential: str, named: str) -> Path | None:
     """Return the file of a credential: the service's own comes first; None where there is neither."""
-    given = Path(os.environ.get("CREDENTIALS_DIRECTORY", "")) / credential
-    if "CREDENTIALS_DIRECTORY" in os.environ and given.is_file():
+    given = _credential(credential)
+    if given is not None and given.is_file():
         return given
     return survey_file.parent / named if named else None
+
+
+def _credential(name: str) -> Path | None:
+    """Return where the service has a credential of this name; None outside a service."""
+    return Path(os.environ["CREDENTIALS_DIRECTORY"]) / name if "CREDENTIALS_DIRECTORY" in os.environ else None
 
 
 def secret_file(survey_file: Path, credential: str, named: str, field: str) -> Path | None:
     """Return the file of a secret. Raises UsageError where it is not there, or where others may read it."""
     path = _file(survey_file, credential, named)
-    if path is None or path.name == credential:
+    if path is None or path == _credential(credential):
         return path
     try:
         mode = stat.S_IMODE(path.stat().st_mode)

@@ -92,7 +92,8 @@ class _Publisher:
         """Send what is new, look again after a while; a connection that is lost raises at once, not with the next message."""
         sent: dict[str, bytes] = {}
         if once:
-            await self._send_new(client, sent)
+            for message in self._watched.now():  # what cannot be read ends the program: nobody looks again
+                await self._put(client, message, sent)
             self._stop.set()
             return
         await self._put(client, self._watched.online(online=True), sent)

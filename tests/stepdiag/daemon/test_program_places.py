@@ -39,6 +39,15 @@ def test_the_systems_python_is_seen_anyway(homes: Path, monkeypatch: pytest.Monk
     assert homes / "venv" in places_of_program()
 
 
+def test_the_whole_disk_is_no_place_of_the_program(homes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """/bin/python3 is the system's Python by another way."""
+    monkeypatch.setattr(sys, "base_prefix", "/usr")
+    (homes / "venv/bin/python").unlink()
+    (homes / "venv/bin/python").symlink_to("/bin/python3")
+    assert Path("/") not in places_of_program()
+    assert homes / "venv" in places_of_program()
+
+
 def test_the_packaged_unit_is_left_as_it_is(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "prefix", "/opt/stepdiag")
     assert at_its_places(UNIT, [Path("/opt/stepdiag")], reachable=False) == UNIT

@@ -77,6 +77,12 @@ def test_a_credential_of_the_service_comes_first(tmp_path: Path, monkeypatch: py
     assert settings_of(survey_with(tmp_path, 'token_file = "not-there"')).token == "the service's own token"
 
 
+def test_a_file_named_like_a_credential_is_none(tmp_path: Path) -> None:
+    secret(tmp_path, TOKEN, 0o644).rename(tmp_path / "page-token")
+    with pytest.raises(UsageError, match="chmod 600 page-token, found mode"):
+        settings_of(survey_with(tmp_path, 'token_file = "page-token"'))
+
+
 def test_a_missing_token_file_is_named(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match=r"page\.token_file: .*gone\.token"):
         settings_of(survey_with(tmp_path, 'token_file = "gone.token"'))
