@@ -52,7 +52,7 @@ def _findings(findings: Sequence[Finding]) -> Iterator[str]:
 
 
 def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
-    yield f"PREDICTED VOLUMETRIC ERROR on {len(prediction.points_mm)} points of the volume, in um (k = 2)"
+    yield "PREDICTED VOLUMETRIC ERROR anywhere in the volume, in um (k = 2)"
     yield f"  {'':<30}{'largest':>16}{'rms':>16}"
     for name, figures in prediction.predicted().items():
         for when, found in figures.items():

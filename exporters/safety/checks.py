@@ -137,8 +137,8 @@ def check_travel(case: Case) -> Iterator[Finding]:
     """7: the table covers the travel of its axis, or holds its end values beyond it."""
     for table in case.tables:
         travel = case.profile.axis(table.input_axis).travel_mm
-        if travel is None or table.law.ends == "extended":
-            continue
+        if travel is None or table.law.ends == "extended" or not table.absolute_um.any():
+            continue  # of an old table that is emptied nothing is held
         if table.position_mm[0] > travel[0] + _ZERO_UM or table.position_mm[-1] < travel[1] - _ZERO_UM:
             low, high = table.absolute_um[[0, -1]]
             yield _warning(
