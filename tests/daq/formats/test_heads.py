@@ -151,7 +151,8 @@ def test_other_messages_of_the_unit_are_garbage_without_harm():
 
 def test_decoders_are_made_by_name():
     assert isinstance(make_decoder("fourdof", FourdofSettings()), FourdofDecoder)
-    assert set(LASER_FORMATS) | set(HEAD_FORMATS) == {*["umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis", "fourdof", "tqd"]}
+    assert {*LASER_FORMATS} == {"umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis"}
+    assert {*HEAD_FORMATS} == {"fourdof", "tqd", "elcomat", "wyler"}
     for name, other in (("tqd", UmdSettings()), ("lddm", UmdSettings())):
         with pytest.raises(UsageError, match="one of umd"):
             make_decoder(name, other)
