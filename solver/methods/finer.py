@@ -13,6 +13,10 @@ from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.result.result import AXIS_LETTERS, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
+NEAR = 0.05
+"""Positions within this share of a cell say what its node says: two values so close to each other, of a program written with one decimal,
+would tell of a slope that is noise alone."""
+
 
 def finer(found: Adjustment, spread: Spread, quantities: Quantities, stands_as: str, function: Function, name: str) -> Function:
     """Return a function of the result with its values off the nodes, unchanged where there are none.
@@ -22,8 +26,13 @@ def finer(found: Adjustment, spread: Spread, quantities: Quantities, stands_as: 
     if name not in found.between.names or function.value is None or function.u is None or function.u_readings is None:
         return function
     off = found.between.of(name)
-    position_mm, basis = off.position_mm[off.alone], off.basis[off.alone]
-    rows = _between_rows(found, quantities, stands_as, position_mm, AXIS_LETTERS.index(name[-1]))
+    volume, axis = found.layout.volume, AXIS_LETTERS.index(name[-1])
+    steps = (off.position_mm - volume.origin_mm[axis]) / volume.step_mm[axis]
+    apart = off.alone & (np.abs(steps - np.round(steps)) > NEAR)
+    position_mm, basis = off.position_mm[apart], off.basis[apart]
+    if not len(position_mm):
+        return function
+    rows = _between_rows(found, quantities, stands_as, position_mm, axis)
     on_causes = np.zeros((len(position_mm), len(found.fit.size)))
     first = cause_place(found, BETWEEN)
     own = found.between.causes_of(name)

@@ -72,9 +72,9 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     likely = normal_points(len(factor))
     for name in DISPLACEMENTS:
         function = errors[name]
-        arch, within = assumed.shape_um, 0.0
-        if function.value is not None and len(function.value) > 2:
-            arch, within = arch_um(_evenly(function), 0.0 if function.u_readings is None else rms(function.u_readings))
+        arch, within, value = assumed.shape_um, 0.0, _evenly(function)
+        if len(value) > 2:
+            arch, within = arch_um(value, 0.0 if function.u_readings is None else rms(function.u_readings))
         hidden = assumed.between_um * float(name in POSITIONING) * np.roll(factor, len(factor) // 2)
         found[name] = np.hypot(arch * np.exp(within * likely), hidden)
     return found
@@ -84,8 +84,8 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
     """Return the finding on functions whose waves are hardly longer than two increments: between the targets nobody knows them."""
     names = []
     for name in DISPLACEMENTS:
-        if errors[name].value is not None and len(errors[name].position_mm) > LEAST_VALUES:
-            value = _evenly(errors[name])
+        value = _evenly(errors[name])
+        if len(value) > LEAST_VALUES:
             u_readings = errors[name].u_readings
             arch, _ = arch_um(value, 0.0 if u_readings is None else rms(u_readings))
             if arch > HARMFUL * rms(value - np.linspace(value[0], value[-1], len(value))):
@@ -100,9 +100,15 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
 
 
 def _evenly(function: Function) -> Vector:
-    """Return the values at as many equally distant positions: only there do bends say how short waves are."""
-    even = np.linspace(function.position_mm[0], function.position_mm[-1], len(function.position_mm))
-    return np.interp(even, function.position_mm, np.zeros(len(even)) if function.value is None else function.value)
+    """Return the values at equally distant positions, as far apart as the function's are at most; none of a function without values.
+
+    Only there do bends say how short waves are, and where positions lie closer in places it is no better known everywhere.
+    """
+    at = function.position_mm
+    if function.value is None or len(at) < 2:
+        return np.zeros(0)
+    even = np.linspace(at[0], at[-1], round(float((at[-1] - at[0]) / np.max(np.diff(at)))) + 1)
+    return np.interp(even, at, function.value)
 
 
 def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:

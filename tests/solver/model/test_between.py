@@ -1,5 +1,7 @@
 """Readings off the nodes, against the exact machine: a finer run is used, not called vibration."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -69,3 +71,15 @@ def test_diagonals_whose_stops_do_not_meet_are_taken_together():
 
 def test_on_the_nodes_there_is_nothing_between():
     assert between_of(lay_out(Bench(increments=3).survey())).count == 0
+
+
+def test_a_program_with_one_decimal_knows_no_more_between_the_nodes_than_an_exact_one():
+    """Stops 0.03 mm beside their nodes stood as values of their own, and what is between them counted as half known: 1.05 of 1.60 um."""
+    survey = Bench(seed=3, increments=7).survey()
+    exact = survey.select(np.concatenate(list(survey.passes().values())))
+    layout, position_mm = lay_out(exact), np.round(exact.position_mm, 1)
+    moved_mm = np.sum((position_mm - exact.position_mm) * layout.direction, axis=1)
+    found, rounded = solve(exact), solve(replace(exact, position_mm=position_mm, reading_mm=exact.reading_mm + moved_mm))
+    assert rounded.extra["volumetric_u_um"] == pytest.approx(found.extra["volumetric_u_um"], rel=0.02)
+    for name in ("EXX", "EYY", "EZZ"):
+        assert rounded.errors[name].position_mm == pytest.approx(found.errors[name].position_mm)
