@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stepdiag.daq.links.blocking import BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
-from stepdiag.daq.links.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError, lost
+from stepdiag.daq.links.modbus_errors import LostConnectionError, RefusedRequestError, lost
 from stepdiag.daq.records.events import ReadRange
 from stepdiag.solver.errors import DeviceError
 
@@ -149,10 +149,13 @@ def _unanswered(settings: Lsv2Settings) -> DeviceError:
 
 
 def _senseless(address: str, error: Exception) -> DeviceError:
-    """Return the error for an answer that is none of this protocol: the library raises whatever its reading of it comes upon."""
+    """Return the error for an answer that is none of this protocol: the library raises whatever its reading of it comes upon.
+
+    The connection is given up: answers have no number, and what is left of this one would count as the next.
+    """
     remedy = "another product listens there: check plc.host and plc.port"
     found = f"bytes of something else ({type(error).__name__}: {str(error)[:120]})"
-    return StaleAnswerError(address, expected="a control that speaks LSV2", found=found, remedy=remedy)
+    return LostConnectionError(address, expected="a control that speaks LSV2", found=found, remedy=remedy)
 
 
 def _said(client: "LSV2") -> str:

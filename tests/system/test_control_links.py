@@ -195,7 +195,7 @@ def test_answers_that_are_no_memory_are_named():
 
     with tnc_control(answer=short) as control:
         seen, found = looked_at("heidenhain", control.port)
-    assert "something else" in found["machine-silent"].text
+    assert "something else" in found["machine-unreachable"].text
     assert seen.machine.polls == 0
 
 
