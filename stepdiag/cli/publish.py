@@ -76,6 +76,8 @@ def _broker(file: Path, address: str, ca: Path | None, user: str, password_file:
         raise UsageError(
             f"broker {host}", expected="TLS, since a password is sent", found="--plain", remedy="leave --plain out, name --ca if needed"
         )
+    if password is not None and known_user is None:
+        raise UsageError(f"broker {host}", expected="a user for the password (--user, or the credential mqtt-user)", found="none")
     return Broker(host=host, port=port, secure=not plain, authority=ca, user=known_user, password=password)
 
 

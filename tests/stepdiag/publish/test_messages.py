@@ -89,6 +89,7 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
         (("--broker", "[fd00::1]:1883", "--plain", "--password-file", "p"), "broker fd00::1:"),
         (("--broker", "a", "--topic", "a/#"), "a topic without"),
         (("--broker", "a", "--plain", "--password-file", "p"), "TLS, since a password is sent"),
+        (("--broker", "a", "--password-file", "p"), "a user for the password"),
         (("--broker", "a", "--plain", "--ca", "x.pem"), "--ca or --plain"),
         (("--broker", "a", "--password-file", "open"), "chmod 600"),
         (("--broker", "a", "--ca", "s.toml"), "certificates in PEM"),
