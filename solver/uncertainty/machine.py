@@ -29,6 +29,8 @@ from stepdiag.solver.uncertainty.spread import Spread
 MOST_POSITIONS = 20
 """Increments of the positions at which modes are written: finer surveys are not smoother."""
 MOST_MODES = 40
+FINEST_UM = 0.01
+"""Readings count as uncertain by so much at least beside what is usual, which is thousands of times larger: no sum of both is exact else."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,7 +96,7 @@ def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedF
     """Return the fit with further rows whose target is zero."""
     fixed = mixed.fixed
     target = np.concatenate([fixed.residual + fixed.rows.times(fixed.unknowns), np.zeros(len(rows))])
-    weight = np.concatenate([fixed.weight, 1.0 / u**2])
+    weight = np.concatenate([np.minimum(fixed.weight, 1.0 / FINEST_UM**2), 1.0 / u**2])
     again = fit(fixed.rows.followed_by(rows), design.blocks, target, weight)
     pattern = np.vstack([mixed.causes.pattern, np.zeros((len(rows), mixed.causes.pattern.shape[1]))])
     return MixedFit(again, Causes.of(again, pattern), mixed.size)
