@@ -23,7 +23,7 @@ from stepdiag.solver.model.design import Columns
 from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import CHECKED, robust_scale
-from stepdiag.solver.model.quantities import quantities, volumetric_weight
+from stepdiag.solver.model.quantities import lattice_field_um, quantities
 from stepdiag.solver.readings.readings import PassKey
 
 AS_GOOD = 12.0
@@ -106,8 +106,9 @@ def with_apart(suspicion: Suspicion, columns: Columns, volume: Volume, chain: st
     wanted = quantities(columns, volume)
     apart = np.array([one.without - suspicion.hypotheses[0].without for one in suspicion.hypotheses[1:]])
     off = wanted.combination.times(apart.T)
-    square = np.sum(off * (volumetric_weight(wanted, volume, chain) @ off), axis=0)
-    return replace(suspicion, apart_um=float(np.sqrt(max(np.max(square), 0.0))))
+    field = lattice_field_um(wanted, volume, chain)
+    square = np.sum((field @ off) ** 2, axis=(0, 1)) / len(field)
+    return replace(suspicion, apart_um=float(np.sqrt(np.max(square))))
 
 
 def weight_without(weight: Vector, suspicion: Suspicion) -> Vector:

@@ -77,12 +77,17 @@ def volumetric_weight(found: Quantities, volume: Volume, chain: str) -> Vector:
 
     The mean is taken over a lattice of nodes; functions that are not among the quantities count as perfect.
     """
+    field = lattice_field_um(found, volume, chain)
+    weight: Vector = np.einsum("pcq,pcr->qr", field, field, optimize=True) / len(field)
+    return weight
+
+
+def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
+    """Return what one unit of each quantity does to the error at the points of a lattice of nodes, shape (points, 3, q)."""
     lattice = np.linspace(0, volume.increments, LATTICE).round().astype(np.int64)
     points = np.stack(np.meshgrid(*[lattice] * 3), axis=-1).reshape(-1, 3)
     effects = [_effects_um(found.node[found.of(name)], name, points, volume, chain) for name in found.groups]
-    field = np.concatenate([np.zeros((len(points), 3, 0)), *effects], axis=2)  # of one increment nothing may be left but slopes
-    weight: Vector = np.einsum("pcq,pcr->qr", field, field, optimize=True) / len(points)
-    return weight
+    return np.concatenate([np.zeros((len(points), 3, 0)), *effects], axis=2)  # of one increment nothing may be left but slopes
 
 
 def _effects_um(nodes: NDArray[np.int64], name: str, points: NDArray[np.int64], volume: Volume, chain: str) -> Vector:

@@ -30,7 +30,7 @@ MOST_POSITIONS = 20
 """Increments of the positions at which modes are written: finer surveys are not smoother."""
 MOST_MODES = 40
 FINEST_UM = 0.01
-"""Readings count as uncertain by so much at least beside what is usual, which is thousands of times larger: no sum of both is exact else."""
+"""Readings count as uncertain by so much at least beside what is usual, thousands of times larger: no sum of both is exact else."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
