@@ -131,7 +131,7 @@ class Result:
 
 
 def same_result(one: bytes, other: bytes) -> bool:
-    """Tell whether two ``result.json`` say the same but for the last digit of a number, as two processors may write it."""
+    """Tell whether two ``result.json`` say the same but for the tenth of a nanometre by which two processors may differ."""
     try:
         first, second = json.loads(one), json.loads(other)
         shape, other_shape = first.pop("posterior", None), second.pop("posterior", None)

@@ -1,4 +1,4 @@
-"""A replay beside what the live run wrote: the same bytes, the same but for a last digit (another processor), or which files differ."""
+"""A replay beside what the live run wrote: the same bytes, the same but for a tenth of a nanometre (another processor), or which differ."""
 
 import re
 from collections.abc import Sequence
@@ -11,15 +11,17 @@ from stepdiag.daq.service.completion import complete
 from stepdiag.report.completed import write_completed_report
 from stepdiag.solver.result.result import same_result
 
-_HASH = re.compile(rb"\b[0-9a-f]{64}\b")
+_FOLLOWS = re.compile(rb"\b[0-9a-f]{64}\b|base64,[A-Za-z0-9+/=]+")
+"""Hashes of other files, and tables that a report carries in itself: they follow from numbers that stand elsewhere."""
+_NUMBER = re.compile(rb"-?\d+(?:\.(\d+))?")
 
 
 @dataclass(frozen=True, slots=True)
 class Compared:
     """What a replay wrote into ``out``, against the live run's folder.
 
-    ``rounded`` are files that differ in the last digit of a number of the result, as another processor's products make it, or in nothing
-    but the hash of such a file. ``missing`` are files that the live run does not have.
+    ``rounded`` are files that differ as another processor's products make it: the result by less than a tenth of a nanometre, what follows
+    from such a result in last digits and hashes. ``missing`` are files that the live run does not have.
     """
 
     out: Path
@@ -46,7 +48,7 @@ class Compared:
         if self.identical:
             lines.append(f"identical to the live run, byte for byte: {', '.join(self.identical)}")
         if self.rounded:
-            lines.append(f"the same but for the last digit of a number, as another processor writes it: {', '.join(self.rounded)}")
+            lines.append(f"the same but for less than a tenth of a nanometre, as another processor computes it: {', '.join(self.rounded)}")
         if self.missing:
             lines.append(f"not there from a live run, nothing to compare with: {', '.join(self.missing)}")
         return "\n".join(lines)
@@ -80,4 +82,16 @@ def _verdict(other: Path, again: bytes, *, rounded: bool) -> str:
         return "identical"
     if other.name == RESULT:
         return "rounded" if same_result(before, again) else "different"
-    return "rounded" if rounded and _HASH.sub(b"", before) == _HASH.sub(b"", again) else "different"
+    return "rounded" if rounded and other.name != READINGS and _same_but_for_last_digits(before, again) else "different"
+
+
+def _same_but_for_last_digits(before: bytes, again: bytes) -> bool:
+    one, other = _FOLLOWS.sub(b"", before), _FOLLOWS.sub(b"", again)
+    if _NUMBER.sub(b"", one) != _NUMBER.sub(b"", other):
+        return False
+    return all(_same_but_for_last_digit(*pair) for pair in zip(_NUMBER.finditer(one), _NUMBER.finditer(other), strict=True))
+
+
+def _same_but_for_last_digit(one: re.Match[bytes], other: re.Match[bytes]) -> bool:
+    decimals = max(len(found[1] or b"") for found in (one, other))
+    return one[0] == other[0] or (decimals > 0 and abs(float(one[0]) - float(other[0])) < 1.5 * 10.0**-decimals)

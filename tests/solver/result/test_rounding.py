@@ -24,10 +24,10 @@ def test_it_stays_within_half_a_unit_and_has_no_negative_zero(value, decimals):
     assert math.copysign(1.0, rounded) == 1.0 or rounded < 0
 
 
-def test_the_last_digit_may_be_another_processors_and_nothing_else():
+def test_a_tenth_of_a_nanometre_may_be_another_processors_and_nothing_else():
     value = {"a": [0.28991, None, "x"], "b": 3}
-    assert same_but_for_rounding(value, {"a": [0.289911, None, "x"], "b": 3}, 6)
-    assert not same_but_for_rounding(value, {"a": [0.289912, None, "x"], "b": 3}, 6)
+    assert same_but_for_rounding(value, {"a": [0.289915, None, "x"], "b": 3}, 6)
+    assert not same_but_for_rounding(value, {"a": [0.290011, None, "x"], "b": 3}, 6)
     assert not same_but_for_rounding(value, {"a": [0.28991, None, "y"], "b": 3}, 6)
     assert not same_but_for_rounding(value, {"a": [0.28991, None, "x"], "b": 4}, 6)
     assert not same_but_for_rounding(value, {"a": [0.28991, 0.0, "x"], "b": 3}, 6)

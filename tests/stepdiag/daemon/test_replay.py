@@ -28,9 +28,17 @@ def test_another_processors_last_digit_is_told_from_another_result(tmp_path):
     assert _verdict(tmp_path / "none", b"", rounded=False) == "missing"
 
 
-def test_a_hash_may_follow_a_rounded_result_and_nothing_else_may(tmp_path):
+def test_hashes_tables_and_last_digits_may_follow_a_rounded_result_and_nothing_else_may(tmp_path):
     hashes = [hashlib.sha256(data).hexdigest().encode() for data in (b"one", b"other")]
-    live = written(tmp_path, b"result: sha256 " + hashes[0] + b", 0.1 um\n", "REPORT.txt")
-    assert _verdict(live, b"result: sha256 " + hashes[1] + b", 0.1 um\n", rounded=True) == "rounded"
-    assert _verdict(live, b"result: sha256 " + hashes[1] + b", 0.1 um\n", rounded=False) == "different"
-    assert _verdict(live, b"result: sha256 " + hashes[1] + b", 0.2 um\n", rounded=True) == "different"
+    live = written(tmp_path, b"result: sha256 " + hashes[0] + b", 0.19 um, base64,MC4xOQ==, 3 axes\n", "REPORT.txt")
+    again = b"result: sha256 " + hashes[1] + b", 0.2 um, base64,MC4yMA==, 3 axes\n"
+    assert _verdict(live, again, rounded=True) == "rounded"
+    assert _verdict(live, again, rounded=False) == "different"
+    for other in (b", 0.21 um", b", -0.2 um", b", 0.2 mm"):
+        assert _verdict(live, again.replace(b", 0.2 um", other), rounded=True) == "different"
+    assert _verdict(live, again.replace(b"3 axes", b"4 axes"), rounded=True) == "different"
+
+
+def test_readings_are_the_same_on_every_processor(tmp_path):
+    live = written(tmp_path, b"0.1234567\n", "readings.csv")
+    assert _verdict(live, b"0.1234568\n", rounded=True) == "different"
