@@ -4,6 +4,7 @@ import http.client
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 import pytest
@@ -26,7 +27,7 @@ def serving(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Served]:
 
 def ask(daemon: Served, method: str, path: str, body: bytes = b"", token: str | None = None) -> tuple[int, dict[str, str], bytes]:
     """Return status, headers and body of one request."""
-    connection = http.client.HTTPConnection(daemon.address.removeprefix("http://"), timeout=10)
+    connection = http.client.HTTPConnection(daemon.address.removeprefix("http://"), timeout=60)
     headers = {"Origin": daemon.address} | ({"Authorization": f"Bearer {quote(token)}"} if token is not None else {})
     connection.request(method, path, body, headers)
     answer = connection.getresponse()
@@ -143,12 +144,17 @@ def test_only_what_is_listed_can_be_fetched(daemon: Served, path: str) -> None:
     assert b"secret" not in body.replace(b"no such file", b"")
 
 
+def listed_by(daemon: Served) -> list[dict[str, Any]]:
+    found: list[dict[str, Any]] = json.loads(ask(daemon, "GET", "/downloads.json", token=TOKEN)[2])
+    return found
+
+
 def test_downloads_are_whole(daemon: Served) -> None:
     """The list says name, kind and size, and the file comes byte for byte."""
-    assert json.loads(ask(daemon, "GET", "/downloads.json", token=TOKEN)[2]) == []
+    assert listed_by(daemon) == []
     assert ask(daemon, "GET", "/result.json", token=TOKEN)[0] == 404
     daemon.do(daemon.survey.complete)
-    listed = json.loads(ask(daemon, "GET", "/downloads.json", token=TOKEN)[2])
+    listed = listed_by(daemon)
     assert [one["kind"] for one in listed if one["kind"] != "export"] == ["result", "result", "report", "bundle", "restore"]
     status, headers, body = ask(daemon, "GET", "/download/result.json", token=TOKEN)
     assert (status, len(body)) == (200, listed[0]["size_bytes"])

@@ -1,14 +1,17 @@
 """What a person sees in a real browser while a survey is played."""
 
+import contextlib
 import re
 
 import pytest
 from msgspec.structs import replace
+from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import Page, expect
 
 from stepdiag.daq.records.status import FindingStatus, LinkStatus
 from testkit.browser import Watched, seconds_until, violations
 from testkit.played import Served
+from testkit.slaves import wait_until
 
 pytestmark = pytest.mark.page
 
@@ -52,14 +55,19 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
 
 
 def values_at(page: Page, chart: str, *, key: str = "") -> list[str]:
-    """Return what a chart says of the point under the pointer, or under the key pressed."""
+    """Return what a chart says of the point under the pointer, or under the key pressed.
+
+    A chart that is drawn anew meanwhile, in another language or unit, is asked once more.
+    """
     over = page.locator(f"{chart} .u-over")
-    over.scroll_into_view_if_needed()
-    if key:
-        over.focus()
-        page.keyboard.press(key)
-    else:
-        over.hover()
+    for _ in range(20):
+        with contextlib.suppress(PlaywrightError):
+            page.locator(chart).scroll_into_view_if_needed()
+            if key:
+                over.press(key)
+            else:
+                over.hover()
+            break
     return page.locator(f"{chart} .u-legend .u-series:not(.bound) .u-value").all_inner_texts()
 
 
@@ -67,8 +75,8 @@ def test_every_chart_says_its_values_under_pointer_and_key(page: Page, daemon: S
     """Deviations, the last ten seconds, noise, functions of the result: hover or arrow keys, figures as the language writes them."""
     page.locator("#language").click()
     for chart in ("#strip", "#trend"):
-        expect(page.locator(f"{chart} canvas")).to_be_visible(timeout=20_000)
-        assert all(re.fullmatch(r"[−\d,]+", value) for value in values_at(page, chart, key="End")), chart
+        expect(page.locator(f"{chart} canvas")).to_be_visible(timeout=60_000)
+        wait_until(lambda chart=chart: all(re.fullmatch(r"[−\d,]+", value) for value in values_at(page, chart, key="End") or [""]))
     for stop in range(9):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
     expect(page.locator("#deviations")).to_have_attribute("data-points", "[9]")

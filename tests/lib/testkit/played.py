@@ -1,6 +1,7 @@
 """A source for the page that plays a survey: what the daemon would say, without machine, laser or log."""
 
 import asyncio
+import shutil
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -67,6 +68,7 @@ class PlayedSurvey:
         """Be as at the beginning: what was captured, ordered and computed is gone."""
         for name in ("result.json", "conclusion.json", "report.html"):
             (self.place / name).unlink(missing_ok=True)
+        shutil.rmtree(self.place / "exports", ignore_errors=True)
         self.addresses.clear()
         self.guessed.clear()
         self.ordered.clear()
