@@ -1,7 +1,8 @@
 """Exports of the whole field as a lattice: the neutral CSV, and the kinematics component of LinuxCNC that reads it."""
 
-from collections.abc import Collection, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -11,18 +12,20 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import RESTORE, suffixed
 from stepdiag.exporters.files.sets import write_set
 from stepdiag.exporters.linuxcnc import kinematics
-from stepdiag.exporters.linuxcnc.control import LinuxCncOptions
+from stepdiag.exporters.linuxcnc.control import LinuxCnc, LinuxCncOptions
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.gate import require_clean
-from stepdiag.exporters.safety.standing import Standing
+from stepdiag.exporters.safety.standing import Standing, lost_in_field
 from stepdiag.exporters.safety.verify import Prediction, predict_moved, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import LimitsSection, Profile
+from stepdiag.exporters.tables.tables import mean_correction_um
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.interval import interval_of
 from stepdiag.solver.result.result import Result
 
@@ -56,7 +59,7 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
     kinematics.require_room(axes, profile)
     active = _active(profile)
     held = lattice.lattice_on(result, axes, active)
-    findings = (*_findings(result, held, profile.limits), *_said(result, profile))
+    findings = (*_findings(result, held, profile.limits), *lost_in_field(result, _replaced(profile)), *_said(result, profile))
     refuse([item for item in findings if item.severity != "info"], accept, "export for linuxcnc")
     points_moved = (held.correction_um, active.correction_um if active is not None else None)
     prediction = predict_moved(result, *points_moved)
@@ -75,6 +78,17 @@ def _active(profile: Profile) -> Lattice | None:
     if profile.machine.measured_with == "off":
         return None
     return lattice.parse(lattice.the_one_in(profile.existing, profile.source))
+
+
+def _replaced(profile: Profile) -> Callable[[Vector], Vector]:
+    """Return what moved the machine before and was off while measuring: the lattice takes its place, tables and all."""
+    if profile.machine.measured_with == "on" or not profile.existing:
+        return np.zeros_like
+    lattices = [file for file in profile.existing if lattice.recognises(file)]
+    if lattices:
+        return lattice.parse(lattices[0]).correction_um
+    tables = LinuxCnc().standing(profile.existing, (), profile)
+    return partial(mean_correction_um, tables)
 
 
 def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[Finding]:

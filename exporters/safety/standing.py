@@ -4,7 +4,7 @@ A control forgets nothing but what is written over. So the effect of an export i
 an old table that goes on beside a new one of its function, or that vanishes unasked, stops the export.
 """
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +16,8 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.result import Result
 
+_ALONG = 11
+"""Points along an axis at which an old correction of the field is looked at."""
 _NOTHING_UM = 1.0
 """A slope or an end that is lost is worth a warning from here on."""
 
@@ -86,6 +88,8 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
         elif _key(table) in foreign:
             text = f"{table.label}: the new tables take part of it away, and what is left would act by itself; take it out of the control"
             yield Finding(code="old-table-left-active", severity="error", text=text)
+        elif table.multiplier is not None and profile.machine.measured_with == "off" and not identifies(result, table):
+            yield from _twice(table, standing.new)
     for table in standing.lost():
         if table.name not in asked and (profile.machine.measured_with == "off" or table.multiplier is None) and not _chosen(result, table):
             text = (
@@ -98,6 +102,56 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
             yield from () if table.law.ends == "extended" else _shrunk(table, old, standing.new)
             if profile.machine.measured_with == "off" and not identifies(result, table):
                 yield from _slope_lost(table, old)
+
+
+def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
+    """Yield an error where an old product, off while measuring, goes on beside a new curve: the curve holds its part as well."""
+    lever = product.multiplier.axis if product.multiplier is not None else ""
+    for table in new:
+        alike = table.multiplier is None and table.output_axis == product.output_axis and table.input_axis in (product.input_axis, lever)
+        if alike and table.value_um.any():
+            text = (
+                f"{product.label}: goes on beside the new {table.label}, which holds part of the same, and the result knows no angle of it"
+            )
+            yield Finding(code="old-table-left-active", severity="error", text=f"{text}; take the old one out of the control")
+            return
+
+
+def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Iterator[Finding]:
+    """Yield what is lost where a correction of the whole field takes the place of ``moved_um``, which was off while measuring.
+
+    ``moved_um`` takes points (n, 3) and returns what the old correction moves there (n, 3). An error where the result does not know a
+    function that it held, a warning where it does not know its slope.
+    """
+    low, size = np.asarray(result.volume.origin_mm), np.asarray(result.volume.size_mm)
+    rise_um = {}
+    for along, letter in enumerate("XYZ"):
+        points = np.tile(low + size / 2.0, (_ALONG, 1))
+        points[:, along] = low[along] + size[along] * np.linspace(0.0, 1.0, _ALONG)
+        moved = moved_um(points)
+        for axis, output in enumerate("XYZ"):
+            name = f"E{output}{letter}"
+            rise_um[name] = float(moved[-1, axis] - moved[0, axis])
+            held_um = float(np.ptp(moved[:, axis]))
+            function = result.errors.get(name)
+            if held_um > _NOTHING_UM and (function is None or function.value is None):
+                text = (
+                    f"{name}: the old correction holds {held_um:.1f} um of it, the lattice takes its place, and the result does not know it"
+                )
+                yield Finding(code="old-table-lost", severity="error", text=text)
+            elif name[1] == name[2] and function is not None and not function.slope_identified and abs(rise_um[name]) > _NOTHING_UM:
+                yield _slope_of(name, rise_um[name])
+    for name, functions in SQUARENESS_SLOPE.items():
+        squareness = result.squareness.get(name)
+        # a turn of the workpiece moves the two functions by opposite slopes: their sum is what leans
+        leans_um = sum(sign * rise_um[each] / size["XYZ".index(each[2])] for each, sign in functions.items()) * float(np.max(size))
+        if (squareness is None or squareness.value is None) and abs(leans_um) > _NOTHING_UM:
+            yield _slope_of(name, leans_um)
+
+
+def _slope_of(name: str, rise_um: float) -> Finding:
+    text = f"{name}: the old correction holds a slope of {rise_um:.1f} um, the lattice takes its place, and the result does not know it"
+    return Finding(code="old-slope-lost", severity="warning", text=f"{text}: measure a linear run, or with the compensation on")
 
 
 def _chosen(result: Result, table: Table) -> bool:

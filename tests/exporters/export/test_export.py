@@ -357,6 +357,19 @@ class TestActiveTables:
         made = export(RESULT, "siemens", numbered, out_dir=tmp_path / "beside", today=TODAY)
         assert not [table for table in made.tables if table.name == "EXZ"]
 
+    def test_an_old_product_does_not_go_on_beside_curves_that_hold_its_part(self, tmp_path):
+        """Measured with the tables off and without angles: the new curve is that of mid-volume, where the product acts as well."""
+        own = machine()
+        linked = replace(own, options=msgspec.structs.replace(own.options, products=True))
+        turning = made_result({"EYX": [0, 1, 2, 1, 0]}, angles={"ECX": [0, 5, 15, 10, 20], "EAX": [0, 5, 15, 10, 20]})
+        first = export(turning, "siemens", linked, out_dir=tmp_path / "first", today=TODAY, accept=["change-large"])
+        (product,) = {table.name for table in first.tables if table.multiplier is not None and table.output_axis == "Y"}
+        old = (tmp_path / "first" / "NC_CEC_UNTESTED_SIGN.INI").read_bytes()
+        held = replace(own, existing=(ControlFile(name="NC_CEC.INI", data=old),))
+        refused = refusal_of(made_result({"EYX": [0, 1, 2, 1, 0]}), held, tmp_path / "second")
+        assert refused.code == "old-table-left-active"
+        assert product in str(refused)
+
     def test_what_no_table_can_hold_any_more_is_not_lost_in_silence(self, tmp_path):
         """An axis list holds one cross table: that of another master axis would go."""
         profile = profile_of("beckhoff", VOLUME)

@@ -21,6 +21,7 @@ from hypothesis import strategies as st
 
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
+from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.linuxcnc import kinematics
 from stepdiag.exporters.profiles.file import parse_profile
@@ -279,6 +280,20 @@ class TestExport:
         export(made_result(), "linuxcnc", on, out_dir=tmp_path / "second")
         assert (tmp_path / "second" / "lattice.csv").read_bytes() == data
         assert (tmp_path / "second" / "lattice_RESTORE.csv").read_bytes() == data
+
+    @pytest.mark.parametrize("known", [True, False])
+    def test_a_slope_that_the_result_does_not_know_is_not_taken_out_unasked(self, tmp_path: Path, known: bool) -> None:
+        """The lattice takes the place of the screw's table: 80 um over the travel, which were off while measuring."""
+        screw = ControlFile(name="screw_x.comp", data=b"-200.0 -199.96 -199.96\n200.0 199.96 199.96\n")
+        of = replace(profile(), existing=(screw,))
+        result = replace(RESULT, errors={**RESULT.errors, "EXX": replace(RESULT.errors["EXX"], slope_identified=known)})
+        if known:
+            export(result, "linuxcnc", of, out_dir=tmp_path / "files")
+            return
+        with pytest.raises(SafetyError, match="EXX: the old correction holds a slope") as refused:
+            export(result, "linuxcnc", of, out_dir=tmp_path / "files")
+        assert refused.value.code == "old-slope-lost"
+        export(result, "linuxcnc", of, accept=["old-slope-lost"], out_dir=tmp_path / "files")
 
     def test_tables_that_were_active_do_not_merge_with_a_lattice(self, tmp_path: Path) -> None:
         on = replace(profile(), machine=replace_machine(profile(), measured_with="on"))
