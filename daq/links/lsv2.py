@@ -6,7 +6,7 @@ which the library's safe mode shuts out together with what writes; nothing here 
 
 import logging
 import socket
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -168,7 +168,8 @@ def _socket(client: "LSV2") -> socket.socket:
     return found
 
 
-_of_the_library: Callable[[logging.LogRecord], bool] = lambda record: "pyLSV2" not in record.pathname  # noqa: E731
+def _is_of_others(record: logging.LogRecord) -> bool:
+    return "pyLSV2" not in record.pathname
 
 
 def _hush() -> None:
@@ -176,5 +177,4 @@ def _hush() -> None:
     for name in ("LSV2 Client", "LSV2 TCP"):
         logging.getLogger(name).setLevel(logging.CRITICAL)
     root = logging.getLogger()
-    if _of_the_library not in root.filters:
-        root.addFilter(_of_the_library)
+    root.addFilter(_is_of_others)  # once, however often

@@ -20,9 +20,8 @@ from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in
-from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.exporters.tables.tables import Table, summed_um
 from stepdiag.solver.errors import SafetyError
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.result import Result
 
 _ROUNDS = 12
@@ -44,7 +43,7 @@ def planned(result: Result, control: Controller, profile: Profile, today: date) 
     if not profile.existing:
         case, plan = _once(result, control, profile, today, (), {}, frozenset())
         return Planned(case=case, plan=plan, standing=Standing(after=tuple(case.tables), new=tuple(case.tables)))
-    tables_in(control, profile.existing, profile)
+    tables_in(control, profile.existing, profile)  # refuses what stands there twice
     before = control.standing(profile.existing, (), profile)
     kept: dict[str, Curve] = {}
     products: frozenset[str] = frozenset()
@@ -99,7 +98,7 @@ def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
     """Return the error that the old tables of a function correct. Raises ``SafetyError`` where a mean would lose a direction of them."""
     old = [table for table in before if table.name == name and table.multiplier is None]
     grid = profile.grid_mm(name[2])
-    forward, reverse = _moved(old, grid, 1), _moved(old, grid, -1)
+    forward, reverse = summed_um(old, grid, 1), summed_um(old, grid, -1)
     directional = not np.array_equal(forward, reverse)
     if directional and profile.machine.direction == "mean":
         raise SafetyError(
@@ -117,7 +116,3 @@ def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
         u_um=np.full(grid.shape, np.nan),
         parts=("the table in the control", *(slopes if old[0].law.ends == "extended" else ())),
     )
-
-
-def _moved(tables: Sequence[Table], at: Vector, way: int) -> Vector:
-    return sum((correction_um(table, at, way) for table in tables), np.zeros(at.shape))

@@ -15,7 +15,7 @@ from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um
+from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um, summed_um
 from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import AXES, Vector
@@ -277,10 +277,7 @@ def untested_kinds(case: Case) -> tuple[str, ...]:
 
 def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
     """Return the summed correction of tables at the points of one of them, in its direction of travel."""
-    total = np.zeros(grid_of.position_mm.shape)
-    for table in tables:
-        total += correction_um(table, grid_of.position_mm, grid_of.direction or 1)
-    return total
+    return summed_um(tables, grid_of.position_mm, grid_of.direction or 1)
 
 
 def _net_um(case: Case, table: Table) -> Vector:

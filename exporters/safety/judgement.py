@@ -5,7 +5,7 @@ at the curve that the export would write, as far as the table has points to hold
 table of another axis or function, shifted, and scaled.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -17,9 +17,8 @@ from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um
 from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import AXES, Vector, Volume
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import Result
 
 Code = Literal[
@@ -29,13 +28,13 @@ Code = Literal[
 HARMLESS: frozenset[Code] = frozenset({"right", "empty", "kept", "unidentified"})
 """Verdicts that do not stop anybody from loading a file."""
 _POINTS = 61
-_SAME = 0.4
+SAME = 0.4
 """What a table may leave of what it should correct and still be the right one."""
 _OTHER = 0.35
 """What another explanation may leave to be believed."""
 _EXACT = 0.1
 """What the table of another function leaves when it is just that."""
-_ALIKE = 0.9
+ALIKE = 0.9
 """Correlation from which a table counts as the right one in another size."""
 _COVERED = 0.5
 """Share of the measured travel that a table has to cover."""
@@ -158,7 +157,7 @@ class _Case:
         """Return what the tables add to what was active on the grid of `grid_mm`, along the output axis."""
         points, axis = grid_mm(self.volume), AXES.index(self.table.output_axis.lower())
         moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
-        return np.asarray(moved[:, axis].reshape(_NODES, _NODES, _NODES))
+        return np.asarray(moved[:, axis].reshape(NODES, NODES, NODES))
 
     def says(self, code: Code, text: str, factor: float | None = None) -> Judgement:
         return Judgement(table=self.table, code=code, text=f"{self.table.label}: {text}", factor=factor)
@@ -284,7 +283,7 @@ class _Fit:
     @property
     def is_right(self) -> bool:
         """Return whether the table corrects the curve, or both are too small to tell."""
-        return self.left <= _SAME or max(self.wanted_um, self.moved_um) < self.sure_um
+        return self.left <= SAME or max(self.wanted_um, self.moved_um) < self.sure_um
 
     @property
     def left_scaled(self) -> float:
@@ -302,15 +301,15 @@ class _Fit:
         at = np.linspace(low, high, _POINTS)
         moved = _centred(case.moved_um(at - shift_mm) - case.turn_um_mm * at)
         wanted = _centred(_held(-curve.at(at), at, position))
-        size, size_moved = _rms(wanted), _rms(moved)
+        size, size_moved = rms(wanted), rms(moved)
         # what a survey is unsure of excuses little: the table is judged against what this result asks for, not against the machine
         sure = max(SURE_UM, case.table.quantum_um, min(2.0 * _typical_u(curve), _EXCUSED * size))
         product = float(np.mean(moved * wanted))
         return cls(
             wanted_um=size,
             moved_um=size_moved,
-            left=min(_rms(moved - wanted), _rms(case.off_um(curve, at, shift_mm))) / max(size, sure),
-            turned=_rms(moved + wanted) / max(size, sure),
+            left=min(rms(moved - wanted), rms(case.off_um(curve, at, shift_mm))) / max(size, sure),
+            turned=rms(moved + wanted) / max(size, sure),
             factor=product / size**2 if size > 0 else np.nan,
             alike=product / (size * size_moved) if size > 0 and size_moved > 0 else 0.0,
             sure_um=sure,
@@ -318,7 +317,7 @@ class _Fit:
 
 
 def _turned(case: _Case, fits: Iterable[_Fit]) -> Judgement | None:
-    if any(fit.turned <= _SAME and fit.wanted_um > fit.sure_um for fit in fits):
+    if any(fit.turned <= SAME and fit.wanted_um > fit.sure_um for fit in fits):
         return case.says("sign-turned", "the right shape with the opposite sign: it would double the error", -1.0)
     return None
 
@@ -357,7 +356,7 @@ def _shifted(case: _Case, own: Sequence[Curve], volume: Volume) -> Judgement | N
 
 
 def _scaled(case: _Case, fits: Sequence[_Fit]) -> Judgement | None:
-    alike = [fit for fit in fits if abs(fit.alike) >= _ALIKE and fit.wanted_um > fit.sure_um]
+    alike = [fit for fit in fits if abs(fit.alike) >= ALIKE and fit.wanted_um > fit.sure_um]
     if not alike:
         return None
     factor = max(alike, key=lambda fit: abs(fit.alike)).factor
@@ -373,17 +372,17 @@ def _of_product(case: _Case, result: Result) -> Judgement:
     moving, by = (AXES.index(letter.lower()) for letter in (case.table.input_axis, multiplier.axis))
     moved = -growing_um(case.moved_field_um(), moving, by)
     asked = growing_um(_field_um(result, case.table), moving, by)
-    size, wanted = _rms(moved), _rms(asked)
+    size, wanted = rms(moved), rms(asked)
     if size < SURE_UM / 2:
         return case.says("empty", "no correction")
     if wanted < SURE_UM / 2:
         return case.says("unlike", "the field of the result holds nothing like this product")
     factor, alike = float(np.mean(moved * asked)) / wanted**2, float(np.mean(moved * asked)) / (size * wanted)
-    if _rms(moved - asked) <= max(_SAME * wanted, SURE_UM / 2):
+    if rms(moved - asked) <= max(SAME * wanted, SURE_UM / 2):
         return case.says("right", "what the result asks for", factor)
-    if _rms(moved + asked) <= _SAME * wanted:
+    if rms(moved + asked) <= SAME * wanted:
         return case.says("sign-turned", "a product with the opposite sign: it would double what it should correct", -1.0)
-    if abs(alike) < _ALIKE:
+    if abs(alike) < ALIKE:
         return case.says("unlike", "the field of the result holds nothing like this product")
     sign = " and turned in sign" if factor < 0 else ""
     return case.says("scaled", f"{abs(factor):.3g} times as large as it should be{sign}", factor)
@@ -392,39 +391,23 @@ def _of_product(case: _Case, result: Result) -> Judgement:
 def _field_um(result: Result, table: Table) -> Vector:
     """Return the error of the output axis of a table on the grid of `grid_mm`."""
     axis = AXES.index(table.output_axis.lower())
-    return np.asarray(error_field_um(result, grid_mm(result.volume))[:, axis].reshape(_NODES, _NODES, _NODES))
+    return np.asarray(error_field_um(result, grid_mm(result.volume))[:, axis].reshape(NODES, NODES, NODES))
 
 
 def growing_um(values: Vector, moving: int, by: int) -> Vector:
     """Return, at the nodes of the axis ``moving``, what of values on a grid grows with the lever along ``by``, at the end of the lever."""
     (other,) = {0, 1, 2} - {moving, by}
-    lever = np.linspace(-1.0, 1.0, _NODES)
+    lever = np.linspace(-1.0, 1.0, NODES)
     flat = np.mean(np.moveaxis(_without_curves(values), (moving, by, other), (0, 1, 2)), axis=2)
     return np.asarray(flat @ lever / np.sum(lever**2))
 
 
-def judge_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Finding | None:
-    """Return what is wrong with a correction that has no tables, such as a lattice: turned in sign, scaled, or of something else."""
-    points = grid_mm(result.volume)
-    asked = -without_rigid_motion(result.volume, points, error_field_um(result, points))
-    moved = without_rigid_motion(result.volume, points, moved_um(points))
-    size, size_moved = _rms(asked), _rms(moved)
-    if max(size, size_moved) < SURE_UM or _rms(moved - asked) <= _SAME * size or size_moved < SURE_UM / 2:
-        return None
-    factor = float(np.mean(moved * asked)) / size**2
-    if abs(factor) * size < _ALIKE * size_moved:
-        return Finding(code="lattice-unlike", severity="error", text="the lattice is nothing like what the result asks for")
-    sign = " and turned in sign" if factor < 0 else ""
-    text = f"the lattice is {abs(factor):.3g} times as large as the result asks for{sign}"
-    return Finding(code="lattice-scaled", severity="error", text=text)
-
-
-_NODES = 9
+NODES = 9
 
 
 def grid_mm(volume: Volume) -> Vector:
     """Return the points at which fields are compared, shape (nodes ** 3, 3), z fastest."""
-    axes = [low + size * np.linspace(0.0, 1.0, _NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    axes = [low + size * np.linspace(0.0, 1.0, NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
 
 
@@ -453,7 +436,7 @@ def _centred(values: Vector) -> Vector:
     return np.asarray(values - np.mean(values))
 
 
-def _rms(values: Vector) -> float:
+def rms(values: Vector) -> float:
     return float(np.sqrt(np.mean(np.square(values))))
 
 

@@ -11,16 +11,17 @@ import numpy as np
 
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.judgement import SURE_UM, Judgement, grid_mm, growing_um, judge
+from stepdiag.exporters.safety.judgement import ALIKE, NODES, SAME, SURE_UM, Judgement, grid_mm, growing_um, judge, rms
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
+from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import Result
 
 _LAW = Law(sense="as-compensation")
-_NODES = 9
 _QUANTUM_UM = 1e-3
 
 Moved = Callable[[Vector], Vector]
@@ -39,13 +40,29 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: tuple[Vector, Vector
     return judge(known, tables, Standing(after=tables, new=tables), stand_in)
 
 
+def judge_field(result: Result, moved_um: Moved) -> Finding | None:
+    """Return what is wrong with a correction that has no tables, such as a lattice: turned in sign, scaled, or of something else."""
+    points = grid_mm(result.volume)
+    asked = -without_rigid_motion(result.volume, points, error_field_um(result, points))
+    moved = without_rigid_motion(result.volume, points, moved_um(points))
+    size, size_moved = rms(asked), rms(moved)
+    if max(size, size_moved) < SURE_UM or rms(moved - asked) <= SAME * size or size_moved < SURE_UM / 2:
+        return None
+    factor = float(np.mean(moved * asked)) / size**2
+    if abs(factor) * size < ALIKE * size_moved:
+        return Finding(code="lattice-unlike", severity="error", text="the lattice is nothing like what the result asks for")
+    sign = " and turned in sign" if factor < 0 else ""
+    text = f"the lattice is {abs(factor):.3g} times as large as the result asks for{sign}"
+    return Finding(code="lattice-scaled", severity="error", text=text)
+
+
 def _curve(name: str, moved_um: Moved, axes_mm: tuple[Vector, Vector, Vector], volume: Volume) -> Table:
     """Return the mean of the movement of an output axis over the volume, along one axis of the lattice."""
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
-    along = [np.linspace(low, low + size, _NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
-    along[moving] = np.linspace(axes_mm[moving][0], axes_mm[moving][-1], _NODES)
+    along = [np.linspace(low, low + size, NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
+    along[moving] = np.linspace(axes_mm[moving][0], axes_mm[moving][-1], NODES)
     points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 3)
-    moved = moved_um(points)[:, output].reshape(_NODES, _NODES, _NODES)
+    moved = moved_um(points)[:, output].reshape(NODES, NODES, NODES)
     mean = np.mean(moved, axis=tuple({0, 1, 2} - {moving}))
     return _table(name, along[moving], mean - mean[0])
 
@@ -66,15 +83,15 @@ def _folded(tables: list[Table]) -> list[Table]:
 def _products(moved_um: Moved, volume: Volume) -> Iterator[Table]:
     """Yield what grows with a lever, for every output, axis and lever where it is more than nothing."""
     points = grid_mm(volume)
-    moved, nodes = moved_um(points), round(len(points) ** (1 / 3))
+    moved = moved_um(points)
     for output in range(3):
-        values = moved[:, output].reshape(nodes, nodes, nodes)
+        values = moved[:, output].reshape(NODES, NODES, NODES)
         for moving in range(3):
             for by in {0, 1, 2} - {moving}:
                 grown = growing_um(values, moving, by)
                 ends, low = np.array([0.0, volume.size_mm[by]]), volume.origin_mm[by]
-                at = volume.origin_mm[moving] + np.linspace(0.0, volume.size_mm[moving], nodes)
-                if np.sqrt(np.mean(grown**2)) > SURE_UM / 2:
+                at = volume.origin_mm[moving] + np.linspace(0.0, volume.size_mm[moving], NODES)
+                if rms(grown) > SURE_UM / 2:
                     multiplier = Multiplier(axis="XYZ"[by], position_mm=low + ends, value=np.array([-1.0, 1.0]))
                     yield _table(f"E{'XYZ'[output]}{'XYZ'[moving]}", at, grown, multiplier)
 

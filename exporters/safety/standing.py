@@ -11,7 +11,7 @@ import numpy as np
 
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.exporters.tables.tables import Table, correction_um, summed_um
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.result import Result
@@ -33,8 +33,8 @@ class Standing:
     @property
     def staying(self) -> tuple[Table, ...]:
         """Return what acts afterwards and was not written by the new files."""
-        written = {_key(table) for table in self.new}
-        return tuple(table for table in self.after if _key(table) not in written and table.value_um.any())
+        written = {table.identity for table in self.new}
+        return tuple(table for table in self.after if table.identity not in written and table.value_um.any())
 
     def lost(self) -> tuple[Table, ...]:
         """Return the tables of before whose function nothing serves any more, or serves otherwise although the new files do not name it."""
@@ -42,13 +42,15 @@ class Standing:
         return tuple(
             old
             for old in self.before
-            if old.name not in named and old.value_um.any() and not any(_key(table) == _key(old) and _same(table, old) for table in held)
+            if old.name not in named
+            and old.value_um.any()
+            and not any(table.identity == old.identity and _same(table, old) for table in held)
         )
 
     def foreign(self) -> tuple[Table, ...]:
         """Return what stays without having acted so before: a table that multiplied another, or whose numbers are partly overwritten."""
-        old = {_key(table): table for table in self.before}
-        return tuple(table for table in self.staying if _key(table) not in old or not _same(table, old[_key(table)]))
+        old = {table.identity: table for table in self.before}
+        return tuple(table for table in self.staying if table.identity not in old or not _same(table, old[table.identity]))
 
     def acting(self, result: Result, profile: Profile) -> tuple[tuple[Table, ...], tuple[Table, ...]]:
         """Return the tables whose effect on the error of a result is to be predicted, and those that acted while it was measured.
@@ -57,8 +59,8 @@ class Standing:
         """
         if profile.machine.measured_with == "on":
             return self.after, self.before
-        staying = {_key(table) for table in self.staying}
-        return tuple(table for table in self.after if _key(table) not in staying or identifies(result, table)), ()
+        staying = {table.identity for table in self.staying}
+        return tuple(table for table in self.after if table.identity not in staying or identifies(result, table)), ()
 
 
 def identifies(result: Result, table: Table) -> bool:
@@ -80,12 +82,12 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     """
     asked = set(profile.machine.functions)
     named = {table.name: table for table in standing.new if table.value_um.any() or table.name in asked}
-    foreign = {_key(table) for table in standing.foreign()}
+    foreign = {table.identity for table in standing.foreign()}
     for table in standing.staying:
-        if table.name in named and _key(table) not in foreign:
+        if table.name in named and table.identity not in foreign:
             text = f"{table.label}: would act together with the new {named[table.name].label}; take the old one out of the control"
             yield Finding(code="old-table-left-active", severity="error", text=text)
-        elif _key(table) in foreign:
+        elif table.identity in foreign:
             text = f"{table.label}: the new tables take part of it away, and what is left would act by itself; take it out of the control"
             yield Finding(code="old-table-left-active", severity="error", text=text)
         elif table.multiplier is not None and profile.machine.measured_with == "off" and not identifies(result, table):
@@ -188,11 +190,6 @@ def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
         yield Finding(code="old-slope-lost", severity="warning", text=f"{text}: measure a linear run, or with the compensation on")
 
 
-def _key(table: Table) -> tuple[object, ...]:
-    place = tuple(sorted((key, str(value)) for key, value in table.place.items() if key not in ("file", "list")))
-    return table.kind, table.name, table.direction, place
-
-
 def _same(one: Table, other: Table) -> bool:
     alike = np.array_equal(one.position_mm, other.position_mm) and np.array_equal(one.value_um, other.value_um)
     if one.multiplier is None or other.multiplier is None:
@@ -206,9 +203,5 @@ def unchanged(now: Iterable[Table], then: Iterable[Table]) -> bool:
     every, rest = list(now), list(then)
     at = np.unique(np.concatenate([table.position_mm for table in every]))
     unit = max(table.quantum_um for table in (*every, *rest))
-    moved = [_moved(every, at, way) - _moved(rest, at, way) for way in (1, -1)]
+    moved = [summed_um(every, at, way) - summed_um(rest, at, way) for way in (1, -1)]
     return all(float(np.max(np.abs(each - moved[0][0]))) <= 2.0 * unit for each in moved)
-
-
-def _moved(tables: Iterable[Table], at: Vector, way: int) -> Vector:
-    return sum((correction_um(table, at, way) for table in tables), np.zeros(at.shape))

@@ -12,7 +12,7 @@ import numpy as np
 
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.exporters.tables.tables import Table, summed_um
 from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.geometry.volume import Vector
 
@@ -57,16 +57,11 @@ def _without(curve: Curve, active: Sequence[Table], grid_mm: Vector, direction: 
     steps are taken off at these positions, before anything is joined by straight lines; the old table between them is kept in full.
     """
     measured = curve.position_mm
-    steps = _active_um(active, measured, direction) - _joined_um(active, measured, direction)
+    steps = summed_um(active, measured, direction) - _joined_um(active, measured, direction)
     smooth = curve.toward(direction) - steps
     return np.asarray(np.interp(grid_mm, measured, smooth) - _joined_um(active, grid_mm, direction))
 
 
-def _active_um(active: Sequence[Table], position_mm: Vector, direction: int) -> Vector:
-    """Return what active tables add at positions by the control's own law, in um."""
-    return sum((correction_um(table, position_mm, direction) for table in active), np.zeros(position_mm.shape))
-
-
 def _joined_um(active: Sequence[Table], position_mm: Vector, direction: int) -> Vector:
-    """Return the same with the points of stepped tables joined by straight lines: what the machine needs, not what its control can."""
-    return _active_um([replace(table, law=replace(table.law, between="linear")) for table in active], position_mm, direction)
+    """Return what active tables add, stepped ones joined by straight lines: what the machine needs, not what its control can."""
+    return summed_um([replace(table, law=replace(table.law, between="linear")) for table in active], position_mm, direction)

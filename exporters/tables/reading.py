@@ -8,21 +8,16 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.errors import DataError
 
-_WHERE = ("file", "list")
-"""Places that say in which file a table stands, not in which of several the control keeps it."""
-
 
 def tables_in(controller: Controller, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
     """Return the tables as the control would read them. Raises ``DataError`` for one that stands there twice, as in a file and its copy."""
     tables = controller.parse(files, profile)
     seen: set[object] = set()
     for table in tables:
-        place = tuple(sorted((key, str(value)) for key, value in table.place.items() if key not in _WHERE))
-        key = (table.kind, table.name, table.direction, place)
-        if key in seen:
+        if table.identity in seen:
             raise DataError(
                 ", ".join(file.name for file in files), expected=f"one table {table.label}", found="two, which would count twice",
                 remedy="name every file of the control once, without copies and older versions",
             )  # fmt: skip
-        seen.add(key)
+        seen.add(table.identity)
     return tables

@@ -110,6 +110,12 @@ class Table:
         return f"{self.name} ({self.kind}{way}{''.join(f', {k} {v}' for k, v in self.place.items())})"
 
     @property
+    def identity(self) -> tuple[object, ...]:
+        """Return what tells a table of a control from its others, in whichever file it stands."""
+        place = tuple(sorted((key, str(value)) for key, value in self.place.items() if key not in ("file", "list")))
+        return self.kind, self.name, self.direction, place
+
+    @property
     def absolute_um(self) -> Vector:
         """Return the values as absolute numbers in the table's own sense, shape of ``position_mm``."""
         if self.law.data == "absolute":
@@ -137,6 +143,11 @@ def correction_um(table: Table, position_mm: Vector, direction: int = 1) -> Vect
     if table.law.ends == "extended":
         moved = _extended(at, table.position_mm, absolute, moved)
     return np.asarray(table.law.factor * moved)
+
+
+def summed_um(tables: Iterable[Table], position_mm: Vector, direction: int = 1) -> Vector:
+    """Return `correction_um` of tables of one input and output axis together."""
+    return sum((correction_um(table, position_mm, direction) for table in tables), np.zeros(np.shape(position_mm)))
 
 
 def _extended(at: Vector, position: Vector, value: Vector, inside: Vector) -> Vector:

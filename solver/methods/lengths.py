@@ -62,7 +62,7 @@ def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) ->
     if scale.value is None or scale.u is None or not known:
         return None, None
     excess, coefficient = assumed.material_c[axis] - REFERENCE_TEMPERATURE_C, assumed.expansion_um_m_c[axis]
-    material = np.hypot(coefficient * assumed.u_material_c, excess * assumed.u_expansion_um_m_c)
+    material = float(assumed.u_grown_um_m()[axis])
     if not assumed.reduced_to_20_c:
         return scale.value - coefficient * excess, float(np.hypot(scale.u, material))
     # what the way to 20 C brought in goes out again on the way back; the readings' own part stays

@@ -15,7 +15,6 @@ from stepdiag.solver.geometry.setups import Kind
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 from stepdiag.solver.standards.iso230 import (
     COVERAGES,
     DiagonalFigures,
@@ -161,12 +160,7 @@ def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSourc
     The material's temperature is in lengths at 20 C only: a machine as it stands is as long as it is.
     """
     direction = np.abs(layout.direction[found.rows[0]])
-    excess = np.array(assumed.material_c) - REFERENCE_TEMPERATURE_C
-    grown = (
-        float(assumed.reduced_to_20_c)
-        * 1e-6
-        * np.hypot(np.array(assumed.expansion_um_m_c) * assumed.u_material_c, excess * assumed.u_expansion_um_m_c)
-    )
+    grown = float(assumed.reduced_to_20_c) * 1e-6 * assumed.u_grown_um_m()
     cosine = (1e-3 * assumed.alignment_mrad) ** 2 / 2 / np.sqrt(3.0)
     stated = layout.u_um[found.rows]
     reading = float(np.sqrt(np.mean(np.where(np.isfinite(stated), stated, assumed.reading_um) ** 2)))

@@ -3,6 +3,11 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+import numpy as np
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumptions:
@@ -40,6 +45,12 @@ class Assumptions:
     shape_um: float = 5.0
     squareness_urad: float = 30.0
     scale_um_m: float = 20.0
+
+    def u_grown_um_m(self) -> Vector:
+        """Return what is uncertain about how far each axis is from its length at 20 C, in um/m, shape (3,)."""
+        excess_c = np.array(self.material_c) - REFERENCE_TEMPERATURE_C
+        u: Vector = np.hypot(np.array(self.expansion_um_m_c) * self.u_material_c, excess_c * self.u_expansion_um_m_c)
+        return u
 
     def angle_range_urad(self, name: str) -> float:
         """Return the range assumed for an angular function."""

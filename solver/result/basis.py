@@ -12,6 +12,7 @@ ASSUMED = (
 )  # fmt: skip
 """The sizes that a person meets, by their names in `solver.model.assumptions`."""
 
+Lengths = Literal["as_measured", "at_20_c"]
 Scales = tuple[tuple[str, float, float], ...]
 """Axis, value in um/m and expanded uncertainty (k = 2) of every scale that is known."""
 
@@ -25,18 +26,23 @@ class Basis:
     """
 
     assumed: Mapping[str, float]
-    tables: Literal["as_measured", "at_20_c"] | None
+    tables: Lengths | None
     material_c: float | None
     scales: Scales
     other: Scales
     tool_um: float | None
+
+    @property
+    def beside(self) -> Lengths:
+        """Return the lengths that no table corrects."""
+        return "at_20_c" if self.tables == "as_measured" else "as_measured"
 
 
 def basis_of(result: Result) -> Basis:
     """Return what a result says of its basis; whatever is missing, or is not as this program writes it, counts as not said."""
     lengths, tool = _part(result, "lengths"), _part(result, "tool")
     assumed = {name: value for name, raw in _part(result, "assumed").items() if name in ASSUMED and (value := _number(raw)) is not None}
-    tables: Literal["as_measured", "at_20_c"] | None = {"as_measured": "as_measured", "at_20_c": "at_20_c"}.get(  # type: ignore[assignment]
+    tables: Lengths | None = {"as_measured": "as_measured", "at_20_c": "at_20_c"}.get(  # type: ignore[assignment]
         str(lengths.get("tables"))
     )
     other = {"as_measured": "at_20_c", "at_20_c": "as_measured"}.get(str(tables), "")

@@ -5,8 +5,8 @@ Nothing is written to a machine. An instrument that speaks only when it is asked
 
 import asyncio
 from collections.abc import Iterator
-from contextlib import suppress
 from dataclasses import dataclass
+from pathlib import Path
 
 import msgspec
 from serial.tools import list_ports
@@ -29,6 +29,7 @@ from stepdiag.daq.survey.models import Plc
 from stepdiag.exporters.files.settings import convert, read_toml
 from stepdiag.solver.errors import DeviceError
 
+BY_ID = Path("/dev/serial/by-id")
 PROBED = ("modbus", "siemens-828d", "heidenhain")
 ANSWER_S = 10.0
 """How long a control may take to answer a question."""
@@ -72,11 +73,10 @@ class Answered:
 
 def ports() -> list[PortSeen]:
     """Return the serial ports of this computer that a device is behind, each by the name that stays (``by-id``) where it has one."""
-    with_links = {each.device: each for each in list_ports.comports()}
-    stable = {each.device: each.name for each in _by_id()}
+    stable = {str(link.resolve()): str(link) for link in sorted(BY_ID.glob("*"))}
     return [
-        PortSeen(stable.get(device, device), each.description if each.description != "n/a" else device)
-        for device, each in with_links.items()
+        PortSeen(stable.get(each.device, each.device), each.description if each.description != "n/a" else each.device)
+        for each in list_ports.comports()
     ]
 
 
@@ -96,20 +96,6 @@ async def probe(host: str, tcp_port: int) -> list[Answered]:
     (Not at once: loading a library holds up the loop, and an answer that came meanwhile would count as late.)
     """
     return [await _asked(control, host, tcp_port) for control in PROBED]
-
-
-def _by_id() -> Iterator["_Link"]:
-    from pathlib import Path
-
-    folder = Path("/dev/serial/by-id")
-    for link in sorted(folder.iterdir()) if folder.is_dir() else ():
-        yield _Link(str(link.resolve()), str(link))
-
-
-@dataclass(frozen=True, slots=True)
-class _Link:
-    device: str
-    name: str
 
 
 def _ways(port: str, baud: int) -> Iterator[tuple[str, int]]:
@@ -162,7 +148,6 @@ async def _asked(control: str, host: str, tcp_port: int) -> Answered:
         return Answered(control, None, str(error))
     finally:
         link.close()
-        with suppress(asyncio.CancelledError):
-            await asyncio.sleep(0)
+        await asyncio.sleep(0)
     said = ", ".join(f"{name} {getattr(signals, name)}" for name in plc.said if getattr(signals, name) is not None)
     return Answered(control, signals, "; ".join([f"{settings.address}: {said}", *map(str, link.refusals.values())]))

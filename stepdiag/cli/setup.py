@@ -110,9 +110,7 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
     """Return the control and its host: asked for, probed in each protocol."""
     from stepdiag.daq.survey.controls import CONTROLS
 
-    if control is not None and control not in (*CONTROLS, "none"):
-        raise UsageError("--control", expected=f"one of {', '.join((*CONTROLS, 'none'))}", found=repr(control))
-    if control == "none":
+    if control is not None and _known_control(control, "--control") == "none":
         return "none", ""
     host = _asked("host", "Name or address of the control (none: a machine without signals)", host, _text)
     if host == "none" or control is not None:
@@ -199,11 +197,11 @@ def _format(text: str) -> str:
     return text
 
 
-def _known_control(text: str) -> str:
+def _known_control(text: str, where: str = "control") -> str:
     from stepdiag.daq.survey.controls import CONTROLS
 
     if text not in (*CONTROLS, "none"):
-        raise UsageError("control", expected=f"one of {', '.join((*CONTROLS, 'none'))}", found=repr(text))
+        raise UsageError(where, expected=f"one of {', '.join((*CONTROLS, 'none'))}", found=repr(text))
     return text
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.basis import basis_of
+from stepdiag.solver.result.basis import Lengths, basis_of
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.texts.findings import told
 from stepdiag.texts.texts import Language, finding_advice
@@ -153,9 +153,9 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     found = basis_of(result)
     if found.tables is None or not found.other:
         return None
-    both = {found.tables: found.scales, ("at_20_c" if found.tables == "as_measured" else "as_measured"): found.other}
+    both = {found.tables: found.scales, found.beside: found.other}
     cells = {name: {axis: f"{shown(value, 2)} ± {shown(u, 2)}" for axis, value, u in scales} for name, scales in both.items()}
-    names = ("as_measured", "at_20_c")
+    names: tuple[Lengths, ...] = ("as_measured", "at_20_c")
     header = (words["axis"], *(words[f"lengths_{name}"] + (f" ({words['in_tables']})" if name == found.tables else "") for name in names))
     return Table(header=header, rows=[(axis, *(cells[name].get(axis, shown(None)) for name in names)) for axis in AXIS_LETTERS])
 
