@@ -40,7 +40,7 @@ mutants: $(MUTANTS_VENV)/.ready ## how sharp the tests are: small changes that a
 
 # kill -9, two hundred times in one survey
 soak: $(TEST_VENV)/.ready ## two hundred kills in one survey
-	STEPDIAG_SOAK_KILLS=200 $(TEST_VENV)/bin/pytest tests/system/test_soak.py
+	STEPDIAG_SOAK_KILLS=200 $(TEST_VENV)/bin/pytest tests/system/recording/test_soak.py
 
 faults: $(VENV)/.ready ## every fault from the wires to the files in the control: the table of docs/faults.md
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python tools/faults

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import start_of
 from stepdiag.daq.capture.outcome import Outcome
-from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.log.contents import LogEnd, must_be_there, open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.pass_book import PassBook

@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.records.events import Chunk, LinkEvent
 from stepdiag.daq.replay import replay

@@ -21,9 +21,13 @@ settings.register_profile("mutants", settings.get_profile("steady"), max_example
 settings.load_profile("steady")
 
 TOGETHER = {
-    "there is one Debian to boot": ("tests/system/test_deb.py", "tests/system/test_systemd_boot.py", "tests/system/test_unit_elsewhere.py"),
+    "there is one Debian to boot": (
+        "tests/system/service/test_deb.py",
+        "tests/system/service/test_systemd_boot.py",
+        "tests/system/service/test_unit_elsewhere.py",
+    ),
     "the sources are read once": ("tests/stepdiag/texts/test_findings.py",),
-    "usual surveys are solved once (testkit.surveys.solved)": (
+    "usual surveys are solved once (testkit.exact.surveys.solved)": (
         "tests/solver/methods/test_estimate.py::test_four_diagonals_and_three_linear_runs",
         "tests/solver/methods/test_estimate.py::test_angular_errors_known_to_one_microradian",
         "tests/solver/methods/test_estimate.py::test_stated_uncertainties_of_the_usual_survey",

@@ -11,11 +11,11 @@ from itertools import pairwise
 
 import numpy as np
 
-from stepdiag.daq.capture.dwell import Dwell
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.route import Route, agrees, make_route
-from stepdiag.daq.capture.window import find_plateaus
+from stepdiag.daq.capture.place.route import Route, agrees, make_route
+from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Span, StreamBuffer

@@ -9,18 +9,18 @@ from typing import Literal
 
 from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.conditions import Conditions, with_air
-from stepdiag.daq.capture.dwell import Dwell, DwellTracker
 from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
-from stepdiag.daq.capture.machine_remarks import Alarm, Pulse, remarked
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.pass_start import PassFinder
-from stepdiag.daq.capture.standstill import Standstills
-from stepdiag.daq.capture.stop import Placing, certain_window, certain_windows, unbroken_parts
+from stepdiag.daq.capture.place.pass_start import PassFinder
+from stepdiag.daq.capture.place.walk import Walk
+from stepdiag.daq.capture.remarks.machine_remarks import Alarm, Pulse, remarked
+from stepdiag.daq.capture.remarks.stream_findings import StreamRemarks
+from stepdiag.daq.capture.remarks.unchecked import unchecked
+from stepdiag.daq.capture.standing.certain_window import Placing, certain_window, certain_windows, unbroken_parts
+from stepdiag.daq.capture.standing.dwell import Dwell, DwellTracker
+from stepdiag.daq.capture.standing.standstill import Standstills
 from stepdiag.daq.capture.stop_capture import StopTaker
-from stepdiag.daq.capture.stream_findings import StreamRemarks
-from stepdiag.daq.capture.unchecked import unchecked
-from stepdiag.daq.capture.walk import Walk
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.survey.file import head_decoder, laser_decoder

@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from stepdiag.daq.capture.dwell import Dwell
+from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.daq.timing.stream import Break, Span, StreamBuffer
 

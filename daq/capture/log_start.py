@@ -4,8 +4,8 @@ from collections.abc import Mapping
 
 import msgspec
 
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
-from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.timing.stream import Break
 from stepdiag.solver.errors import DataError
 

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Literal
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.solver.findings import Finding
 
 

@@ -5,13 +5,15 @@ from dataclasses import replace
 import msgspec
 import numpy as np
 
-from stepdiag.daq.capture.dwell import Dwell
+from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Outcome
-from stepdiag.daq.capture.route import agrees
-from stepdiag.daq.capture.stop import CapturedStop, Placing, Taken, certain_windows, make_head_stop, make_stop, marked, plateau_window
-from stepdiag.daq.capture.walk import BREAKS_COUNT, Walk
+from stepdiag.daq.capture.place.route import agrees
+from stepdiag.daq.capture.place.walk import BREAKS_COUNT, Walk
+from stepdiag.daq.capture.standing.certain_window import Placing, Taken, certain_windows
+from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.stop import make_head_stop, make_stop, plateau_window
 from stepdiag.daq.formats.signals import SignalMap, Signals, resolution
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer

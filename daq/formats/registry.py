@@ -1,15 +1,15 @@
 """Wire formats by name."""
 
-from stepdiag.daq.formats.angles import AnglesDecoder, AnglesSettings, AskedAnglesDecoder
-from stepdiag.daq.formats.fourdof import FourdofDecoder, FourdofSettings
-from stepdiag.daq.formats.framed import FramesDecoder, FramesSettings
-from stepdiag.daq.formats.ids3010 import Ids3010Decoder, Ids3010Settings
-from stepdiag.daq.formats.lasertex import LasertexDecoder, LasertexSettings
-from stepdiag.daq.formats.line import LineDecoder, LineSettings
-from stepdiag.daq.formats.nd import NdDecoder, NdSettings
-from stepdiag.daq.formats.qudis import QudisDecoder, QudisSettings
-from stepdiag.daq.formats.tqd import TqdDecoder, TqdSettings
-from stepdiag.daq.formats.umd.decoder import UmdDecoder, UmdSettings
+from stepdiag.daq.formats.instruments.angles import AnglesDecoder, AnglesSettings, AskedAnglesDecoder
+from stepdiag.daq.formats.instruments.fourdof import FourdofDecoder, FourdofSettings
+from stepdiag.daq.formats.instruments.framed import FramesDecoder, FramesSettings
+from stepdiag.daq.formats.instruments.ids3010 import Ids3010Decoder, Ids3010Settings
+from stepdiag.daq.formats.instruments.lasertex import LasertexDecoder, LasertexSettings
+from stepdiag.daq.formats.instruments.line import LineDecoder, LineSettings
+from stepdiag.daq.formats.instruments.nd import NdDecoder, NdSettings
+from stepdiag.daq.formats.instruments.qudis import QudisDecoder, QudisSettings
+from stepdiag.daq.formats.instruments.tqd import TqdDecoder, TqdSettings
+from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.samples import Decoder
 from stepdiag.solver.errors import UsageError
 

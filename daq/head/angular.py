@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Head
 from stepdiag.solver.errors import DataError

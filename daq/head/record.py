@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.daq.head.runs import CHANNELS, QD_ONLY
-from stepdiag.daq.links.device import SerialSettings
-from stepdiag.daq.links.serial import instrument_line
+from stepdiag.daq.links.ports.device import SerialSettings
+from stepdiag.daq.links.ports.serial import instrument_line
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.survey.file import head_decoder, parse_survey

@@ -6,7 +6,7 @@ from typing import Literal, cast
 
 import numpy as np
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.head.angular import turns_of
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.head_file import HeadFile, parse_head_file, require_owner

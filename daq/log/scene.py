@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.topics import VOLUME_TOPIC, Note
 from stepdiag.solver.geometry.volume import Volume
 

@@ -12,7 +12,7 @@ from typing import Any, get_args
 
 import msgspec
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, Signals
 from stepdiag.daq.records.events import Link, Stream
 from stepdiag.daq.records.status import LinkState, Phase

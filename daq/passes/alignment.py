@@ -10,8 +10,8 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.daq.capture.route import Route, base_setup
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.place.route import Route, base_setup
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS
 
 REALIGN_MRAD = 2.0

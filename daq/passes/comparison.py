@@ -7,7 +7,7 @@ from itertools import combinations
 
 import numpy as np
 
-from stepdiag.daq.capture.route import base_setup
+from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.slips import Step, Vector, like_its_axis, odd_step, scatter_of_steps, step_in

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
-from stepdiag.daq.capture.route import base_setup
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad, tilt_effect_um
 from stepdiag.daq.passes.counts import on_one_count
 from stepdiag.daq.passes.driven import Pass

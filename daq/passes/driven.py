@@ -3,8 +3,8 @@
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from stepdiag.daq.capture.route import Route
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.place.route import Route
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, says_what_to_do
 from stepdiag.daq.passes.stretches import Measured, Slip, Stretches, Zero, Zeros
 

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import COURSES
-from stepdiag.daq.capture.machine_remarks import credible_of
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.remarks.machine_remarks import credible_of
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.model.assumptions import Assumptions

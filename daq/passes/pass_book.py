@@ -2,12 +2,12 @@
 
 from collections.abc import Iterable
 
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
-from stepdiag.daq.capture.machine_remarks import credible_of
-from stepdiag.daq.capture.route import Route, make_route
-from stepdiag.daq.capture.stop import CapturedStop
-from stepdiag.daq.capture.unchecked import places_known
+from stepdiag.daq.capture.place.route import Route, make_route
+from stepdiag.daq.capture.remarks.machine_remarks import credible_of
+from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.driven import Pass

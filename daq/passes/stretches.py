@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 
 SAME_UM = 1.5
 """One standstill measured twice within one count: what a machine repeats and drifts meanwhile. More is a loss of the laser."""

@@ -5,8 +5,8 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
-from stepdiag.daq.capture.route import base_setup
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.counts import Counted, on_one_count
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Environment, Survey

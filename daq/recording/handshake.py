@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.solver.findings import Finding
 

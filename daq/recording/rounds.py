@@ -16,7 +16,7 @@ import msgspec
 import structlog
 from mcap.records import Channel, Message
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.log.reader import DAMAGE, RecordReader

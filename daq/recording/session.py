@@ -11,11 +11,11 @@ from typing import Protocol
 import msgspec
 
 from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import with_air
-from stepdiag.daq.capture.dwell import same_stop
 from stepdiag.daq.capture.outcome import Outcome
-from stepdiag.daq.capture.route import base_setup
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.place.route import base_setup
+from stepdiag.daq.capture.standing.dwell import same_stop
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.log.scene import scene_note

@@ -9,15 +9,15 @@ from collections import deque
 from collections.abc import Callable, Iterator
 
 from stepdiag.daq.formats.signals import plan_reads
-from stepdiag.daq.links.address import network_line
-from stepdiag.daq.links.device import SerialSettings
-from stepdiag.daq.links.lsv2 import Lsv2Settings
-from stepdiag.daq.links.machine import MachineSettings
-from stepdiag.daq.links.modbus import RtuSettings, TcpSettings
-from stepdiag.daq.links.poller import MachinePoller
+from stepdiag.daq.links.controls.lsv2 import Lsv2Settings
+from stepdiag.daq.links.controls.machine import MachineSettings
+from stepdiag.daq.links.controls.modbus import RtuSettings, TcpSettings
+from stepdiag.daq.links.controls.poller import MachinePoller
+from stepdiag.daq.links.controls.s7 import S7Settings
+from stepdiag.daq.links.ports.address import network_line
+from stepdiag.daq.links.ports.device import SerialSettings
+from stepdiag.daq.links.ports.serial import OnChunk, SerialStream, instrument_line
 from stepdiag.daq.links.reconnect import Reconnector, Report
-from stepdiag.daq.links.s7 import S7Settings
-from stepdiag.daq.links.serial import OnChunk, SerialStream, instrument_line
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.records.status import LinkState, LinkStatus
 from stepdiag.daq.survey.file import head_decoder, laser_decoder

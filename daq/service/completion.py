@@ -12,7 +12,7 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from stepdiag.daq.capture.unchecked import unchecked
+from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.doubt import says_what_to_do
 from stepdiag.daq.passes.held import held_conditions, with_held

@@ -13,8 +13,8 @@ from typing import Any
 
 import structlog
 
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended, Outcome
-from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.log.recorder import Recorder, RecorderHealth
 from stepdiag.daq.log.topics import log_note
 from stepdiag.daq.recording.begun import BegunWords

@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
 
-from stepdiag.daq.capture.route import make_route
+from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import GeometryStatus, Point, SetupStatus, WayStatus
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, Volume
 

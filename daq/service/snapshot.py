@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping
 from datetime import UTC, datetime
 
-from stepdiag.daq.capture.route import make_route
+from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad
 from stepdiag.daq.passes.pass_book import PassBook

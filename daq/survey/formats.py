@@ -4,17 +4,17 @@ from typing import Any
 
 import msgspec
 
-from stepdiag.daq.formats.angles import ELCOMAT, WYLER, AnglesSettings
-from stepdiag.daq.formats.fourdof import FourdofSettings
-from stepdiag.daq.formats.framed import FramesSettings
-from stepdiag.daq.formats.ids3010 import Ids3010Settings
-from stepdiag.daq.formats.lasertex import LasertexSettings
-from stepdiag.daq.formats.line import LineSettings
-from stepdiag.daq.formats.nd import NdSettings
-from stepdiag.daq.formats.qudis import QudisSettings
+from stepdiag.daq.formats.instruments.angles import ELCOMAT, WYLER, AnglesSettings
+from stepdiag.daq.formats.instruments.fourdof import FourdofSettings
+from stepdiag.daq.formats.instruments.framed import FramesSettings
+from stepdiag.daq.formats.instruments.ids3010 import Ids3010Settings
+from stepdiag.daq.formats.instruments.lasertex import LasertexSettings
+from stepdiag.daq.formats.instruments.line import LineSettings
+from stepdiag.daq.formats.instruments.nd import NdSettings
+from stepdiag.daq.formats.instruments.qudis import QudisSettings
+from stepdiag.daq.formats.instruments.tqd import TqdSettings
+from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import FormatSettings, make_decoder
-from stepdiag.daq.formats.tqd import TqdSettings
-from stepdiag.daq.formats.umd.decoder import UmdSettings
 from stepdiag.daq.survey.models import FramesSection, Head, Laser, LineSection, Survey
 from stepdiag.daq.timing.samples import Decoder
 

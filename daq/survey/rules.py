@@ -3,9 +3,9 @@
 import re
 from collections.abc import Collection, Iterator
 
-from stepdiag.daq.formats.line import line_pattern
+from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
-from stepdiag.daq.links.address import network_line
+from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.survey.formats import laser_settings
 from stepdiag.daq.survey.models import Head, LineSection, Plc, Survey
 from stepdiag.exporters.files.settings import refuse, unknown_key

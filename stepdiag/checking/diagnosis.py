@@ -8,7 +8,7 @@ from typing import Literal
 
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 from stepdiag.checking.recognise import recognise
-from stepdiag.daq.capture.unchecked import WITHOUT, unchecked
+from stepdiag.daq.capture.remarks.unchecked import WITHOUT, unchecked
 from stepdiag.daq.formats.signals import describe
 from stepdiag.daq.survey.bundle import compensation_findings
 from stepdiag.daq.survey.models import Plc

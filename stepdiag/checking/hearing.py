@@ -12,17 +12,17 @@ import msgspec
 from serial.tools import list_ports
 
 from stepdiag.checking.recognise import recognise
-from stepdiag.daq.formats.ids3010 import Ids3010Settings
-from stepdiag.daq.formats.lasertex import LasertexSettings
-from stepdiag.daq.formats.nd import NdSettings
-from stepdiag.daq.formats.qudis import QudisSettings
+from stepdiag.daq.formats.instruments.ids3010 import Ids3010Settings
+from stepdiag.daq.formats.instruments.lasertex import LasertexSettings
+from stepdiag.daq.formats.instruments.nd import NdSettings
+from stepdiag.daq.formats.instruments.qudis import QudisSettings
+from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import FormatSettings, make_decoder
 from stepdiag.daq.formats.signals import SignalDecoder, Signals, plan_reads
-from stepdiag.daq.formats.umd.decoder import UmdSettings
-from stepdiag.daq.links.address import network_line
-from stepdiag.daq.links.device import SerialSettings
-from stepdiag.daq.links.machine import open_machine
-from stepdiag.daq.links.serial import instrument_line
+from stepdiag.daq.links.controls.machine import open_machine
+from stepdiag.daq.links.ports.address import network_line
+from stepdiag.daq.links.ports.device import SerialSettings
+from stepdiag.daq.links.ports.serial import instrument_line
 from stepdiag.daq.recording.survey_links import machine_settings
 from stepdiag.daq.survey.composed import plc_section
 from stepdiag.daq.survey.models import Plc

@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stepdiag.daq.formats.fourdof import FourdofDecoder, FourdofSettings
-from stepdiag.daq.formats.ids3010 import Ids3010Decoder, Ids3010Settings
-from stepdiag.daq.formats.lasertex import LasertexDecoder, LasertexSettings
-from stepdiag.daq.formats.nd import NdDecoder, NdSettings
-from stepdiag.daq.formats.qudis import QudisDecoder, QudisSettings
-from stepdiag.daq.formats.umd.decoder import UmdDecoder, UmdSettings
+from stepdiag.daq.formats.instruments.fourdof import FourdofDecoder, FourdofSettings
+from stepdiag.daq.formats.instruments.ids3010 import Ids3010Decoder, Ids3010Settings
+from stepdiag.daq.formats.instruments.lasertex import LasertexDecoder, LasertexSettings
+from stepdiag.daq.formats.instruments.nd import NdDecoder, NdSettings
+from stepdiag.daq.formats.instruments.qudis import QudisDecoder, QudisSettings
+from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.samples import Decoder
 
 LEAST_SAMPLES = 2

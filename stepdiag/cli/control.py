@@ -185,7 +185,7 @@ def verify(
     """
     from stepdiag.cli.report import read_result
     from stepdiag.exporters.safety.verify import controller_for, verify_files
-    from stepdiag.report.space import LATTICE
+    from stepdiag.report.drawings.space import LATTICE
 
     measured = with_compensation(read_result(result), compensation, active_files(active), active_date, active_source)
     beside = compared(measured, diagonal or ())
@@ -271,7 +271,7 @@ def _verification_json(found: "Verification", given: "Sequence[ControlFile]", as
 def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
     """Write the picture; ``drawn`` holds the same prediction at the points that are drawn."""
     from stepdiag.exporters.files.files import write_atomically
-    from stepdiag.report.effect import SUFFIXES, effect_drawing, effect_file
+    from stepdiag.report.drawings.effect import SUFFIXES, effect_drawing, effect_file
 
     suffix = out.suffix.lower()
     if suffix not in SUFFIXES:

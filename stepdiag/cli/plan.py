@@ -54,7 +54,7 @@ def plan(
 
 def _say_unchecked(survey: "Survey") -> None:
     """Say what cannot be told apart without signals of the machine, before anything is driven."""
-    from stepdiag.daq.capture.unchecked import unchecked
+    from stepdiag.daq.capture.remarks.unchecked import unchecked
     from stepdiag.terminal.tables import finding_lines
 
     if survey.plc.silent:

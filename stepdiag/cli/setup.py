@@ -184,7 +184,7 @@ def _text(text: str) -> str:
 
 
 def _port(text: str) -> str:
-    from stepdiag.daq.links.address import network_line
+    from stepdiag.daq.links.ports.address import network_line
 
     network_line(_text(text), "laser-port")
     return text

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import Literal
 
 from stepdiag.daemon.program_places import at_its_places, places_of_program
-from stepdiag.daq.links.address import network_line
+from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.files.files import write_atomically

@@ -7,7 +7,7 @@ from html import escape
 from stepdiag.fleet.history import Point
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.trend import Trend, severity
-from stepdiag.report import svg
+from stepdiag.report.drawings import svg
 from stepdiag.texts.texts import Language, catalogue, localised
 
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 300.0, 120.0, 34.0, 6.0, 8.0, 18.0

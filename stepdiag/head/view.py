@@ -12,7 +12,7 @@ from rich.table import Table
 from stepdiag.daq.head.commissioning import Calibrated, Signed
 from stepdiag.daq.head.record import HeadRecord
 from stepdiag.daq.timing.samples import Flag, Samples
-from stepdiag.report.charts import Series, line_chart
+from stepdiag.report.drawings.charts import Series, line_chart
 from stepdiag.solver.fourdof.statistics import Comparison, Stability
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.angles import Angles

@@ -7,8 +7,8 @@ from stepdiag.daq.records.survey_folder import CONCLUSION, READINGS, RESULT
 from stepdiag.daq.service.completion import Completed
 from stepdiag.exporters.files.files import write_once
 from stepdiag.report.document import build_report
+from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.exported import exported_of
-from stepdiag.report.fields import field_of
 from stepdiag.report.logs import logs_beside
 from stepdiag.report.output import write_report
 from stepdiag.solver.readings.readings import parse_readings

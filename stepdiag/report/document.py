@@ -12,14 +12,14 @@ import jinja2
 from stepdiag.conclusion import Conclusion, conclude, conclusion_document, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
 from stepdiag.report.certificate import AsLeft, Letterhead
-from stepdiag.report.exported import Exported
-from stepdiag.report.figure import Figure
-from stepdiag.report.figures import (
+from stepdiag.report.drawings.figure import Figure
+from stepdiag.report.drawings.figures import (
     budget_figures,
     closure_figures,
     field_figures,
     function_figures,
 )
+from stepdiag.report.exported import Exported
 from stepdiag.report.logs import Recorded, logs_table
 from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.methods.lengths import at_their_temperature

@@ -16,7 +16,7 @@ from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.safety.verify import controller_for, verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
-from stepdiag.report.figures import Correction
+from stepdiag.report.drawings.figures import Correction
 from stepdiag.solver.result.result import Result
 
 

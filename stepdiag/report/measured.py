@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stepdiag.report import charts
-from stepdiag.report.charts import Series
-from stepdiag.report.figure import Figure, csv_table
+from stepdiag.report.drawings import charts
+from stepdiag.report.drawings.charts import Series
+from stepdiag.report.drawings.figure import Figure, csv_table
 from stepdiag.solver.methods.standard_figures import way_mm
 from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.readings.readings import Readings

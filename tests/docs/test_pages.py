@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from stepdiag.cli.completion import PROGRAMS, TABLES
-from testkit.surveys import DATA
+from testkit.exact.surveys import DATA
 
 CHECKOUT = Path(__file__).parents[2]
 DOCS = CHECKOUT / "docs"

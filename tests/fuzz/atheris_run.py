@@ -13,8 +13,8 @@ import atheris
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "lib"))
 with atheris.instrument_imports(include=["daq", "exporters", "solver"]):
-    from testkit.changes import HOSTILE, TOKENS
-    from testkit.foreign import targets
+    from testkit.hostile.changes import HOSTILE, TOKENS
+    from testkit.hostile.foreign import targets
 
 
 def main() -> None:

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from testkit.doors import NEVER_DONE, doors, how_it_broke
+from testkit.hostile.doors import NEVER_DONE, doors, how_it_broke
 
 EXAMPLES = max(1, int(os.environ.get("STEPDIAG_FUZZ_EXAMPLES", "60")) // 60)
 DOORS = doors()

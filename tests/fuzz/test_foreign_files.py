@@ -6,8 +6,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from testkit.changes import CHANGES, changed
-from testkit.foreign import targets
+from testkit.hostile.changes import CHANGES, changed
+from testkit.hostile.foreign import targets
 
 TARGETS = targets()
 EXAMPLES = int(os.environ.get("STEPDIAG_FUZZ_EXAMPLES", "60"))

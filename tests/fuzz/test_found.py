@@ -36,11 +36,11 @@ from stepdiag.solver.planning.runs import Plan, Run
 from stepdiag.solver.readings.csv_table import read_table
 from stepdiag.solver.readings.readings import parse_readings
 from stepdiag.solver.result.result import parse_result
-from testkit.foreign import READINGS, page_order
-from testkit.foreign_logs import SURVEY, contents, log_of, recorded
-from testkit.machines import EOB, MACHINES, profile_of, profile_text
-from testkit.results import VOLUME, made_result
-from testkit.surveys import Bench
+from testkit.exact.machines import EOB, MACHINES, profile_of, profile_text
+from testkit.exact.results import VOLUME, made_result
+from testkit.exact.surveys import Bench
+from testkit.hostile.foreign import READINGS, page_order
+from testkit.hostile.foreign_logs import SURVEY, contents, log_of, recorded
 from testkit.timeline import survey_text
 
 HUGE = "9" * 5000

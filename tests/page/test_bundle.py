@@ -9,7 +9,7 @@ from pathlib import Path
 from stepdiag.daq.service.downloads import downloads_of
 from stepdiag.exporters.export.export import export
 from stepdiag.page.bundle import bundle_of
-from testkit.madeup import made_up_result
+from testkit.exact.madeup import made_up_result
 
 
 def unpacked(data: bytes) -> dict[str, bytes]:

@@ -15,9 +15,9 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import render_readings
 from testkit.browser import Watched
 from testkit.cli import stepdiag
-from testkit.foreign_logs import with_survey
+from testkit.exact.surveys import Bench
+from testkit.hostile.foreign_logs import with_survey
 from testkit.played import served
-from testkit.surveys import Bench
 from testkit.timeline import survey_text
 
 pytestmark = pytest.mark.page

@@ -11,7 +11,7 @@ from playwright.sync_api import Page, expect
 from stepdiag.daq.records.status import FindingStatus, LinkStatus
 from testkit.browser import Watched, seconds_until, violations
 from testkit.played import Served
-from testkit.slaves import wait_until
+from testkit.running.slaves import wait_until
 
 pytestmark = pytest.mark.page
 

@@ -9,7 +9,7 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from testkit.browser import Watched, seconds_until
-from testkit.hall import daemon, hall, until
+from testkit.running.hall import daemon, hall, until
 
 pytestmark = [pytest.mark.page, pytest.mark.system]
 

@@ -13,14 +13,14 @@ import numpy as np
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from stepdiag.daq.capture.route import make_route
+from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
 from stepdiag.page.view import FAST_FIELDS, SLOW_FIELDS, TOLD, now_view, survey_view
 from stepdiag.texts import LANGUAGES, catalogue
 from testkit.browser import Watched, violations
-from testkit.madeup import VOLUME
+from testkit.exact.madeup import VOLUME
 from testkit.played import PlayedSurvey, Served, served
 
 GONE = LinkStatus(state="silent", address="x", age_s=9.0)

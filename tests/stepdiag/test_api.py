@@ -10,8 +10,8 @@ from stepdiag import api
 from stepdiag.daq.records.events import Chunk
 from stepdiag.solver.errors import DataError
 from testkit.cli import stepdiag
+from testkit.exact.surveys import DATA
 from testkit.recording import HEADER, START_NS, write_log
-from testkit.surveys import DATA
 from testkit.timeline import survey_text
 
 READINGS = DATA / "golden_stepdiag_rigidbody_FXYZ.csv"

@@ -32,10 +32,10 @@ from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine
-from testkit.linuxcnc_rig import Control, State, linuxcnc
-from testkit.linuxcnc_stand import LATENCY_S, Stand
-from testkit.machines import profile_of
-from testkit.results import made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import made_result
+from testkit.linuxcnc.rig import Control, State, linuxcnc
+from testkit.linuxcnc.stand import LATENCY_S, Stand
 
 pytestmark = [pytest.mark.system, pytest.mark.control]
 

@@ -8,7 +8,7 @@ import pytest
 from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended
-from stepdiag.daq.capture.route import make_route
+from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.survey.file import laser_decoder, parse_survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 from stepdiag.solver.errors import UsageError

@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
-from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.survey.file import parse_survey

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
-from stepdiag.daq.capture.stop import CapturedStop
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.findings import Finding
 from stepdiag.virtual.instruments.head_wire import frame_checksum
-from testkit.heads import survey_section
+from testkit.exact.heads import survey_section
 from testkit.timeline import STOPPED_ONLY, Standstill, Timeline, arrival, survey_text
 
 RATE_HZ = 200.0

@@ -3,9 +3,9 @@
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from stepdiag.daq.capture.dwell import Dwell
-from stepdiag.daq.capture.stop import certain_windows
-from stepdiag.daq.formats.line import LineDecoder, LineSettings
+from stepdiag.daq.capture.standing.certain_window import certain_windows
+from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.formats.instruments.line import LineDecoder, LineSettings
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import StopRules
 from stepdiag.daq.timing.stream import StreamBuffer

@@ -4,7 +4,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.head.runs import evaluate_head, mean_straightness, merge_angles
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
@@ -13,7 +13,7 @@ from stepdiag.solver.errors import DataError
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.virtual.bench.building import build_machine, head_builder
 from stepdiag.virtual.bench.config import load_config
-from testkit.heads import head_file, survey_section
+from testkit.exact.heads import head_file, survey_section
 from testkit.timeline import survey_text
 
 SETUPS = ("fourdof-x", "fourdof-y", "fourdof-z")

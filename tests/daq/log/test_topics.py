@@ -6,7 +6,7 @@ from typing import Any
 import msgspec
 import pytest
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.log.scene import MOST_DRAWN, scene_note
 from stepdiag.daq.log.topics import (

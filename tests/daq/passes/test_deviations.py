@@ -4,13 +4,13 @@ import msgspec
 import numpy as np
 import pytest
 
-from stepdiag.daq.capture.route import make_route
+from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.passes.alignment import tilt_effect_um
 from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.service.time_left import seconds_left
 from stepdiag.daq.survey.file import parse_survey
-from testkit.captured import stops_of
+from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
 
 BACKLASH_MM = 0.008

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from stepdiag.daq.passes.doubt import Doubt, acceptance_of
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
-from testkit.captured import stops_of
+from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
 
 

@@ -4,7 +4,7 @@ from functools import cache
 
 import pytest
 
-from testkit.surveyed import Slip, survey_of
+from testkit.exact.surveyed import Slip, survey_of
 
 OUT_AND_BACK = [
     pytest.param(Slip("npp", 1, 5, 2.0), id="2 um"),

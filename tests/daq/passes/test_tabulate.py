@@ -7,7 +7,7 @@ import pytest
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.survey.file import parse_survey
-from testkit.captured import stops_of
+from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
 
 BACKLASH_MM = 0.008

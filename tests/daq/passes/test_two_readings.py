@@ -8,7 +8,7 @@ from stepdiag.daq.passes.doubt import acceptance_of
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.slips import step_in
 from stepdiag.daq.survey.file import parse_survey
-from testkit.captured import stops_of
+from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
 
 

@@ -10,7 +10,7 @@ from stepdiag.daq.passes.verdict import settled_findings, suspected
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.model.assumptions import Assumptions
-from testkit.captured import stops_of
+from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
 
 UNCOMPENSATED = survey_text().replace("compensated = true\n", "")

@@ -2,7 +2,7 @@
 
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.recording.handshake import Handshake
-from testkit.captured import stops_of
+from testkit.exact.captured import stops_of
 
 SECOND = 1_000_000_000
 

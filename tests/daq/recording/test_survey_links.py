@@ -9,7 +9,7 @@ from stepdiag.daq.recording import survey_links
 from stepdiag.daq.recording.survey_links import SurveyLinks
 from stepdiag.daq.records.events import Chunk, LinkEvent
 from stepdiag.daq.survey.file import parse_survey
-from testkit.slaves import Pty, wait_until
+from testkit.running.slaves import Pty, wait_until
 
 SURVEY = """
 [survey]

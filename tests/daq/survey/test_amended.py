@@ -10,7 +10,7 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import BeamOffset, Plan
 from stepdiag.daq.survey.template import template
 from stepdiag.solver.errors import UsageError
-from testkit.survey_files import SMALLEST
+from testkit.running.survey_files import SMALLEST
 
 BARE = SMALLEST.lstrip()
 SPREAD = f"""{BARE}[plan]

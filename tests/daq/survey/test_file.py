@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.daq.formats.line import LineSettings
+from stepdiag.daq.formats.instruments.line import LineSettings
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.survey.bundle import compensation_of, read_bundle
@@ -21,7 +21,7 @@ from stepdiag.daq.survey.rules import rtu_poll_s
 from stepdiag.daq.survey.template import template
 from stepdiag.exporters.files.settings import convert
 from stepdiag.solver.errors import UsageError
-from testkit.survey_files import SMALLEST
+from testkit.running.survey_files import SMALLEST
 
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\n'
 SWITCHED_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE)

@@ -17,7 +17,7 @@ from stepdiag.daq.survey.head_file import (
     require_owner,
 )
 from stepdiag.solver.errors import DataError, UsageError
-from testkit.heads import head_file, survey_section, write_head_file
+from testkit.exact.heads import head_file, survey_section, write_head_file
 from testkit.timeline import survey_text
 
 number = st.floats(-1e6, 1e6)

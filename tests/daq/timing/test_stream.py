@@ -4,7 +4,7 @@ import numpy as np
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stepdiag.daq.formats.umd.decoder import UmdDecoder, UmdSettings
+from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.stream import HOLD_NS, MEMORY_NS, MEMORY_SAMPLES, StreamBuffer
 
 MS = 1_000_000

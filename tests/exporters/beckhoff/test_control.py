@@ -11,8 +11,8 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
 from stepdiag.exporters.tables.tables import correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
 
 BECKHOFF = Beckhoff()
 RESULT = made_result({"EXX": [4.0, 1.0, 0.0, -2.0, -5.0], "EXY": [0.0, 3.0, 5.0, 2.0, 0.0]}, squareness={"C0Y": 10.0})

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from testkit.loadings import Sequence
+from testkit.exact.loadings import Sequence
 
 SEEDS = {"siemens": 133, "fanuc": 106, "heidenhain": 2, "beckhoff": 3, "linuxcnc": 116, "mitsubishi": 110, "fagor": 132}
 """Sequences that once went wrong: old tables taken as gone, products and sets of other functions, turns between two functions."""

@@ -19,8 +19,8 @@ from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import AxisSection, Profile
 from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.errors import DataError, SafetyError
-from testkit.machines import EOB, FANUC, new_punch_file, profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import EOB, FANUC, new_punch_file, profile_of
+from testkit.exact.results import VOLUME, made_result
 
 CONTROL = Fanuc()
 EXAMPLE = [4, 1, 0, -2, -5]

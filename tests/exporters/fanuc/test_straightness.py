@@ -18,8 +18,8 @@ from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.fanuc import load_fanuc
-from testkit.machines import EOB, new_punch_file, profile_of
-from testkit.results import made_result
+from testkit.exact.machines import EOB, new_punch_file, profile_of
+from testkit.exact.results import made_result
 
 FANUC = Fanuc()
 VOLUME = Volume(origin_mm=(-200.0, -200.0, -100.0), size_mm=(400.0, 400.0, 200.0), increments=4)

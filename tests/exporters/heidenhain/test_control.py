@@ -13,8 +13,8 @@ from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.tables import correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.geometry.volume import Volume
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
 
 HEIDENHAIN = Heidenhain()
 RESULT = made_result({"EXX": [4.0, 1.0, 0.0, -2.0, -5.0], "EYX": [0.0, 1.5, 2.0, 1.0, 0.0]})

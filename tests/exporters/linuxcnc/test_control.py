@@ -15,8 +15,8 @@ from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import correction_um, total_correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
 
 LINUXCNC = LinuxCnc()
 EXAMPLE = [4.0, 1.0, 0.0, -2.0, -5.0]

@@ -13,9 +13,9 @@ from stepdiag.exporters.files.naming import is_restore
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
-from testkit.linuxcnc_ini import changed
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
+from testkit.linuxcnc.ini import changed
 
 RESULT = made_result({"EXX": [0, 3, 8, 12, 20], "EYY": [0, -2, -5, -7, -9]}, squareness={"C0Y": 20.0})
 INI = {"[KINS]": ["KINEMATICS = trivkins coordinates=XYZ"], "[HAL]": ["HALFILE = mill.hal"], "[JOINT_0]": ["BACKLASH = 0.004"]}

@@ -30,8 +30,8 @@ from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.errors import SafetyError, UsageError
-from testkit.machines import profile_text
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_text
+from testkit.exact.results import VOLUME, made_result
 
 RESULT = made_result(
     {"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0]},

@@ -12,7 +12,7 @@ from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
-from testkit.results import VOLUME, made_result
+from testkit.exact.results import VOLUME, made_result
 
 POINTS = grid_points_mm(VOLUME, 5)
 

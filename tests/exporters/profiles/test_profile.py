@@ -11,8 +11,8 @@ from stepdiag.exporters.profiles.file import load_profile, parse_profile, quick_
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.profiles.template import profile_template
 from stepdiag.solver.errors import SafetyError, UsageError
-from testkit.machines import MACHINES, profile_of, profile_text
-from testkit.results import VOLUME
+from testkit.exact.machines import MACHINES, profile_of, profile_text
+from testkit.exact.results import VOLUME
 
 SIEMENS = controller_named("siemens")
 

@@ -12,7 +12,7 @@ from stepdiag.exporters.programs import CONTROLS, Sequence, Signals, default_dec
 from stepdiag.exporters.programs.settings import program_section, program_template
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, SETUP_NUMBERS, Volume, diagonal_stops_mm, linear_stops_mm
-from testkit.nc import Walk, walk_program
+from testkit.exact.nc import Walk, walk_program
 
 VOLUME = Volume(origin_mm=(-100.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=4)
 PLAIN = Sequence(name="hall 3", volume=VOLUME)

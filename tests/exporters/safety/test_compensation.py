@@ -19,8 +19,8 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.errors import DataError, SafetyError
 from stepdiag.solver.result.result import ROTATIONS, Result, parse_result
 from stepdiag.virtual.control.siemens import SiemensControl
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
 
 TODAY = date(2026, 6, 1)
 MACHINE = {"EXX": [0, 3, 8, 12, 20], "EYY": [0, -2, -5, -7, -9], "EYX": [0, 1.5, 2, 1, 0], "EXZ": [0, -2, 1, 2, 0]}

@@ -14,8 +14,8 @@ from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.solver.errors import DataError, SafetyError
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
 
 RESULT = made_result({"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0]}, squareness={"C0Y": 20.0})
 

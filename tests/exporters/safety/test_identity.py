@@ -11,8 +11,8 @@ from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.result.result import Result
-from testkit.machines import profile_of
-from testkit.results import made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import made_result
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 400.0, 400.0), increments=4)
 

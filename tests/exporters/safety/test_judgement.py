@@ -18,8 +18,8 @@ from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Multiplier, Table
 from stepdiag.solver.result.result import ROTATIONS, Result
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
 
 ERRORS = {
     "EXX": [0, 3, 8, 12, 20], "EYY": [0, -9, -5, -12, -19], "EZZ": [0, 6, -4, 5, 9], "EYX": [0, 5, 8, 4, 0], "EZX": [0, -6, 2, 5, 0],

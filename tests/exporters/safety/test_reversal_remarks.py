@@ -7,8 +7,8 @@ from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.tables.curves import curves_of
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
 
 PLAYING = made_result(reversal={"EXX": [8.0] * 5})
 

@@ -13,8 +13,8 @@ from stepdiag.exporters.safety.sign_test import Bump, bump, verdict
 from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.readings.readings import Readings, make_readings
-from testkit.machines import profile_of
-from testkit.results import VOLUME
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME
 
 POSITIONS = np.linspace(-200.0, 200.0, 41)
 

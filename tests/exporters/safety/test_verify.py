@@ -16,8 +16,8 @@ from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.virtual.control.fanuc import load_fanuc
 from stepdiag.virtual.control.siemens import load_siemens
-from testkit.machines import new_punch_file, profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import new_punch_file, profile_of
+from testkit.exact.results import VOLUME, made_result
 
 ERRORS = {"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0], "EXZ": [0, -2, 1, 2, 0]}
 RESULT = made_result(ERRORS, squareness={"C0Y": 20.0, "B0Z": 8.0, "A0Z": -15.0})

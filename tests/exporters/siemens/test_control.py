@@ -15,9 +15,9 @@ from stepdiag.exporters.tables.profile import AxisSection, Profile
 from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.geometry.volume import Volume
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
-from testkit.siemens_files import CEC_GOLDEN, EEC_GOLDEN
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
+from testkit.exact.siemens_files import CEC_GOLDEN, EEC_GOLDEN
 
 SIEMENS = Siemens()
 ARCHIVE_EEC = """\

@@ -25,8 +25,8 @@ from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.siemens import SiemensControl
-from testkit.machines import profile_text
-from testkit.results import made_result
+from testkit.exact.machines import profile_text
+from testkit.exact.results import made_result
 
 VOLUME = Volume(origin_mm=(-250.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 SIEMENS = Siemens()

@@ -23,8 +23,8 @@ from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.beckhoff import load_volumetric
 from stepdiag.virtual.control.heidenhain import load_tables
-from testkit.machines import profile_of
-from testkit.results import made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import made_result
 
 VOLUME = Volume(origin_mm=(-250.0, 100.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 """Its middle lies far from the zero of the axes, from which the levers of a control count."""

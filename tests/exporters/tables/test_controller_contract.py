@@ -15,8 +15,8 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import sampled_um
 from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.errors import DataError, UsageError
-from testkit.machines import MACHINES, profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import MACHINES, profile_of
+from testkit.exact.results import VOLUME, made_result
 
 ROUNDING_UM = 1e-6
 HALF_A_TENTH_UM_MM = 0.5001e-4
@@ -28,7 +28,7 @@ reversals = st.fixed_dictionaries(dict.fromkeys(POSITIONING, values_um))
 
 @pytest.mark.parametrize("name", sorted(CONTROLLERS))
 class TestEveryController:
-    """Runs over the registry: a new controller needs an entry in ``testkit.machines`` and nothing here."""
+    """Runs over the registry: a new controller needs an entry in ``testkit.exact.machines`` and nothing here."""
 
     @settings(max_examples=12)
     @given(errors=machine_errors, reversal=reversals, squareness=st.floats(-60, 60), sections=st.integers(3, 9), data=st.data())

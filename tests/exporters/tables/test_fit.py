@@ -15,7 +15,7 @@ from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import ROTATIONS, Result
-from testkit.results import made_result
+from testkit.exact.results import made_result
 
 VOLUME = Volume(origin_mm=(-200.0, 50.0, -100.0), size_mm=(500.0, 400.0, 300.0), increments=6)
 POINTS = grid_points_mm(VOLUME, 13)

@@ -7,7 +7,7 @@ from stepdiag.exporters.tables.lattice import MOST_LINES, lattice_of
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table, correction_um
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import Volume
-from testkit.results import made_result
+from testkit.exact.results import made_result
 
 
 def table(**law):

@@ -12,8 +12,8 @@ from stepdiag.exporters.mitsubishi.control import Mitsubishi
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.tables import correction_um
 from stepdiag.solver.errors import DataError, SafetyError
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
 
 EXAMPLE = [4.0, 1.0, 0.0, -2.0, -5.0]
 """controllers.md 12: e of X at -200 .. 200 mm in um, zero at the reference."""

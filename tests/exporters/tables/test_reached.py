@@ -25,8 +25,8 @@ from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.beckhoff import load_volumetric
 from stepdiag.virtual.control.heidenhain import load_tables
 from stepdiag.virtual.control.siemens import SiemensControl
-from testkit.machines import profile_of
-from testkit.surveys import Bench
+from testkit.exact.machines import profile_of
+from testkit.exact.surveys import Bench
 
 GOALS_UM = {0: 1.6, 1: 1.6, 3: 1.4}
 """By the seed of the machine, rms over the volume without rigid motion."""

@@ -13,8 +13,8 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from testkit.machines import profile_of
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_of
+from testkit.exact.results import VOLUME, made_result
 
 RESULT = made_result({"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0], "EZX": [0, 1, 1, 2, 0]}, squareness={"C0Y": 20.0, "A0Z": -15.0})
 POINTS = grid_points_mm(VOLUME, 5)

@@ -8,7 +8,7 @@ from typing import Any
 
 from playwright.sync_api import Browser, BrowserContext, Page, Playwright, expect
 
-from testkit.steady import watched
+from testkit.running.steady import watched
 
 QUIET = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
 AXE = Path(__file__).parents[2] / "page" / "node" / "node_modules" / "axe-core" / "axe.min.js"

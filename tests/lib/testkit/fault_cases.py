@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from testkit.driven import BOX_MM, SETUPS, Fault, Program, judged, machine_of, recorded, survey_file
+from testkit.exact.driven import BOX_MM, SETUPS, Fault, Program, judged, machine_of, recorded, survey_file
 
 PAGE = Path(__file__).parents[3] / "docs" / "faults.md"
 BEGIN, END = "<!-- files after faults: written by `make faults` -->", "<!-- end of files after faults -->"

@@ -9,7 +9,7 @@ from stepdiag.daq.service.completion import complete
 from stepdiag.fleet.rows import RMS, About, Row
 from stepdiag.fleet.store import Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from testkit.foreign_logs import SURVEY, with_survey
+from testkit.hostile.foreign_logs import SURVEY, with_survey
 
 FIRST = datetime(2020, 1, 15, tzinfo=UTC)
 

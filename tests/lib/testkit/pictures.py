@@ -8,7 +8,7 @@ from pathlib import Path
 from playwright.sync_api import Page, expect, sync_playwright
 
 from testkit.browser import launch
-from testkit.hall import daemon, hall, until
+from testkit.running.hall import daemon, hall, until
 
 FOLDER = Path(__file__).parents[3] / "docs" / "pictures"
 PANELS = {"lead": ".lead", "now": ".reading", "align": ".aid", "deviations": ".pass", "survey": ".survey", "findings": ".findings"}

@@ -29,13 +29,13 @@ from stepdiag.exporters.export.export import export
 from stepdiag.page.keeper import Listeners, address_of, open_listener, page_kept
 from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
+from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.exported import exported_of
-from stepdiag.report.fields import field_of
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.volume import AXES, diagonal_stops_mm
 from stepdiag.solver.result.interval import Interval
 from stepdiag.texts.texts import Language
-from testkit.madeup import VOLUME, made_up_result
+from testkit.exact.madeup import VOLUME, made_up_result
 
 Answer = TypeVar("Answer")
 REACH = Reach(

@@ -13,7 +13,7 @@ from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.quantities import quantities, volumetric_weight
-from testkit.surveys import DIAGONALS, LINEAR, Bench
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 FULL = (*DIAGONALS, *LINEAR)
 

@@ -8,7 +8,7 @@ import pytest
 
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import Readings
-from testkit.surveys import DIAGONALS, LINEAR, Bench, solved
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench, solved
 
 FULL = (*DIAGONALS, *LINEAR)
 PICKED = [*range(0, 31, 3), *range(32, 62, 7), *range(63, 93, 7), *range(94, 124, 7), *range(124, 157, 4)]

@@ -9,7 +9,7 @@ from stepdiag.solver.errors import UsageError
 from stepdiag.solver.fourdof.axes import Mount, axis_errors, known_angles
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
 from stepdiag.solver.fourdof.head import Head, motion
-from testkit.optics import RayHead, channels_of
+from testkit.exact.optics import RayHead, channels_of
 
 AXES = "xyz"
 LINEAR = DetectorAxis(curve=Curve(coefficients_um=(0.0, 5000.0)))

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.fourdof.commissioning import Standstill, fit_curve, lever_line, signs_and_lever
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inverse_erf, spots
-from testkit.optics import RayHead
+from testkit.exact.optics import RayHead
 
 WOBBLE_URAD = 60 * np.sin(np.linspace(0, 9, 40))
 

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, Crosstalk, Head, beam_angle_urad, motion
-from testkit.optics import RayHead, channels_of
+from testkit.exact.optics import RayHead, channels_of
 
 LINEAR = DetectorAxis(curve=Curve(coefficients_um=(0.0, 5000.0)))
 DETECTOR = Detector(x=LINEAR, y=LINEAR, sum_min=0.5, sum_max=9.0)

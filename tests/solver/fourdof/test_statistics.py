@@ -10,7 +10,7 @@ from stepdiag.solver.errors import DataError
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, Head, motion
 from stepdiag.solver.fourdof.statistics import allan_deviation, compare, stability
-from testkit.optics import RayHead, channels_of
+from testkit.exact.optics import RayHead, channels_of
 
 LINEAR = DetectorAxis(curve=Curve(coefficients_um=(0.0, 5000.0)))
 DETECTOR = Detector(x=LINEAR, y=LINEAR)

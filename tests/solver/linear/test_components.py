@@ -6,7 +6,7 @@ import pytest
 from stepdiag.solver.linear.components import _prior_slope, _slope
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.model.layout import lay_out
-from testkit.surveys import Bench
+from testkit.exact.surveys import Bench
 
 
 @pytest.mark.parametrize("angle_urad", [0.0, 20.0])

@@ -17,7 +17,7 @@ from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.reported import reported, variance
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
-from testkit.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, Bench
 
 
 def random_rows(rng, count, width, columns, *, used):

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from stepdiag.solver.methods.solve import solve
-from testkit.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, Bench
 
 
 def errors_of(readings):

@@ -4,7 +4,7 @@ import pytest
 
 from stepdiag.solver.methods.coverage import t_factor
 from stepdiag.solver.methods.solve import solve
-from testkit.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, Bench
 
 
 @pytest.mark.parametrize(("freedom", "factor"), [(3, 3.31), (5, 2.65), (10, 2.28), (20, 2.13), (50, 2.05), (1e6, 2.0)])

@@ -15,8 +15,8 @@ from stepdiag.solver.readings.readings import make_readings, parse_readings
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.virtual.physics.error_functions import Smooth
-from testkit.rigid import Hall, RandomMachine, drive
-from testkit.surveys import DATA, DIAGONALS, LINEAR, Bench, golden_rows, golden_shapes, solved
+from testkit.exact.rigid import Hall, RandomMachine, drive
+from testkit.exact.surveys import DATA, DIAGONALS, LINEAR, Bench, golden_rows, golden_shapes, solved
 
 SEEDS = range(12)
 

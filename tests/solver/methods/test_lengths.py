@@ -13,7 +13,7 @@ from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.result import ROTATIONS, Function, Scale, parse_result
 from stepdiag.solver.standards.expansion import expansion_um
-from testkit.surveys import Bench
+from testkit.exact.surveys import Bench
 
 WARM_C = 27.0
 STEEL = 11.7

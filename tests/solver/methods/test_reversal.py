@@ -9,7 +9,7 @@ from stepdiag.solver.methods.estimate import backlash_numbers, estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from testkit.surveys import DIAGONALS, LINEAR, Bench
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 FULL = (*DIAGONALS, *LINEAR)
 TRUE_UM = {"X": 8.0, "Y": 5.0, "Z": 3.0}

@@ -15,7 +15,7 @@ from stepdiag.solver.methods.registry import METHODS
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.result.result import same_result
-from testkit.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, Bench
 
 SURVEY = Bench(increments=4).survey()
 
@@ -95,7 +95,7 @@ def test_a_pass_of_one_stop_is_refused():
 
 
 ELSEWHERE = """
-from testkit.surveys import Bench
+from testkit.exact.surveys import Bench
 from stepdiag.solver.methods.solve import solve
 print(solve(Bench(seed=4, increments=3).survey(("ppp",), passes=(1, 2), joined=True)).to_json())
 """

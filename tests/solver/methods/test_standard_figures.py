@@ -11,7 +11,7 @@ from stepdiag.solver.methods.standard_figures import linear_runs, standards_repo
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import make_readings
-from testkit.surveys import DATA, DIAGONALS, Bench
+from testkit.exact.surveys import DATA, DIAGONALS, Bench
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 300.0, 200.0), increments=4)
 

@@ -10,7 +10,7 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.volumetric import coarse_findings
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.result.result import DISPLACEMENTS, Function
-from testkit.surveys import DIAGONALS, LINEAR, Bench
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 NODES = np.linspace(0.0, 500.0, 11)
 

@@ -10,7 +10,7 @@ from stepdiag.solver.model import between
 from stepdiag.solver.model.between import between_of
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import make_readings
-from testkit.surveys import DIAGONALS, LINEAR, Bench
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 COLUMNS = ("pass_number", "stop", "position_mm", "reading_mm", "u_um", "beam_mm")
 

@@ -11,8 +11,8 @@ from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from testkit.straightness import STRAIGHT, straightness
-from testkit.surveys import Bench
+from testkit.exact.straightness import STRAIGHT, straightness
+from testkit.exact.surveys import Bench
 
 PITCH_YAW = ("EBX", "ECX", "EAY", "ECY", "EAZ", "EBZ")
 ROLL = ("EAX", "EBY", "ECZ")

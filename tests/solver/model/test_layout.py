@@ -8,7 +8,7 @@ import pytest
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import Readings, make_readings
-from testkit.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, Bench
 
 BENCH = Bench(diagonal_noise_um=0.0, linear_noise_um=0.0, increments=5, origin_mm=(-100.0, 20.0, 5.0))
 SURVEY = BENCH.survey()

@@ -8,8 +8,8 @@ import pytest
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.straightness_file import parse_straightness, render_straightness
-from testkit.straightness import straightness
-from testkit.surveys import Bench
+from testkit.exact.straightness import straightness
+from testkit.exact.surveys import Bench
 
 
 def test_what_is_written_is_read_back_and_weighs_the_same():

@@ -9,7 +9,7 @@ from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.vector import closure_um, diagonal_data, least_squares, wang2000
 from stepdiag.solver.readings.readings import make_readings, parse_readings
 from stepdiag.solver.result.result import DISPLACEMENTS
-from testkit.surveys import DATA, DIAGONALS, Bench, golden_shapes
+from testkit.exact.surveys import DATA, DIAGONALS, Bench, golden_shapes
 
 
 def golden(name="separable"):

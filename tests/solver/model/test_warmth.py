@@ -8,7 +8,7 @@ import pytest
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.warmth import at_one_temperature
-from testkit.surveys import DIAGONALS, LINEAR, Bench
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 WARMER_C = dict(zip((*DIAGONALS, *LINEAR), np.linspace(0.0, 1.2, 7), strict=True))
 

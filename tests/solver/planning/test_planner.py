@@ -14,7 +14,7 @@ from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.planning.planner import Circumstances, bare_survey, best_survey, forecast, plan, rank, resolving
 from stepdiag.solver.planning.runs import Plan, Run, plan_minutes
 from stepdiag.solver.result.result import ROTATIONS
-from testkit.surveys import Bench
+from testkit.exact.surveys import Bench
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=3)
 BARE = bare_survey(Plan(volume=BOX, runs=()))

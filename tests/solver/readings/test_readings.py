@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.setups import SETUP_NAMES
 from stepdiag.solver.readings.readings import make_readings, parse_readings, render_readings
-from testkit.surveys import DATA, Bench
+from testkit.exact.surveys import DATA, Bench
 
 HEADER = "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\n"
 GOOD = HEADER + "linear-x,1,0,0,0,0,0\nlinear-x,1,1,10,0,0,10.001\nlinear-x,1,2,20,0,0,20.002\n"

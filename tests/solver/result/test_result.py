@@ -9,7 +9,7 @@ from stepdiag.solver.errors import DataError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import parse_result
-from testkit.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, Bench
 
 RESULT = solve(Bench().survey(DIAGONALS))
 TEXT = RESULT.to_json()

@@ -9,7 +9,7 @@ from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.uncertainty.monte_carlo import monte_carlo, shortest_interval
-from testkit.surveys import Bench
+from testkit.exact.surveys import Bench
 
 
 def test_drawn_surveys_scatter_as_the_result_states():

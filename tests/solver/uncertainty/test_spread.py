@@ -10,7 +10,7 @@ from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
-from testkit.surveys import DIAGONALS, LINEAR, Bench
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 
 @pytest.fixture(scope="module")

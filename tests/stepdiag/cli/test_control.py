@@ -14,8 +14,8 @@ from stepdiag.exporters.safety.sign_test import bump
 from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.solver.readings.readings import make_readings, render_readings
 from testkit.cli import stepdiag
-from testkit.machines import profile_text
-from testkit.results import VOLUME, made_result
+from testkit.exact.machines import profile_text
+from testkit.exact.results import VOLUME, made_result
 
 BENT = {"EXX": [0.0, 4.0, 8.0, 12.0, 16.0], "EYX": [0.0, 3.0, 5.0, 3.0, 0.0]}
 

@@ -9,8 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from testkit.costly_logs import COSTLY
-from testkit.doors import LOG, MADE, Door, doors
+from testkit.hostile.costly_logs import COSTLY
+from testkit.hostile.doors import LOG, MADE, Door, doors
 
 CPU_S = 10
 MEMORY_BYTES = 500_000_000

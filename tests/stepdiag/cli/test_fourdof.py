@@ -12,7 +12,7 @@ from stepdiag.daq.survey.head_file import LeverTable, parse_head_file
 from stepdiag.solver.errors import DataError, StepdiagError, UsageError
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, SpotDetector, VirtualHead, Wander, stage_pose
-from testkit.heads import write_head_file
+from testkit.exact.heads import write_head_file
 
 STAND = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 STILL = np.zeros((1, 2))

@@ -8,7 +8,7 @@ import pytest
 from stepdiag.solver.geometry.volume import Volume, diagonal_direction
 from stepdiag.solver.readings.readings import parse_readings, render_readings
 from testkit.cli import stepdiag
-from testkit.surveys import DIAGONALS, LINEAR, Bench
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 BENCH = Bench(increments=4, diagonal_noise_um=0.05, linear_noise_um=0.05)
 TIMES = np.linspace(0.0, 1.0, 5)

@@ -11,8 +11,8 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import parse_result
 from stepdiag.terminal.tables import result_table
 from testkit.cli import stepdiag
-from testkit.madeup import made_up_result
-from testkit.results import made_result
+from testkit.exact.madeup import made_up_result
+from testkit.exact.results import made_result
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
 

@@ -7,11 +7,11 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from stepdiag.daq.capture.stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.topics import stop_note
 from stepdiag.daq.recording.rounds import FolderLock
-from testkit.captured import stops_of
 from testkit.cli import stepdiag
+from testkit.exact.captured import stops_of
 from testkit.recording import HEADER, recording, write_log
 from testkit.timeline import survey_text
 

@@ -14,7 +14,7 @@ from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.result.result import Function, Quantity, Result
 from testkit.cli import stepdiag
-from testkit.madeup import made_up_result
+from testkit.exact.madeup import made_up_result
 
 
 def noisy(result: Result, random: np.random.Generator) -> Result:

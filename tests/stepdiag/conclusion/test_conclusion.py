@@ -22,7 +22,7 @@ from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Quantity, Result
 from stepdiag.texts import LANGUAGES
 from testkit.cli import stepdiag
-from testkit.madeup import made_up_result
+from testkit.exact.madeup import made_up_result
 
 
 def predicted(rms: tuple[float, float, float], largest: tuple[float, float, float]) -> dict[str, Any]:

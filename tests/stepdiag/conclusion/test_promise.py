@@ -10,7 +10,7 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.tables.tables import mean_correction_um
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.field import without_rigid_motion
-from testkit.surveys import Bench
+from testkit.exact.surveys import Bench
 
 MACHINES = [seed for seed in range(21) if seed != 6]
 """The survey of machine 6 is refused: its diagonals and linear runs differ by three standard uncertainties."""

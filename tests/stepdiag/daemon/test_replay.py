@@ -4,7 +4,7 @@ import hashlib
 
 from stepdiag.daemon.replay import _verdict
 from stepdiag.solver.methods.solve import solve
-from testkit.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, Bench
 
 
 def written(folder, data, name="result.json"):

@@ -16,7 +16,7 @@ from stepdiag.solver.model.angles import parse_angles
 from stepdiag.solver.result.result import DISPLACEMENTS, Result
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import read_config
-from testkit.results import made_result
+from testkit.exact.results import made_result
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=SIZE_MM, increments=INCREMENTS)
 

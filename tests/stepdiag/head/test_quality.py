@@ -13,7 +13,7 @@ from stepdiag.daq.head.record import HeadRecord
 from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, LeverTable, parse_head_file, render_head_file
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, motion
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, SpotDetector, VirtualHead, Wander, stage_pose
-from testkit.heads import head_file
+from testkit.exact.heads import head_file
 
 BENCH = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
 STILL = np.zeros((1, 2))

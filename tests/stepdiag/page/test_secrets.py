@@ -10,7 +10,7 @@ from stepdiag.daq.survey.file import load_survey, parse_survey
 from stepdiag.page.settings import in_the_clear, page_settings
 from stepdiag.solver.errors import UsageError
 from testkit.recording import HEADER, write_log
-from testkit.survey_files import SMALLEST
+from testkit.running.survey_files import SMALLEST
 
 TOKEN = "sixteen letters!"
 

@@ -11,8 +11,8 @@ from stepdiag.publish.messages import Findings, Message, ResultMessage, State, W
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.result.result import parse_result
 from testkit.cli import stepdiag
-from testkit.foreign import targets
-from testkit.foreign_logs import SURVEY
+from testkit.hostile.foreign import targets
+from testkit.hostile.foreign_logs import SURVEY
 
 ALONE = SURVEY[: SURVEY.index("[[export]]")]
 """The survey file without those that it names."""

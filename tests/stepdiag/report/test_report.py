@@ -22,14 +22,14 @@ from stepdiag.daq.recording.archive import digest
 from stepdiag.daq.records.events import Chunk
 from stepdiag.exporters.safety.compensation import Statement, stated
 from stepdiag.report.certificate import facts_table, read_letterhead
-from stepdiag.report.charts import ticks
 from stepdiag.report.document import build_report
+from stepdiag.report.drawings.charts import ticks
+from stepdiag.report.drawings.figures import field_of
+from stepdiag.report.drawings.space import lattice_mm, view_matrix
 from stepdiag.report.exported import Exported, ExportedFile
-from stepdiag.report.fields import field_of
 from stepdiag.report.measured import layout_of, setup_figures
 from stepdiag.report.output import print_pdf, write_report
 from stepdiag.report.sections import conditions_table
-from stepdiag.report.space import lattice_mm, view_matrix
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.methods.solve import solve
@@ -38,7 +38,7 @@ from stepdiag.solver.readings.readings import Readings, parse_readings
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import Result
 from stepdiag.texts.texts import LANGUAGES, SECTIONS, catalogue
-from testkit.madeup import VOLUME, made_up_result
+from testkit.exact.madeup import VOLUME, made_up_result
 from testkit.recording import START_NS, write_log
 
 

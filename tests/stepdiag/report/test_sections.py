@@ -6,7 +6,7 @@ import pytest
 
 from stepdiag.report.sections import lengths_table, positioning_table, vdi_table
 from stepdiag.texts.texts import LANGUAGES, catalogue
-from testkit.madeup import made_up_result
+from testkit.exact.madeup import made_up_result
 
 SCALES = {axis: {"value": 1.0, "u": 0.5} for axis in "XYZ"}
 WARM = {axis: {"value": 41.95, "u": 0.5} for axis in "XYZ"}

@@ -9,7 +9,7 @@ import pytest
 
 from stepdiag.solver.errors import UsageError
 from stepdiag.terminal.exits import failed_writing_said
-from testkit.doors import NEVER_DONE, Door, doors
+from testkit.hostile.doors import NEVER_DONE, Door, doors
 
 REFUSED, OTHERWISE = 2, 70
 COMMANDS = {

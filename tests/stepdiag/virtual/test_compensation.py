@@ -9,7 +9,7 @@ from stepdiag.virtual.control.linuxcnc import load_matrix, load_screw_file
 from stepdiag.virtual.control.siemens import load_siemens
 from stepdiag.virtual.physics.error_functions import ErrorSet, Table, random_errors
 from stepdiag.virtual.physics.machine import Machine
-from testkit.siemens_files import CEC_GOLDEN, EEC_GOLDEN
+from testkit.exact.siemens_files import CEC_GOLDEN, EEC_GOLDEN
 
 NODES = (-200.0, -100.0, 0.0, 100.0, 200.0)
 SCREW = ErrorSet(low_mm=(-200.0, 0.0, 0.0), size_mm=(400.0, 400.0, 300.0), functions={"EXX": Table(NODES, (4.0, 1.0, 0.0, -2.0, -5.0))})

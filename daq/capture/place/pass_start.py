@@ -1,0 +1,100 @@
+"""Which pass of the plan the machine drives, as far as its signals and the log's start record say."""
+
+import msgspec
+
+from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.log_start import CaptureStart, PassHint
+from stepdiag.daq.capture.outcome import Ended
+from stepdiag.daq.capture.place.laser_place import LaserPlaces
+from stepdiag.daq.capture.place.route import Route, base_setup, make_route
+from stepdiag.daq.capture.place.walk import Walk
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.survey.models import Survey
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import FOURDOF_RUNS, SETUP_NUMBERS
+
+
+class PassFinder:
+    """Finds the pass of a log with its first dwell. ``turn`` is the last stop of the outward pass, with which a return pass may begin."""
+
+    def __init__(self, survey: Survey, start: CaptureStart) -> None:
+        self._survey = survey
+        self._start = start
+        self._unplanned_said = False
+        self.walk: Walk | None = None
+        self.turn: CapturedStop | None = None
+
+    def follow(self, signals: Signals, reading_mm: float | None = None) -> Walk | Finding | Ended | None:
+        """Return the walk of the pass that the machine drives; what is wrong where it drives another one, None where that was said.
+
+        ``reading_mm`` is what the laser reads now, None where its count does not reach back to the stops of the log before.
+        """
+        setup = self._setup_of(signals)
+        if setup is None:
+            return self._unplanned(signals)
+        if self.walk is None:
+            self.walk = self._begin(setup, signals, reading_mm)
+        elif base_setup(self.walk.route.setup) != base_setup(setup):
+            return Ended("aborted", f"{self.walk.name}: the machine went on with {setup}")
+        return self.walk
+
+    def is_head_run(self, signals: Signals) -> bool:
+        """Tell whether the machine drives a run of the 4-DOF head."""
+        if signals.setup is not None:
+            return SETUP_NUMBERS.get(signals.setup) in FOURDOF_RUNS
+        return (self.walk.route.setup if self.walk else self._first_wanted()) in FOURDOF_RUNS
+
+    def _setup_of(self, signals: Signals) -> str | None:
+        hints = self._start.hints
+        if signals.setup is None:
+            return self.walk.route.setup if self.walk else self._first_wanted()
+        base = SETUP_NUMBERS.get(signals.setup)
+        named = [name for name in hints if base_setup(name) == base]
+        return next((name for name in named if hints[name].wanted), named[0] if named else None)
+
+    def _first_wanted(self) -> str | None:
+        return next((name for name, hint in self._start.hints.items() if hint.wanted), None)
+
+    def _unplanned(self, signals: Signals) -> Finding | None:
+        if signals.setup is None or self._unplanned_said:
+            return None
+        self._unplanned_said = True
+        planned, base = ", ".join(self._start.hints), SETUP_NUMBERS.get(signals.setup)
+        text = f"the machine drives setup {signals.setup} ({base or 'unknown'}), the survey plans {planned}: its stops are not used"
+        return Finding(code="unplanned-setup", severity="error", text=text)
+
+    def _begin(self, setup: str, signals: Signals, reading_mm: float | None) -> Walk:
+        survey = self._survey
+        forward = make_route(survey.volume, setup, survey.axis_order, outward=True)
+        hint = self._start.hints[setup]
+        there = self._place(forward, hint, signals, reading_mm)
+        if there is not None:
+            hint = _directed(hint, there, len(forward), returns=survey.plan.return_pass)
+        self.turn = hint.turn if not hint.outward else None
+        route = forward if hint.outward else make_route(survey.volume, setup, survey.axis_order, outward=False)
+        known = {_mirrored(stop, hint, route): reading for stop, reading in hint.known.items()} if reading_mm is not None else {}
+        return Walk(route, hint.next_stop, self._start.last_count, hint.last_reading_mm, known)
+
+    def _place(self, forward: Route, hint: PassHint, signals: Signals, reading_mm: float | None) -> int | None:
+        """Return the stop of the outward route at which the machine stands, by its position, else by the laser; None where nobody knows."""
+        if signals.commanded_mm is not None:
+            return forward.find(signals.commanded_mm, 0)
+        return LaserPlaces(forward, hint.known).stop_at(reading_mm) if reading_mm is not None else None
+
+
+def _directed(hint: PassHint, there: int, count: int, *, returns: bool) -> PassHint:
+    """Return where a setup stands once the machine was seen at a stop of the outward route.
+
+    A pass that was left in the middle goes on in its direction, unless the machine stands where a pass in the other direction begins.
+    """
+    following = hint.next_stop if hint.outward else count - 1 - hint.next_stop
+    begins = there == (count - 1 if hint.outward else 0) and following != there and (returns or not hint.outward)
+    if hint.next_stop == 0:
+        return msgspec.structs.replace(hint, outward=2 * there < count)
+    if begins:
+        return msgspec.structs.replace(hint, outward=not hint.outward, next_stop=0, last_reading_mm=None, turn=None)
+    return hint
+
+
+def _mirrored(stop: int, hint: PassHint, route: Route) -> int:
+    return stop if hint.outward else len(route) - 1 - stop

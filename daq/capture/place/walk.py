@@ -1,0 +1,233 @@
+"""Which stop of its pass a dwell is, and whether the laser agrees."""
+
+from collections.abc import Mapping, Sequence
+
+from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.place.laser_place import LaserPlaces
+from stepdiag.daq.capture.place.route import Route, agrees, judge_step
+from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, count_steps
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.solver.findings import Finding, Severity
+
+BREAKS_COUNT = {"laser-reset", "step-mismatch"}
+"""A step of the wrong size that nothing explains is a lost count: what follows is right again, relative to itself."""
+BACKWARDS = -0.5
+"""Shares of a step: who goes back by more, to where no stop is, begins anew."""
+COUNTER_TRUSTED = 1000
+"""A stop counter that seems to have gone on by more than this was set back: the PLC has started again."""
+
+
+class Walk:
+    """Follows a pass stop by stop. ``expected`` is the index of the stop that comes next."""
+
+    def __init__(
+        self,
+        route: Route,
+        expected: int,
+        last_count: int | None,
+        last_reading_mm: float | None,
+        known: Mapping[int, float] | None = None,
+    ) -> None:
+        self.route = route
+        self.laser = LaserPlaces(route, known or {})
+        self._stuck_said = False
+        self.unsure = ""
+        """Why the stops are only believed to be those that come next; empty where position or laser say it."""
+        self.nowhere = self.retreated = False
+        """The last standstill reads as no stop does; and by the laser's count it was come to as a program comes to its first stop."""
+        self.apart = ""
+        """Why the count of the stops before is not that of the stop that was placed last, though nothing happened to the laser."""
+        self.expected = expected
+        self.last: CapturedStop | None = None
+        self._last_stop = expected - 1
+        self._last_count = last_count
+        self._last_reading_mm = last_reading_mm
+
+    @property
+    def name(self) -> str:
+        """Return the pass in words."""
+        return f"{self.route.setup} {'out' if self.route.outward else 'back'}"
+
+    @property
+    def started(self) -> bool:
+        """Tell whether a stop of the pass has a reading: before that the beam is blocked and the mirror aligned as a matter of course."""
+        return self._last_reading_mm is not None
+
+    @property
+    def ended(self) -> bool:
+        """Tell whether the last stop of the route has gone by."""
+        return self.expected >= len(self.route)
+
+    def is_bounce(self, signals: Signals) -> bool:
+        """Tell whether a dwell is the one already captured: the same count at the same place."""
+        if signals.stop_count is None or signals.stop_count != self._last_count or self.expected == 0:
+            return False
+        return signals.commanded_mm is None or self.route.find(signals.commanded_mm, self._last_stop) == self._last_stop
+
+    def locate(self, signals: Signals) -> tuple[int | None, list[Finding]]:
+        """Return the stop that the machine's signals name, None for a place that is not on the route, and what is odd about it."""
+        by_count, odd = self._by_count(signals.stop_count)
+        if signals.commanded_mm is None:
+            return min(by_count, len(self.route) - 1), odd
+        index = self.route.find(signals.commanded_mm, self.expected)
+        place = ", ".join(f"{value:.4f}" for value in signals.commanded_mm)
+        if index is None:
+            wanted = ", ".join(f"{value:.4f}" for value in self.route.stops_mm[min(self.expected, len(self.route) - 1)])
+            text = f"the machine stands at ({place}) mm, which is no stop of {self.name}; ({wanted}) mm was expected"
+            return None, [
+                *odd,
+                self.finding("unexpected-position", "error", self.expected, f"{text}: check volume, axis order and program"),
+            ]
+        if index < self.expected:
+            text = f"the machine stands at ({place}) mm once more: the stop is measured again"
+            odd.append(self.finding("stop-again", "info", index, text))
+        elif by_count != index and signals.stop_count is not None and self._last_count is not None:
+            text = f"the counter says stop {by_count}, the commanded position ({place}) mm says stop {index}; the position is believed"
+            odd.append(self.finding("count-disagrees", "warning", index, text))
+        return index, odd
+
+    def locate_by_laser(self, signals: Signals, reading_mm: float | None, *, lost: bool) -> tuple[int | None, list[Finding]]:
+        """Return the stop at which the machine stands, None for no stop, and what is odd: its counter says it, the laser knows better.
+
+        ``reading_mm`` is what the laser reads, None for nothing; ``lost`` tells that its count does not reach back.
+        """
+        by_count, odd = self._by_count(signals.stop_count)
+        by_count = min(by_count, len(self.route) - 1)
+        counted = self._steps(signals.stop_count)
+        was_nowhere, self.nowhere = self.nowhere, False
+        if lost:
+            self.laser.lost()
+            self.retreated = False
+        if reading_mm is None or not self.laser.known:
+            return (None, []) if counted == 0 else self._unplaced(by_count, odd, lost=lost)
+        by_laser = self.laser.stop_at(reading_mm)
+        if by_laser is None or (self.expected == 1 and self._retreats(by_laser, reading_mm)):
+            self.nowhere = self.expected > 0
+            self.retreated = self.retreated if was_nowhere else self._retreats(by_count, reading_mm)
+            return self._nowhere(by_count, odd, counted, reading_mm)
+        if counted == 0 and by_laser == self._last_stop:
+            return None, []
+        return by_laser, self._compared(by_laser, by_count, counted, odd)
+
+    def _unplaced(self, by_count: int, odd: list[Finding], *, lost: bool) -> tuple[int, list[Finding]]:
+        """Return the stop where the laser cannot tell: the program goes on, but one that was left in the middle may have begun anew.
+
+        Within a log nobody tells the two apart but by the steps that follow: such stops are doubted.
+        """
+        if self.last is None and self.expected > 0 and lost:
+            text = "the laser's count was lost and the machine does not say where it stands: taken for the beginning of the whole pass"
+            return 0, [*odd, self.finding("place-unknown", "warning", 0, text)]
+        if lost and self.expected > 0:
+            self.unsure = "the laser's count was lost and the machine does not say where it stands: taken for the stop that comes next"
+        return by_count, odd
+
+    def _retreats(self, stop: int, reading_mm: float) -> bool:
+        """Tell whether a standstill is come to as the first stop of a pass is: backwards, or from where the machine stood before."""
+        if self._last_reading_mm is None:
+            return False
+        if self.expected == 1:
+            return self.judge(stop, reading_mm)[0] in BREAKS_COUNT
+        forward = (
+            (reading_mm - self._last_reading_mm) / self.route.step_mm(self._last_stop - 1, self._last_stop) if self._last_stop > 0 else 0.0
+        )
+        return forward < BACKWARDS
+
+    def goes_on(self, since: Sequence[float]) -> bool:
+        """Tell whether the last step of some readings is that to the stop that comes next."""
+        stop = self.expected + (len(since) - 1 if self.nowhere else 0)
+        return 0 < stop < len(self.route) and agrees(since[-1] - since[-2], self.route.step_mm(stop - 1, stop))
+
+    def begin_anew(self) -> Finding:
+        """Go back to before the first stop; return what is to be said of it."""
+        self.expected, self.last, self._last_stop, self._last_reading_mm, self.unsure = 0, None, -1, None, ""
+        self.nowhere = self.retreated = False
+        self.laser.lost()
+        return self.finding("stop-again", "info", 0, "the steps are those from the first stop on: the pass was begun anew")
+
+    def _nowhere(self, by_count: int, odd: list[Finding], counted: int | None, reading_mm: float) -> tuple[int | None, list[Finding]]:
+        """Return the stop where the laser reads what no stop reads: its count went wrong, or the machine stands between two stops."""
+        if self.expected == 0:
+            self.laser.lost()
+            self.apart = "the laser reads what no stop of the setup reads: taken for the first stop"
+            return by_count, odd
+        code, _ = self.judge(by_count, reading_mm)
+        if counted != 0 and (counted is not None or (code and code not in BREAKS_COUNT)):
+            return self._unplaced(by_count, odd, lost=True)
+        following = self.laser.after_nowhere(reading_mm, self.expected) if counted is None else None
+        if following is not None:
+            return following, odd
+        text = "the machine stands where the laser reads no stop: a feed hold, or the count went wrong; not used"
+        return None, [self.finding("between-stops", "warning", min(self.expected, len(self.route) - 1), text)]
+
+    def _compared(self, by_laser: int, by_count: int, counted: int | None, odd: list[Finding]) -> list[Finding]:
+        """Return what is odd about a stop that the laser names."""
+        if counted is not None and by_laser != by_count and self.expected > 0:
+            text = f"the counter says stop {by_count}, the laser says stop {by_laser}; the laser is believed"
+            odd = [*odd, self.finding("count-disagrees", "warning", by_laser, text)]
+        if by_laser < self.expected:
+            odd = [*odd, self.finding("stop-again", "info", by_laser, "the laser reads this stop once more: it is measured again")]
+        return odd
+
+    def counts_on(self, signals: Signals) -> bool:
+        """Tell whether the counter says the next stop, as far as it can say anything."""
+        return self._steps(signals.stop_count) in (None, 1)
+
+    def _steps(self, count: int | None) -> int | None:
+        """Return by how many stops the counter went on since the last stop; None where it cannot tell."""
+        if count is None or self._last_count is None or self.expected == 0:
+            return None
+        return count_steps(self._last_count, count)
+
+    def judge(self, index: int, reading_mm: float) -> tuple[str, str]:
+        """Return (finding code, words) for a reading at a stop, judged by the step from the stop before; empty where all is well."""
+        if self._last_reading_mm is None or index == self._last_stop:
+            return "", ""
+        return judge_step(self.route, self._last_stop, index, reading_mm - self._last_reading_mm, reading_mm)
+
+    def expected_reading_mm(self, index: int) -> float | None:
+        """Return the reading that the geometry wants at a stop, from the stop before; None before the first."""
+        if self._last_reading_mm is None or self._last_stop < 0:
+            return None
+        return self._last_reading_mm + self.route.step_mm(self._last_stop, index)
+
+    def advance(self, stop: CapturedStop) -> None:
+        """Go on past a stop."""
+        self.skip(stop.stop, stop.stop_count)
+        self.last = stop
+        if not stop.refused:
+            self.laser.take(stop.stop, stop.reading_mm, anew=bool(stop.broken))
+        self._last_stop = stop.stop
+        self._last_reading_mm = stop.reading_mm
+
+    def skip(self, index: int, count: int | None) -> None:
+        """Go on past a stop without a reading."""
+        self.expected = index + 1
+        self._last_count = count
+
+    def finding(self, code: str, severity: Severity, stop: int, text: str) -> Finding:
+        """Return a finding that names the pass and the stop."""
+        place = f"{self.name}, stop {stop} of {len(self.route) - 1}"
+        return Finding(code=code, severity=severity, text=f"{place}: {text}", setup=self.route.setup, stop=stop)
+
+    def _stuck(self, count: int) -> list[Finding]:
+        """Return, once a pass, that the machine comes to a stop and does not count it."""
+        said, self._stuck_said = self._stuck_said, True
+        text = f"the machine stands at another stop and its counter still says {count}: it is stuck; stops are placed without it"
+        return [] if said else [self.finding("count-stuck", "warning", self.expected, text)]
+
+    def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
+        if count is None or self._last_count is None or self.expected == 0:
+            return self.expected, []
+        steps = count_steps(self._last_count, count)
+        if steps == 1:
+            return self.expected, []
+        if steps == 0:
+            return self.expected, self._stuck(count)
+        if 1 < steps <= COUNTER_TRUSTED:
+            index = self.expected + steps - 1
+            text = f"the stop counter went from {self._last_count} to {count}: {steps - 1} stop(s) were not seen on Modbus"
+            return index, [self.finding("stop-missed", "warning", self.expected, text)]
+        text = (
+            f"the stop counter went from {self._last_count} back to {count} (it counts to {COUNT_MODULUS - 1}): the PLC has started again"
+        )
+        return self.expected, [self.finding("count-reset", "warning", self.expected, text)]

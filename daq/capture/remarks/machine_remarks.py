@@ -1,0 +1,93 @@
+"""What the machine remarks of itself beside its stops: its heartbeat, alarms, and conditions that are not believed.
+
+Alarms and conditions go to the stop they belong to.
+"""
+
+from collections.abc import Iterator, Sequence
+from datetime import UTC, datetime
+
+import msgspec
+
+from stepdiag.daq.capture.captured_stop import CapturedStop, marked
+from stepdiag.daq.capture.conditions import COURSES, Credible, Judged, Remark
+from stepdiag.daq.capture.outcome import Outcome
+from stepdiag.daq.capture.place.walk import Walk
+from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.records.events import ModbusBlock
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import FOURDOF_RUNS
+
+STILL_NS = 1_500_000_000
+"""The heartbeat changes at least once a second (contract 2); polls and a slow gateway are allowed for by half as much again."""
+
+
+class Pulse:
+    """Follows the heartbeat of one log. ``still`` tells that it has stood for too long; a machine without one is believed."""
+
+    def __init__(self) -> None:
+        self.still = False
+        self.beat_ns = 0
+        """The request of the poll that saw it change last: what was read then was of that moment."""
+        self._value: int | None = None
+        self._heard_ns = 0
+
+    def take(self, signals: Signals, block: ModbusBlock) -> bool:
+        """Take a poll; return whether the heartbeat has just been found to stand still."""
+        if signals.heartbeat is None or signals.heartbeat != self._value:
+            self._value, self.beat_ns, self._heard_ns = signals.heartbeat, block.send_ns, block.recv_ns
+            self.still = False
+            return False
+        before, self.still = self.still, block.recv_ns - self._heard_ns > STILL_NS
+        return self.still and not before
+
+    def for_s(self, now_ns: int) -> float:
+        """Return for how long it has stood."""
+        return (now_ns - self._heard_ns) * 1e-9
+
+
+class Alarm:
+    """Follows the machine's alarm within a pass: each one is named with its time, and the stop it came before is doubted."""
+
+    def __init__(self, wall_offset_ns: int) -> None:
+        self._wall_offset_ns = wall_offset_ns
+        self._on = False
+        self._doubts: list[tuple[int, Remark]] = []
+
+    def look(self, walk: Walk, signals: Signals, now_ns: int, *, waiting: bool) -> Iterator[Finding]:
+        """Look at a poll; yield an alarm that has just come. ``waiting`` says that a standstill is over and not yet taken as a stop."""
+        before, self._on = self._on, bool(signals.alarm)
+        if self._on and not before:
+            moment = datetime.fromtimestamp((now_ns + self._wall_offset_ns) * 1e-9, UTC)
+            text = f"the machine reported an alarm at {moment:%H:%M:%S} UTC: whether it stood where it should is for a person to say"
+            self._doubts.append((now_ns, ("machine-alarm", text)))
+            last = len(walk.route) - 1
+            yield walk.finding("machine-alarm", "warning", min(walk.expected + waiting, last), text)
+
+    def doubts(self, stop: CapturedStop) -> list[Remark]:
+        """Return what is to be doubted of a stop: what came before it was over, and has not been told of another one."""
+        doubts = [remark for time_ns, remark in self._doubts if time_ns <= stop.window_to_ns]
+        self._doubts = [each for each in self._doubts if each[0] > stop.window_to_ns]
+        return doubts
+
+
+def remarked(walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm) -> Iterator[Outcome]:
+    """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its stops."""
+    stops = [each for each in taken if isinstance(each, CapturedStop)]
+    doubted = [] if walk.route.setup in FOURDOF_RUNS else judged.doubted
+    for code, words in (*judged.said, *doubted):
+        yield walk.finding(code, "warning", stops[0].stop if stops else walk.expected, words)
+    for each in taken:
+        yield _marked(each, judged.held, [*doubted, *alarm.doubts(each)]) if isinstance(each, CapturedStop) else each
+
+
+def _marked(stop: CapturedStop, held: tuple[str, ...], doubted: Sequence[Remark]) -> CapturedStop:
+    stop = msgspec.structs.replace(stop, held=held)
+    for code, words in doubted:
+        stop = marked(stop, code, words)
+    return stop
+
+
+def credible_of(stop: CapturedStop) -> dict[str, Credible]:
+    """Return the conditions of a stop that were believed."""
+    values = {name: getattr(stop, name) for name in COURSES if name not in stop.held}
+    return {name: Credible(value=value, time_s=stop.time_s) for name, value in values.items() if value is not None}

@@ -1,0 +1,81 @@
+"""What the machine does not say, and what therefore nobody can check: said before, during and after a survey."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from stepdiag.daq.capture.place.route import agrees, base_setup, make_route
+from stepdiag.daq.survey.models import Survey
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS
+
+POSITIONS = ("x_mm", "y_mm", "z_mm")
+WITHOUT = {
+    "stop_count": "a stop that was not seen on Modbus is known by the laser alone, and no handshake is possible",
+    "running": "an aborted program is known by where the laser says the machine is",
+    "heartbeat": "a control that no longer renews its signals is not noticed",
+    "alarm": "an alarm in a pass is not noticed",
+    "setup": "which setup runs is told by the plan alone",
+    "x_mm": "the commanded position is not checked against the survey",
+    "material_temperature_c": "the material temperature is taken from [environment]",
+    "air_temperature_c": "the air temperature is taken from [environment]",
+    "air_pressure_hpa": "the air pressure is taken from [environment]",
+    "relative_humidity_percent": "the humidity is taken from [environment]",
+}
+"""What can no longer be checked, or is taken from elsewhere, without a signal (contract 2)."""
+OF_THE_STOPS = ("stop_count", "running", "heartbeat", "alarm")
+"""Those that every survey is told of; position and setup have findings of their own, conditions stand in the result."""
+
+
+def places_known(survey: Survey) -> bool:
+    """Tell whether the machine says where it is commanded to stand."""
+    return survey.plc.silent or all(name in survey.plc.signals for name in POSITIONS)
+
+
+def unchecked(survey: Survey) -> tuple[Finding, ...]:
+    """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped."""
+    if survey.plc.silent:
+        return (Finding(code="no-signals", severity="warning", text="; ".join(_without_signals(survey))),)
+    texts = list(_without_position(survey)) if not places_known(survey) else []
+    missing = [f"without {name} {WITHOUT[name]}" for name in OF_THE_STOPS if name not in survey.plc.said]
+    findings = [Finding(code="position-unchecked", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
+    if "setup" not in survey.plc.said and len(_diagonals(survey)) > 1:
+        text = "without setup the diagonal is believed to be the one asked for: for the laser all body diagonals are alike"
+        findings.append(Finding(code="setup-unchecked", severity="warning", text=text))
+    if missing:
+        findings.append(Finding(code="signals-absent", severity="info", text="; ".join(missing)))
+    return tuple(findings)
+
+
+def _without_signals(survey: Survey) -> Iterator[str]:
+    """Yield what cannot be told apart where the laser alone places and names the stops."""
+    yield "the machine says nothing: the stops are placed and named by the laser's plateaus, each at its planned position"
+    yield "which setup is driven is what a person says, for the laser all body diagonals are alike"
+    yield "a program that drives elsewhere is noticed only where a step is off by more than 2 % and 20 um"
+    if alike := _alike(survey):
+        text = f"{' and '.join(alike)} make the same step along the diagonal, so the laser cannot tell which of them moved"
+        yield f"{text}, nor a pass that begins one stop too early or too late"
+    if any(setup.startswith("linear") for setup in survey.plan.setups):
+        yield "all steps of a linear run are alike: one that begins a stop too early or too late is noticed only by the way back"
+    yield "a lost beam ends the pass, and an alarm or a control that hangs is not noticed"
+
+
+def _without_position(survey: Survey) -> Iterator[str]:
+    yield "the commanded position is not read, so every stop is taken to be where the plan has it"
+    yield "a program that drives elsewhere is noticed only where a step is off by more than 2 % and 20 um"
+    alike = _alike(survey)
+    if alike:
+        yield f"{' and '.join(alike)} make the same step along the diagonal, so the laser cannot tell which of them moved"
+
+
+def _diagonals(survey: Survey) -> list[str]:
+    return [name for name in survey.plan.all_setups if base_setup(name) in BODY_DIAGONALS]
+
+
+def _alike(survey: Survey) -> list[str]:
+    """Return the axes whose steps along a diagonal are the same for the laser."""
+    if not _diagonals(survey):
+        return []
+    route = make_route(survey.volume, _diagonals(survey)[0], survey.axis_order, outward=True)
+    steps = {route.axis_to(stop).upper(): float(np.diff(route.nominal_mm)[stop - 1]) for stop in (1, 2, 3)}
+    return [axis for axis, step in steps.items() if any(agrees(step, other) for name, other in steps.items() if name != axis)]

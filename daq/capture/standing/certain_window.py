@@ -1,0 +1,143 @@
+"""The certain part of a dwell: cut where the count was lost, without what is not yet steady, judged against itself."""
+
+import math
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+
+from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.standing.steadiness import against_itself
+from stepdiag.daq.capture.standing.window import RESOLUTION_FLOOR_UM, Window, summarise
+from stepdiag.daq.survey.models import StopRules
+from stepdiag.daq.timing.stream import ARRIVAL_SLACK_NS, Break, Span
+
+MIN_SAMPLES = 3
+"""Fewer say nothing of their own scatter. A polled display gives no more in a short dwell."""
+
+
+class Placing(Protocol):
+    """The stream that places a stop: the laser's, or `daq.capture.head_stop.QdView` in a run of the 4-DOF head."""
+
+    @property
+    def breaks(self) -> list[Break]: ...
+    @property
+    def resolution_um(self) -> float: ...
+
+    def newest_ns(self) -> float: ...
+    def span(self, from_ns: float, to_ns: float, arrived_before_ns: float = math.inf) -> Span: ...
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Taken:
+    """A window of readings: the statistics, its bounds, and what is doubtful about it."""
+
+    window: Window
+    from_ns: float
+    to_ns: float
+    beam: float
+    doubtful: str = ""
+    codes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """A part of a dwell in which all readings share a zero: those that were taken in it and came before the loss that ends it."""
+
+    from_ns: float
+    to_ns: float
+    arrived_before_ns: float = math.inf
+
+    def span(self, stream: Placing, from_ns: float) -> Span:
+        """Return the usable samples of this part from a time on."""
+        return stream.span(from_ns, self.to_ns, self.arrived_before_ns)
+
+
+def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
+    """Return a dwell cut where the count was lost, or may have been; at least one part, each ending with its last sample.
+
+    A loss is known by the arrival of the chunk that shows it. Samples from after it may be in that chunk and have been taken before the
+    dwell's end though they came later than that: they belong to no part.
+    """
+    latest_ns = dwell.to_ns + ARRIVAL_SLACK_NS
+    cuts = sorted({event.time_ns for event in stream.breaks if dwell.from_ns < event.time_ns <= latest_ns})
+    parts: list[Part] = []
+    begin = dwell.from_ns
+    for cut in cuts:
+        seen = Part(begin, min(cut - 1, dwell.to_ns), cut)
+        taken_ns = seen.span(stream, begin).time_ns
+        parts.append(replace(seen, to_ns=float(taken_ns[-1]) if len(taken_ns) else begin))
+        begin = cut
+        if begin > dwell.to_ns:
+            return parts
+    return [*parts, Part(begin, dwell.to_ns)]
+
+
+def certain_windows(stream: Placing, dwell: Dwell, rules: StopRules) -> list[Taken]:
+    """Return the means over the certain part of a dwell.
+
+    One is the rule. Where the count was lost in the dwell there may be one before and one after: the machine stood all the while, so they
+    tell by how much the count went wrong. Before a loss only a window without any doubt counts, unless there is no other.
+    """
+    *before, last = unbroken_parts(stream, dwell)
+    earlier = [taken for part in before if (taken := certain_window(stream, part, rules)) is not None]
+    sure = [taken for taken in earlier if not taken.doubtful]
+    taken = certain_window(stream, last, rules)
+    return [*sure, taken] if taken is not None else sure or earlier[-1:]
+
+
+def certain_window(stream: Placing, part: Part, rules: StopRules) -> Taken | None:
+    """Return the stream's mean over a part of a dwell, or None where no usable sample lies in it.
+
+    The first ``settle_s`` are left out. If the rest is not yet steady, later parts of it are tried while they are long enough. A step in
+    the rest, or a value that is frozen, makes the stop doubtful whichever part is taken.
+    """
+    start = part.from_ns + rules.settle_s * 1e9
+    span = part.span(stream, start)
+    whole = take(span, start, part.to_ns, rules, stream.resolution_um)
+    if whole is None:
+        return None
+    return _doubted(_steadiest(stream, part, whole, rules), against_itself(span.position_mm, whole.window, stream.resolution_um))
+
+
+def _steadiest(stream: Placing, part: Part, whole: Taken, rules: StopRules) -> Taken:
+    """Return the longest steady end of a part of a dwell; all of it where none is long enough."""
+    length = part.to_ns - whole.from_ns
+    for left_out in (0.0, 0.25, 0.5, 0.75):
+        begin = whole.from_ns + left_out * length
+        if left_out and part.to_ns - begin < rules.min_window_s * 1e9:
+            break
+        taken = take(part.span(stream, begin), begin, part.to_ns, rules, stream.resolution_um) if left_out else whole
+        if taken is None or not _unsteady(taken.window, rules):
+            return taken or whole
+    return whole
+
+
+def _doubted(taken: Taken, doubts: list[tuple[str, str]]) -> Taken:
+    words = [text for text in (taken.doubtful, *(text for _, text in doubts)) if text]
+    codes = (*(("stop-doubtful",) if taken.doubtful else ()), *(code for code, _ in doubts))
+    return replace(taken, doubtful="; ".join(words), codes=tuple(dict.fromkeys(codes)))
+
+
+def take(span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_um: float) -> Taken | None:
+    """Return the statistics of a span of readings, its bounds, and why it is not steady; None where it holds too few samples."""
+    if len(span.time_ns) < MIN_SAMPLES:
+        return None
+    least_um = resolution_um if math.isfinite(resolution_um) else RESOLUTION_FLOOR_UM
+    window = summarise((span.time_ns - span.time_ns[0]) * 1e-9, span.position_mm, least_um)
+    beam = float(np.nanmean(span.beam)) if np.isfinite(span.beam).any() else math.nan
+    doubts = [_unsteady(window, rules)]
+    if (to_ns - from_ns) < 0.5 * rules.min_window_s * 1e9:
+        doubts.append(f"only {(to_ns - from_ns) * 1e-9:.3f} s of the dwell are certain, {rules.min_window_s:g} s are wanted: dwell longer")
+    if span.unusable > len(span.time_ns):
+        doubts.append(f"{span.unusable} of {span.unusable + len(span.time_ns)} samples are unusable")
+    return Taken(window=window, from_ns=from_ns, to_ns=to_ns, beam=beam, doubtful="; ".join(text for text in doubts if text))
+
+
+def _unsteady(window: Window, rules: StopRules) -> str:
+    """Return in words why a window is not steady: its trend beyond doubt too steep, or its scatter too wide; empty if it is."""
+    if abs(window.slope_um_s) > rules.max_slope_um_s + 3.0 * window.u_slope_um_s:
+        return f"still moving at {window.slope_um_s:.2f} um/s (limit {rules.max_slope_um_s:g})"
+    if window.scatter_um > rules.max_scatter_um:
+        return f"scatter {window.scatter_um:.2f} um (limit {rules.max_scatter_um:g})"
+    return ""

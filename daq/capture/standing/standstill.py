@@ -1,0 +1,124 @@
+"""From dwells to standstills: what Modbus shows in parts the laser knows to be one.
+
+Registers may lag behind the stop signal by some polls, and show the stop before or a place on the way; a stop signal may flicker. Both
+cut one standstill into several dwells. Whether the machine moved in between the laser says.
+"""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stepdiag.daq.capture.standing.certain_window import Placing
+from stepdiag.daq.capture.standing.dwell import FLICKER_NS, Dwell, same_stop
+
+STILL_MM = 0.02
+"""A machine that stands still does so within this; the shortest step is many times that."""
+STRAYS = 0.1
+"""So large a share of the samples between two dwells may be wrong, and the machine stood all the same."""
+MOST = 0.5
+"""Where no move was seen between two dwells, most of the samples of the first tell; its very first ones may still be of the move."""
+LEAST_SAMPLES = 3
+RECENT = 9
+RECENT_MS = 50
+"""The end of one dwell and the newest samples of the next are compared, and all between them."""
+LEAST_MS = 20
+"""A dwell that a single poll saw is looked at for so long."""
+SAMPLES_MS = 500
+"""How long the samples of a dwell that has just begun are waited for."""
+MS = 1_000_000
+
+
+@dataclass(slots=True)
+class _Waiting:
+    dwell: Dwell
+    end_ns: int
+
+
+class Standstills:
+    """The closed dwells that wait to be taken, in order; those that are one standstill are joined."""
+
+    def __init__(self) -> None:
+        self._waiting: list[_Waiting] = []
+        self._taken: _Waiting | None = None
+
+    def __bool__(self) -> bool:
+        return bool(self._waiting)
+
+    def add(self, dwell: Dwell) -> None:
+        """Take a dwell that was closed."""
+        self._waiting.append(_Waiting(dwell, dwell.to_ns))
+
+    def first(self) -> Dwell:
+        """Return the dwell that waits longest."""
+        return self._waiting[0].dwell
+
+    def settled(self, now_ns: int, going_on: Dwell | None, placing: Placing | None) -> bool:
+        """Tell whether the first standstill is over: another one has begun, or the machine has moved for a while.
+
+        ``placing`` is None where no stream tells whether the machine moved: a 4-DOF head does not see its travel.
+        """
+        while len(self._waiting) > 1:
+            following = self._waiting[1].dwell
+            one = _one(self._waiting[0], following, placing)
+            if one is None and now_ns - following.from_ns < SAMPLES_MS * MS:
+                return False
+            if not one:
+                return True
+            self._waiting[0] = _joined(self._waiting[0], self._waiting.pop(1).dwell)
+        if going_on is None:
+            return now_ns - self._waiting[0].end_ns >= FLICKER_NS
+        one = _one(self._waiting[0], going_on, placing)
+        return now_ns - going_on.from_ns >= SAMPLES_MS * MS if one is None else not one
+
+    def take(self) -> Dwell:
+        """Return the first standstill, which waits no longer."""
+        self._taken = self._waiting.pop(0)
+        return self._taken.dwell
+
+    def goes_on(self, going_on: Dwell, placing: Placing | None) -> bool:
+        """Tell whether a dwell is the standstill that was taken last once more: the stop signal fell and rose, the machine did not move.
+
+        Where no samples tell, counter and position do.
+        """
+        if self._taken is None:
+            return False
+        one = _one(self._taken, going_on, placing) if placing is not None else None
+        told = going_on.signals.stop_count is not None or going_on.signals.commanded_mm is not None
+        return one if one is not None else told and same_stop(self._taken.dwell.signals, going_on.signals)
+
+    def are(self, going_on: Dwell, placing: Placing | None) -> bool:
+        """Tell whether all that wait are earlier parts of the dwell that goes on."""
+        return all(bool(_one(each, going_on, placing)) for each in self._waiting)
+
+    def taken_early(self, dwell: Dwell) -> None:
+        """Take note that a standstill was taken while it lasts; all that wait are shorter parts of it."""
+        self._waiting, self._taken = [], _Waiting(dwell, dwell.to_ns)
+
+
+def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None:
+    """Tell whether two dwells are one standstill: no move was seen between them, or but for a moment, and the laser stood still.
+
+    None while there are too few samples to tell.
+    """
+    unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
+    flicker = after.from_ns - before.end_ns < FLICKER_NS and same_stop(before.dwell.signals, after.signals)
+    if placing is None:
+        return flicker and after.signals.stop_count is not None
+    if not (unbroken or flicker):
+        return False
+    then = placing.span(after.from_ns, max(after.to_ns, after.from_ns + LEAST_MS * MS)).position_mm[-RECENT:]
+    if len(then) < LEAST_SAMPLES:
+        return None
+    earlier = placing.span(max(before.dwell.from_ns, before.end_ns - RECENT_MS * MS), after.from_ns).position_mm
+    strays = float(np.mean(np.abs(earlier - np.median(then)) > STILL_MM)) if len(earlier) else 0.0
+    return strays < (MOST if unbroken else STRAYS)
+
+
+def _joined(before: _Waiting, after: Dwell) -> _Waiting:
+    """Return two dwells as one: all of both where no move was seen, else the longer part; the signals are those of most polls."""
+    longer = max(before.dwell, after, key=lambda each: (each.to_ns - each.from_ns, each.from_ns))
+    if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:
+        return _Waiting(longer, after.to_ns)
+    told = max(before.dwell, after, key=lambda each: (each.polls, each.from_ns))
+    whole = replace(before.dwell, to_ns=after.to_ns, signals=told.signals, polls=before.dwell.polls + after.polls)
+    return _Waiting(replace(whole, blind=before.dwell.blind or after.blind), after.to_ns)

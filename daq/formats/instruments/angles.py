@@ -1,0 +1,122 @@
+"""Instruments that tell angles, one text line a reading: Elcomat 3000 autocollimators, Wyler levels, and what is described like them.
+
+Elcomat 3000: single letters are commands; `A` begins a stream of absolute readings, each `type status x y` in arc-seconds up to a CR. Types
+1 and 2 are relative, 3 and 4 absolute; the third digit of the status is 1 where x is valid, 2 where y is, 3 for both
+(dls-controls/elcomat3000 @5b459ca). Only readings of the absolute stream count: a relative one has another origin and nobody could tell.
+Wyler: asked by `P`; the second field of the answer is the angle, the fourth another quantity (CERN's use of the Zerotronic; only facts
+of it are known, so a pattern and the unit may stand in the survey file).
+"""
+
+import math
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.daq.formats.framing.batch import Batch
+from stepdiag.daq.formats.framing.checks import require
+from stepdiag.daq.formats.framing.lines import LineBuffer, quote
+from stepdiag.daq.formats.instruments.line import line_pattern
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
+
+AngleUnit = Literal["arcsec", "urad", "mrad", "deg"]
+URAD = {"arcsec": math.pi / 180 / 3600 * 1e6, "urad": 1.0, "mrad": 1e3, "deg": math.pi / 180 * 1e6}
+NUMBER = r"[-+]?[0-9]+(?:\.[0-9]*)?"
+ELCOMAT = rf"\s*3\s+[0-9][0-9](?P<valid>[0-3])\s+(?P<first>{NUMBER})\s+(?P<second>{NUMBER})\s*"
+WYLER = rf"\s*[^\s,;]+[\s,;]+(?P<first>{NUMBER})(?:[\s,;].*)?"
+GROUPS = ("first", "second", "valid")
+_LINE_CAP = 200
+_LARGEST_URAD = 1e6
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AnglesSettings:
+    """What a line looks like.
+
+    ``pattern`` matches the whole of it, with the groups ``first`` and maybe ``second`` and ``valid`` (1 first, 2 second, 3 both).
+    ``greeting`` is sent once, ``request`` for each reading; an instrument that speaks by itself has none.
+    """
+
+    pattern: str
+    unit: AngleUnit = "arcsec"
+    request: str = ""
+    greeting: str = ""
+    poll_hz: float = 10.0
+    terminator: Literal["\n", "\r"] = "\r"
+    latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        groups = line_pattern(self.pattern, "survey: head.angles.pattern").groupindex
+        require("first" in groups, "head.angles.pattern", "a named group (?P<first>...)", self.pattern)
+        require(set(groups) <= set(GROUPS), "head.angles.pattern", f"no other groups than {', '.join(GROUPS)}", sorted(groups))
+        require(0 < self.poll_hz <= 100, "head.angles.poll_hz", "a number above 0 and up to 100", self.poll_hz)
+        require((self.request + self.greeting).isascii(), "head.angles.request", "plain ASCII", self.request)
+
+
+class AnglesDecoder:
+    """Decoder of an angular instrument that speaks by itself (`daq.timing.samples.Decoder`).
+
+    ``channels`` has shape (count, 1 or 2): angles in urad. Positions and beam are NaN. The host numbers the readings.
+    """
+
+    gaps_visible = False
+    nominal_rate_hz: float | None = None
+
+    def __init__(self, settings: AnglesSettings) -> None:
+        self._settings = settings
+        self._pattern = line_pattern(settings.pattern, "survey: head.angles.pattern")
+        self._columns = 2 if "second" in self._pattern.groupindex else 1
+        self._end = settings.terminator.encode()
+        self._lines = LineBuffer(_LINE_CAP, self._end)
+        self._number = 0
+        self._cut = not settings.request
+        self.greeting = settings.greeting.encode("ascii")
+        self.latency_s = settings.latency_s
+
+    def resync(self) -> None:
+        """Forget the half line; the next one may be cut in front and still look whole."""
+        self._lines = LineBuffer(_LINE_CAP, self._end)
+        self._cut = not self._settings.request
+
+    def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
+        """Return the readings that ``chunk`` completes, one sample each. What is no reading is a garbage notice."""
+        batch = Batch()
+        for line in self._lines.feed(chunk).split(self._end)[:-1]:
+            if self._cut:
+                self._cut = False
+            elif line.strip():
+                self._add(line, batch)
+        return batch.samples(arrival_ns)
+
+    def _add(self, line: bytes, batch: Batch) -> None:
+        found = self._pattern.fullmatch(line.decode("latin-1"))
+        values = self._values(found.groupdict()) if found is not None else None
+        if values is None:
+            batch.notices.append(Notice(code="garbage", index=batch.count, text=quote(line)))
+            return
+        flags = np.zeros(1, dtype=np.uint16)
+        if not np.isfinite(values).all():
+            flags[0] = np.uint16(Flag.OUT_OF_RANGE)
+        batch.add(np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :])
+        self._number += 1
+
+    def _values(self, groups: dict[str, str | None]) -> np.ndarray[tuple[int], np.dtype[np.float64]] | None:
+        """Return the angles in urad, NaN for one that is not valid; None where the text is no number that an instrument shows."""
+        valid = groups.get("valid") or "3"
+        try:
+            numbers = [float(groups[name] or "nan") for name in GROUPS[: self._columns]]
+            seen = [int(valid) & 1, int(valid) & 2]
+        except ValueError:
+            return None
+        values = np.array([number * URAD[self._settings.unit] if ok else np.nan for number, ok in zip(numbers, seen, strict=False)])
+        return None if (np.abs(values) > _LARGEST_URAD).any() else values
+
+
+class AskedAnglesDecoder(AnglesDecoder):
+    """Decoder of one that answers requests (`daq.timing.samples.PolledDecoder`)."""
+
+    def __init__(self, settings: AnglesSettings) -> None:
+        super().__init__(settings)
+        self.request = settings.request.encode("ascii")
+        self.poll_interval_s = 1.0 / settings.poll_hz
+        self.nominal_rate_hz = settings.poll_hz

@@ -1,0 +1,170 @@
+"""`frames`: any instrument that sends one binary frame of fixed size a sample, described by its configuration; the sibling of `line`."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.daq.formats.framing.batch import Batch, judge_beam, mark
+from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
+from stepdiag.daq.formats.framing.checksums import CHECKSUMS
+from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
+from stepdiag.daq.formats.framing.frames import FrameBuffer, Frames, Junk
+from stepdiag.daq.formats.framing.layout import ByteOrder, Place, read_layout
+from stepdiag.daq.formats.framing.units import Unit, mm_per_unit
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
+
+LARGEST_FRAME = 1024
+_LONGEST_WRAP_GAP = 1000
+"""Samples believed to be missing across the end of the counter; more is taken for an instrument that was reset."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FramesSettings:
+    """What a frame looks like and what its numbers mean.
+
+    A frame is ``sync`` (hexadecimal), the numbers of ``layout`` in their order, and the checksum over all bytes before it from byte
+    ``checksum_from`` on. Position in mm = number x ``scale`` x ``unit``. ``lost_bits``, ``error_bits`` and ``good_bits`` are masks of
+    ``status``: any of the first set is a lost beam, any of the second a fault of the instrument; the third must all be set.
+    """
+
+    sync: str
+    layout: tuple[str, ...]
+    byte_order: ByteOrder = "little"
+    checksum: str = "none"
+    checksum_from: int = 0
+    checksum_order: ByteOrder | None = None
+    unit: Unit = "mm"
+    scale: float = 1.0
+    beam_full: float = 1.0
+    beam_threshold: float = 0.2
+    lost_bits: int = 0
+    error_bits: int = 0
+    good_bits: int = 0
+    rate_hz: float | None = None
+    wavelength_nm: float = 632.991
+    optics: int = 1
+    sign: int = 1
+    latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(0 < len(self.sync_bytes) <= 16, "laser.frames.sync", "1 to 16 bytes in hexadecimal, such as AA55", self.sync)
+        try:
+            places, _ = read_layout(self.layout, len(self.sync_bytes))
+        except ValueError as error:
+            require(False, "laser.frames.layout", "fields such as position i32", str(error))
+        require("position" in places, "laser.frames.layout", "a field position", list(self.layout))
+        require(self.size <= LARGEST_FRAME, "laser.frames.layout", f"frames of at most {LARGEST_FRAME} bytes", self.size)
+        require(self.checksum in CHECKSUMS, "laser.frames.checksum", f"one of {', '.join(CHECKSUMS)}", self.checksum)
+        require(0 <= self.checksum_from < self.size, "laser.frames.checksum_from", "a byte of the frame", self.checksum_from)
+        for name in ("counter", "status"):
+            require(name not in places or places[name].kind != "f", "laser.frames.layout", f"a whole number for {name}", list(self.layout))
+        for name in ("lost_bits", "error_bits", "good_bits"):
+            said = getattr(self, name)
+            require(not said or "status" in places, f"laser.frames.{name}", "0 without a field status", said)
+            require(said >= 0, f"laser.frames.{name}", "a mask of bits", said)
+        require(self.scale != 0, "laser.frames.scale", "a number other than 0", self.scale)
+        require(self.beam_full > 0, "laser.frames.beam_full", "a number above 0", self.beam_full)
+        require(0 <= self.beam_threshold < 1, "laser.frames.beam_threshold", "a number from 0 to below 1", self.beam_threshold)
+        require(self.rate_hz is None or self.rate_hz > 0, "laser.frames.rate_hz", "a number above 0", self.rate_hz)
+        require_interferometer(self.wavelength_nm, self.optics)
+        require_sign(self.sign)
+
+    @property
+    def sync_bytes(self) -> bytes:
+        """Return the bytes that every frame begins with; none where they are not hexadecimal."""
+        try:
+            return bytes.fromhex(self.sync)
+        except ValueError:
+            return b""
+
+    @property
+    def places(self) -> dict[str, Place]:
+        """Return where each number stands."""
+        return read_layout(self.layout, len(self.sync_bytes))[0]
+
+    @property
+    def size(self) -> int:
+        """Return the bytes of a frame."""
+        return read_layout(self.layout, len(self.sync_bytes))[1] + (CHECKSUMS[self.checksum].size if self.checksum in CHECKSUMS else 0)
+
+
+class FramesDecoder:
+    """Decoder of configured binary frames (`daq.timing.samples.Decoder`).
+
+    What belongs to no frame is a garbage notice that quotes its beginning. A position that is no finite number is a sample: NaN, flagged
+    DEVICE_ERROR. Without a counter the frames are numbered and a lost one is not seen.
+    """
+
+    def __init__(self, settings: FramesSettings) -> None:
+        self._settings = settings
+        self._places = settings.places
+        self._checksum = CHECKSUMS[settings.checksum]
+        self._frames = FrameBuffer(settings.sync_bytes, settings.size, self._is_whole)
+        self._mm = settings.sign * settings.scale * mm_per_unit(settings.unit, settings.wavelength_nm, settings.optics)
+        self._track = CounterTrack(_wraps(self._places.get("counter")))
+        self._number = 0
+        self.nominal_rate_hz = settings.rate_hz
+        self.gaps_visible = "counter" in self._places
+        self.latency_s = settings.latency_s
+
+    def resync(self) -> None:
+        """Forget the half frame: the stream was interrupted."""
+        self._frames.clear()
+
+    def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
+        """Return the samples that ``chunk`` completes."""
+        batch = Batch()
+        for part in self._frames.feed(chunk):
+            if isinstance(part, Junk):
+                batch.notices.append(Notice(code="garbage", index=batch.count, text=part.text))
+            else:
+                self._add(part, batch)
+        return batch.samples(arrival_ns)
+
+    def _is_whole(self, frame: bytes) -> bool:
+        checksum, settings = self._checksum, self._settings
+        if not checksum.size:
+            return True
+        end = len(frame) - checksum.size
+        said = int.from_bytes(frame[end:], settings.checksum_order or settings.byte_order)
+        return said == checksum.of(frame[settings.checksum_from : end])
+
+    def _add(self, frames: Frames, batch: Batch) -> None:
+        settings = self._settings
+        followed = self._track.follow(self._counter(frames))
+        batch.remark(followed.breaks, followed.keep)
+        kept = frames[followed.keep]
+        position_mm = self._column(kept, "position").astype(np.float64) * self._mm
+        flags = np.zeros(len(kept), dtype=np.uint16)
+        wrong = ~np.isfinite(position_mm)
+        position_mm[wrong] = np.nan
+        mark(flags, wrong, Flag.DEVICE_ERROR)
+        if "status" in self._places:
+            status = self._column(kept, "status").astype(np.int64)
+            mark(flags, (status & settings.lost_bits) != 0, Flag.BEAM_LOST)
+            mark(flags, ((status & settings.error_bits) != 0) | ((status & settings.good_bits) != settings.good_bits), Flag.DEVICE_ERROR)
+        beam = None
+        if "beam" in self._places:
+            beam = np.clip(np.nan_to_num(self._column(kept, "beam").astype(np.float64)) / settings.beam_full, 0.0, 1.0)
+            judge_beam(beam, settings.beam_threshold, flags)
+        batch.add(followed.counter, position_mm, flags, beam=beam)
+
+    def _counter(self, frames: Frames) -> NDArray[np.int64]:
+        if self.gaps_visible:
+            return self._column(frames, "counter").astype(np.int64)
+        first, self._number = self._number, self._number + len(frames)
+        return np.arange(first, self._number, dtype=np.int64)
+
+    def _column(self, frames: Frames, name: str) -> NDArray[np.float64] | NDArray[np.int64]:
+        return self._places[name].column(frames, self._settings.byte_order)
+
+
+def _wraps(counter: Place | None) -> Sequence[Wrap]:
+    """Return how the counter begins again: at the end of its bits, signed or not."""
+    if counter is None or counter.size == 8:
+        return ()
+    values = 1 << 8 * counter.size
+    low = -values // 2 if counter.kind == "i" else 0
+    return (Wrap(low, low + values - 1, min(values // 2, _LONGEST_WRAP_GAP)),)

@@ -1,0 +1,201 @@
+"""`line`: any instrument that sends one ASCII line a sample, described by its configuration.
+
+The route for instruments whose wire format is not public: a regular expression with the named groups ``position``,
+``counter`` and ``beam`` says where the numbers stand. It is matched in time linear in the line (RE2), so that a line which
+lost a comma cannot hold up the recording for minutes; what RE2 does not know (looking ahead or behind, references to groups)
+is refused.
+"""
+
+import re
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+import re2
+
+from stepdiag.daq.formats.framing.batch import NOTHING, Batch, judge_beam
+from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
+from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
+from stepdiag.daq.formats.framing.lines import LineBuffer, quote
+from stepdiag.daq.formats.framing.units import Unit, mm_per_unit
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
+from stepdiag.solver.errors import UsageError
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LineSettings:
+    """What a line looks like and what its numbers mean.
+
+    ``pattern`` must match the whole line, terminator excluded. Its group ``position`` is required; ``counter`` and ``beam``
+    are optional. Position in mm = number x ``scale`` x ``unit``; the unit ``counts`` is half a vacuum wavelength divided by ``optics``.
+    ``counter_modulus`` is the number of values of the counter before it repeats (None: it never does); signed or unsigned
+    makes no difference. ``beam`` is divided by ``beam_full``; below ``beam_threshold`` (0 to 1) the beam is lost, below twice
+    that it is weak. ``rate_hz`` is the data sheet's rate, None where unknown.
+    """
+
+    pattern: str
+    unit: Unit = "mm"
+    scale: float = 1.0
+    counter_modulus: int | None = 65536
+    beam_threshold: float = 0.2
+    beam_full: float = 1.0
+    rate_hz: float | None = None
+    encoding: str = "ascii"
+    terminator: Literal["\n", "\r"] = "\n"
+    wavelength_nm: float = 632.991
+    optics: int = 1
+    sign: int = 1
+    latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        groups = self._groups()
+        require("position" in groups, "laser.line.pattern", "a named group (?P<position>...)", self.pattern)
+        modulus = self.counter_modulus
+        require(modulus is None or modulus > 1, "laser.line.counter_modulus", "a whole number above 1", modulus)
+        require(self.beam_full > 0, "laser.line.beam_full", "a number above 0", self.beam_full)
+        require(0 <= self.beam_threshold < 1, "laser.line.beam_threshold", "a number from 0 to below 1", self.beam_threshold)
+        require(self.rate_hz is None or self.rate_hz > 0, "laser.line.rate_hz", "a number above 0", self.rate_hz)
+        require_interferometer(self.wavelength_nm, self.optics)
+        require_sign(self.sign)
+
+    def _groups(self) -> frozenset[str]:
+        try:
+            require("\n".encode(self.encoding) == b"\n", "laser.line.encoding", "an encoding that extends ASCII", self.encoding)
+        except LookupError as error:
+            raise UsageError("survey: laser.line.encoding", expected="an encoding such as ascii", found=self.encoding) from error
+        return frozenset(line_pattern(self.pattern, "survey: laser.line.pattern").groupindex)
+
+
+LONGEST_QUOTE = 200
+MOST_MEMORY_BYTES = 4_000_000
+"""That a pattern may take; one that needs more is refused."""
+LINE_CAP = 4096
+"""Bytes; no instrument that sends a line a sample comes near."""
+
+_LONGEST_WRAP_GAP = 1000
+"""Samples believed to be missing across the end of the counter; more is taken for an instrument that was reset."""
+_NUMBER = re.compile(r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*")
+_COUNT = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    position: float
+    count: int
+    beam: float
+
+
+class LineDecoder:
+    """Decoder of configured ASCII lines (`daq.timing.samples.Decoder`).
+
+    A line that does not match, or whose counter is no number, is a garbage notice. A matching line whose position is no number
+    is a sample: NaN, flagged DEVICE_ERROR. The first line of a stream may be cut in front: its sample is flagged OUT_OF_RANGE.
+    Without a counter in the line the lines are numbered and a lost one is not seen.
+    """
+
+    def __init__(self, settings: LineSettings) -> None:
+        self._settings = settings
+        self._pattern = line_pattern(settings.pattern, "survey: laser.line.pattern")
+        place = self._pattern.groupindex
+        self._places = [place["position"], place.get("counter"), place.get("beam")]
+        self._mm = settings.sign * settings.scale * mm_per_unit(settings.unit, settings.wavelength_nm, settings.optics)
+        self._terminator = settings.terminator.encode()
+        self._lines = LineBuffer(LINE_CAP, self._terminator)
+        modulus = settings.counter_modulus
+        self._track = CounterTrack([Wrap(0, modulus - 1, min(modulus // 2, _LONGEST_WRAP_GAP))] if modulus else [])
+        self._first_line = True
+        self._number = -1
+        self.nominal_rate_hz = settings.rate_hz
+        self.gaps_visible = "counter" in place
+        self.latency_s = settings.latency_s
+
+    def resync(self) -> None:
+        """Forget the half line and pass over the rest of it: the stream was interrupted."""
+        self._lines.skip_line()
+
+    def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
+        """Return the samples that ``chunk`` completes."""
+        block = self._lines.feed(chunk)
+        if not block:
+            return NOTHING
+        batch = Batch()
+        rows: list[_Row] = []
+        for line in block[:-1].split(self._terminator):
+            row = self._parse(line) if line.strip() else None
+            if row is not None:
+                rows.append(row)
+            elif line.strip():
+                self._add(rows, batch)
+                rows = []
+                batch.notices.append(Notice(code="garbage", index=batch.count, text=f"a line that does not match: {quote(line)}"))
+            if self._first_line:
+                self._first_line = False
+                self._add(rows, batch)
+                rows = []
+                batch.doubt(Flag.OUT_OF_RANGE)
+        self._add(rows, batch)
+        return batch.samples(arrival_ns)
+
+    def _parse(self, line: bytes) -> _Row | None:
+        """Return the numbers of a line, NaN for those it does not hold; None where it does not match."""
+        try:
+            text = line.decode(self._settings.encoding).strip("\r\n")
+        except UnicodeDecodeError:
+            return None
+        found = self._pattern.fullmatch(text.encode()) if len(line) <= LINE_CAP else None  # RE2 looks at UTF-8: twice as fast as at text
+        if found is None:
+            return None
+        told = (None if place is None else found.group(place) for place in self._places)
+        position, counter, beam = (None if value is None else value.decode() for value in told)
+        count = self._count(counter)
+        return None if count is None else _Row(_number(position), count, _number(beam))
+
+    def _count(self, text: str | None) -> int | None:
+        if not self.gaps_visible:
+            self._number += 1
+            return self._number
+        if text is None or not _COUNT.fullmatch(text):
+            return None
+        modulus = self._settings.counter_modulus
+        return int(text) % modulus if modulus else int(text)
+
+    def _add(self, rows: list[_Row], batch: Batch) -> None:
+        """Add rows that follow each other without anything between."""
+        if not rows:
+            return
+        followed = self._track.follow(np.array([row.count for row in rows], dtype=np.int64))
+        kept = [row for row, keep in zip(rows, followed.keep.tolist(), strict=True) if keep]
+        batch.remark(followed.breaks, followed.keep)
+        position_mm = np.array([row.position for row in kept], dtype=np.float64) * self._mm
+        beam = np.clip(np.array([row.beam for row in kept], dtype=np.float64) / self._settings.beam_full, 0.0, 1.0)
+        flags = np.where(np.isnan(position_mm), Flag.DEVICE_ERROR, 0).astype(np.uint16)
+        judge_beam(beam, self._settings.beam_threshold, flags)
+        batch.add(followed.counter, position_mm, flags, beam=beam)
+
+
+def line_pattern(pattern: str, where: str) -> Any:
+    """Return a pattern ready to match. Raises UsageError for what RE2 cannot hold; ``where`` names the pattern."""
+    options = re2.Options()
+    options.log_errors = False
+    options.max_mem = MOST_MEMORY_BYTES
+    try:
+        return re2.compile(pattern, options)
+    except re2.error as error:
+        why = error.args[0].decode("utf-8", "replace") if error.args and isinstance(error.args[0], bytes) else str(error)
+        raise UsageError(
+            where,
+            expected="a regular expression of RE2, between single quotes",
+            found=f"{_shortened(pattern)} ({_shortened(why)})",
+            remedy="it knows no looking ahead or behind and no references to groups; the log of an older survey is read with another"
+            " pattern by `stepdiag replay --survey FILE`",
+        ) from error
+
+
+def _shortened(text: str) -> str:
+    return repr(text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}...")
+
+
+def _number(text: str | None) -> float:
+    """Return the number, which may stand apart from its sign; NaN where there is none."""
+    found = _NUMBER.fullmatch(text) if text is not None else None
+    return float(found["sign"] + found["digits"]) if found else float("nan")

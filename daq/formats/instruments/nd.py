@@ -1,0 +1,129 @@
+"""`nd`: Heidenhain ND position displays over RS-232, polled (reference: instruments 1.B; ND 287, ND 281 B, ND 720 manuals)."""
+
+import re
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.daq.formats.framing.batch import Batch
+from stepdiag.daq.formats.framing.checks import require, require_sign
+from stepdiag.daq.formats.framing.lines import quote
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class NdSettings:
+    """How to ask and read an ND display.
+
+    ``value`` is the current value (whole steps of ``resolution_mm``, which is a setting of the device) or the displayed one
+    (with a decimal point, in ``unit``). ``axis`` counts the lines of an answer from 1 on displays with several axes.
+    """
+
+    value: Literal["current", "displayed"] = "current"
+    axis: int = 1
+    resolution_mm: float = 0.0001
+    unit: Literal["mm", "inch"] = "mm"
+    poll_hz: float = 20.0
+    sign: int = 1
+    latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(1 <= self.axis <= 8, "laser.nd.axis", "a whole number from 1 to 8", self.axis)
+        require(self.resolution_mm > 0, "laser.nd.resolution_mm", "a number above 0", self.resolution_mm)
+        require(0 < self.poll_hz <= 100, "laser.nd.poll_hz", "a number above 0 and up to 100", self.poll_hz)
+        require_sign(self.sign)
+
+
+ANSWER_CAP = 256
+"""Bytes of one line of an answer; the longest of the manual, an error text, is a display line."""
+
+_STX, _ACK, _LF, _NAK = 0x02, 0x06, 0x0A, 0x15
+_REQUESTS = {"current": b"\x1bA0200\r", "displayed": b"\x1bA0100\r"}
+_GRAMMAR = {
+    "current": re.compile(rb"[+-][0-9]{1,9}"),  # sign and nine digits, no point
+    "displayed": re.compile(rb"[+-]?[0-9]*\.?[0-9]+"),  # ten to thirteen characters with the point
+}
+_MM_PER_UNIT = {"mm": 1.0, "inch": 25.4}
+
+
+class NdDecoder:
+    """Decoder of an ND display (`daq.timing.samples.PolledDecoder`).
+
+    An answer is STX, then one line for each axis, each ended by CR LF. NAK, or text in the place of the value, is a sample all
+    the same: NaN, flagged DEVICE_ERROR, with a notice. The host numbers the answers; a lost answer is not seen here.
+    """
+
+    gaps_visible = False
+
+    def __init__(self, settings: NdSettings) -> None:
+        self._settings = settings
+        self._grammar = _GRAMMAR[settings.value]
+        unit_mm = settings.resolution_mm if settings.value == "current" else _MM_PER_UNIT[settings.unit]
+        self._mm = settings.sign * unit_mm
+        self._line = bytearray()
+        self._axis = 0
+        """The axis whose line comes next, counted from 1; 0 outside an answer."""
+        self._number = 0
+        self.request = _REQUESTS[settings.value]
+        self.poll_interval_s = 1 / settings.poll_hz
+        self.nominal_rate_hz: float | None = settings.poll_hz
+        self.latency_s = settings.latency_s
+
+    def resync(self) -> None:
+        """Forget the half answer: the next one begins with its STX."""
+        self._line.clear()
+        self._axis = 0
+
+    def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
+        """Return the answers that ``chunk`` completes, one sample each."""
+        batch = Batch()
+        for byte in chunk:
+            self._take(byte, batch)
+        return batch.samples(arrival_ns)
+
+    def _take(self, byte: int, batch: Batch) -> None:
+        if byte == _STX:
+            self._drop_half_answer(batch)
+            self._axis = 1
+        elif byte == _NAK:
+            self.resync()
+            self._add_refusal("the display refuses the request (NAK)", batch)
+        elif byte == _LF:
+            line = bytes(self._line).strip()
+            self._line.clear()
+            if line:
+                self._take_line(line, batch)
+        elif byte != _ACK:
+            self._line.append(byte)
+            if len(self._line) > ANSWER_CAP:
+                self._add_garbage(bytes(self._line), batch)
+                self.resync()
+
+    def _take_line(self, line: bytes, batch: Batch) -> None:
+        if not self._axis:
+            self._add_garbage(line, batch)
+            return
+        if self._axis == self._settings.axis:
+            if self._grammar.fullmatch(line):
+                self._add(float(line) * self._mm, Flag(0), batch)
+            else:
+                self._add_refusal(f"the display answers {quote(line)} in the place of a value", batch)
+        self._axis += 1
+
+    def _drop_half_answer(self, batch: Batch) -> None:
+        if self._line or 0 < self._axis <= self._settings.axis:
+            text = f"an answer ended before the value of axis {self._settings.axis}: {quote(bytes(self._line))}"
+            batch.notices.append(Notice(code="device", index=batch.count, text=text))
+        self.resync()
+
+    def _add_garbage(self, raw: bytes, batch: Batch) -> None:
+        batch.notices.append(Notice(code="garbage", index=batch.count, text=f"no answer of a display: {quote(raw)}"))
+
+    def _add_refusal(self, text: str, batch: Batch) -> None:
+        batch.notices.append(Notice(code="device", index=batch.count, text=text))
+        self._add(float("nan"), Flag.DEVICE_ERROR, batch)
+
+    def _add(self, position_mm: float, flag: Flag, batch: Batch) -> None:
+        batch.add(np.array([self._number]), np.array([position_mm]), np.array([flag], dtype=np.uint16))
+        self._number += 1

@@ -1,0 +1,171 @@
+"""`qudis`: quTools quDIS fibre interferometers, binary telegrams over TCP 2101.
+
+Built from the maker's public protocol (bmonk-anl/qudisAsyn @a5cb69b, ``protocol/``), not yet met the instrument. A telegram is five
+little-endian words {length of the rest, opcode, address, index, correlation} and data; a reading is two words, each with half of a 48-bit
+position in pm and half of a 14-bit counter that counts the edges, rising and falling, of the marker input.
+"""
+
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.daq.formats.framing.batch import Batch
+from stepdiag.daq.formats.framing.checks import require, require_sign
+from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
+from stepdiag.daq.formats.framing.frames import JUNK_CAP, Junk
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class QudisSettings:
+    """How to read: ``axis`` counts from 1; readings are means over 40 us x 2^``average``; ``absolute`` distances need that feature."""
+
+    axis: Literal[1, 2, 3] = 1
+    average: int = 5
+    absolute: bool = False
+    sign: int = 1
+    latency_s: float = 0.0
+
+    def __post_init__(self) -> None:
+        require(self.axis in (1, 2, 3), "laser.qudis.axis", "1, 2 or 3", self.axis)
+        require(0 <= self.average <= 16, "laser.qudis.average", "a whole number from 0 to 16", self.average)
+        require_sign(self.sign)
+
+
+LARGEST_TELEGRAM = 4096
+_SET, _GET, _ACK, _TELL = 0, 1, 3, 4
+_HEADER = struct.Struct("<5i")
+_CHANNELS = 16
+_TRIGGER, _SOURCE, _EVEN, _STATE = 0x0030, 0x0031, 0x0696, 0x0773
+_EVENTS_ON, _DATA_ON, _AVERAGE, _MARKER_ON, _MARKER_RESET, _MARKER_TIMEOUT = 0x0145, 0x0146, 0x0771, 0x07EB, 0x07EC, 0x07ED
+_DATA = 0x0F00
+_NO_TRIGGER, _POSITIONS = 0, 2
+_STATES = {0: "the wavelength control is still being prepared", 1: "", 2: "the wavelength control has failed"}
+_READY = 1
+_REASONS = {1: "invalid address", 2: "value out of range", 3: "ignored", 4: "verify failed", 5: "wrong type"}
+_RATE_HZ = 25_000.0
+_MM = 1e-9
+_LOW24, _MARKER7, _HIGH_MARK = 0xFFFFFF, 0x7F, 1 << 31
+
+
+def telegram(opcode: int, address: int, index: int = 0, *data: int, correlation: int = 0) -> bytes:
+    """Return a telegram as it goes over the wire."""
+    return _HEADER.pack(16 + 4 * len(data), opcode, address, index, correlation) + struct.pack(f"<{len(data)}i", *data)
+
+
+class QudisDecoder:
+    """Decoder of a quDIS (`daq.timing.samples.GreetingDecoder`). ``channels`` (rows, 1) is the marker counter: odd while the input is high.
+
+    The protocol tells no strength of the signal and no lost beam: a lost count shows in the size of a step alone.
+    """
+
+    gaps_visible = True
+
+    def __init__(self, settings: QudisSettings) -> None:
+        self._settings = settings
+        self._telegrams = _TelegramBuffer()
+        self._track = CounterTrack([Wrap(0, 2**32 - 1, 1_000_000), Wrap(0, 2**31 - 1, 1_000_000)])
+        self._state: int | None = None
+        source = 2 * settings.axis - 1 + settings.absolute
+        self.greeting = b"".join(
+            [
+                *(telegram(_SET, _TRIGGER, channel, _NO_TRIGGER) for channel in range(_CHANNELS)),
+                telegram(_SET, _AVERAGE, 0, settings.average),
+                *(telegram(_SET, address, 0, value) for address, value in ((_MARKER_ON, 1), (_MARKER_RESET, 1), (_MARKER_TIMEOUT, 0))),
+                *(telegram(_SET, address, 0, value) for address, value in ((_SOURCE, source), (_EVEN, 1), (_TRIGGER, _POSITIONS))),
+                *(telegram(_SET, address, 0, 1) for address in (_EVENTS_ON, _DATA_ON)),
+                telegram(_GET, _STATE, correlation=1),
+            ]
+        )
+        self.nominal_rate_hz: float | None = _RATE_HZ / 2**settings.average
+        self.latency_s = settings.latency_s
+
+    def resync(self) -> None:
+        """Forget the half telegram: a new connection begins with a whole one."""
+        self._telegrams = _TelegramBuffer()
+
+    def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
+        """Return the readings that ``chunk`` completes."""
+        batch = Batch()
+        for part in self._telegrams.feed(chunk):
+            if isinstance(part, Junk):
+                batch.notices.append(Notice(code="garbage", index=batch.count, text=part.text))
+            else:
+                self._take(part, batch)
+        return batch.samples(arrival_ns)
+
+    def _take(self, told: bytes, batch: Batch) -> None:
+        _, opcode, address, index, _ = _HEADER.unpack_from(told)
+        words = np.frombuffer(told, dtype="<u4", offset=_HEADER.size).astype(np.int64)
+        if opcode == _TELL and address == _DATA:
+            self._add(index, words, batch)
+        elif opcode == _ACK and len(words) and words[0]:
+            reason = _REASONS.get(int(words[0]), f"reason {words[0]}")
+            batch.notices.append(Notice(code="device", index=batch.count, text=f"the instrument refuses address {address:04x}: {reason}"))
+        elif address == _STATE and len(words) == 1 + (opcode == _ACK):
+            self._hear_state(int(words[-1]), batch)
+
+    def _hear_state(self, state: int, batch: Batch) -> None:
+        if state != self._state and (text := _STATES.get(state, f"unknown state {state}")):
+            batch.notices.append(Notice(code="device", index=batch.count, text=text))
+        self._state = state
+
+    def _add(self, index: int, words: NDArray[np.int64], batch: Batch) -> None:
+        low, high = words[0 : len(words) // 2 * 2 : 2], words[1::2]
+        if not len(high) or len(words) % 2 or (low & _HIGH_MARK).any() or not (high & _HIGH_MARK).all():
+            batch.notices.append(Notice(code="garbage", index=batch.count, text=f"{len(words)} words of positions that are not in pairs"))
+            return
+        count = np.arange(len(low), dtype=np.int64) + (index & 0xFFFFFFFF)
+        followed = self._track.follow(count)
+        batch.remark(followed.breaks, followed.keep)
+        halves = (high & _LOW24) << 24 | (low & _LOW24)
+        position_mm = np.where(halves >= 1 << 47, halves - (1 << 48), halves)[followed.keep] * (_MM * self._settings.sign)
+        marker = ((low >> 24 & _MARKER7) | (high >> 24 & _MARKER7) << 7)[followed.keep]
+        wrong = Flag.DEVICE_ERROR if self._state not in (None, _READY) else Flag(0)
+        flags = np.full(len(position_mm), wrong, dtype=np.uint16)
+        batch.add(followed.counter, position_mm, flags, channels=marker[:, None].astype(np.float64))
+
+
+class _TelegramBuffer:
+    """Holds the half telegram at the end of a stream; passes over what cannot be the beginning of one."""
+
+    def __init__(self) -> None:
+        self._held = b""
+        self._junk = b""
+        self._quoted = False
+        self._passed = 0
+
+    def feed(self, chunk: bytes) -> Iterator[bytes | Junk]:
+        """Yield the telegrams that ``chunk`` completes, and what lay between them."""
+        data, at = self._held + chunk, 0
+        while len(data) - at >= 8:
+            length, opcode = struct.unpack_from("<ii", data, at)
+            if not 16 <= length <= LARGEST_TELEGRAM - 4 or length % 4 or opcode not in (_SET, _GET, _ACK, _TELL):
+                yield from self._pass_over(data[at : at + 1])
+                at += 1
+                continue
+            if len(data) - at < 4 + length:
+                break
+            if self._passed:
+                yield self._junk_so_far()
+            self._quoted = False
+            yield data[at : at + 4 + length]
+            at += 4 + length
+        self._held = data[at:]
+
+    def _pass_over(self, byte: bytes) -> Iterator[Junk]:
+        self._passed += 1
+        if not self._quoted and len(self._junk) < 16:
+            self._junk += byte
+        if self._passed >= JUNK_CAP:
+            yield self._junk_so_far()
+            self._quoted = True
+
+    def _junk_so_far(self) -> Junk:
+        junk = Junk(self._passed, self._junk)
+        self._passed, self._junk = 0, b""
+        return junk

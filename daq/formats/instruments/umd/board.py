@@ -1,0 +1,124 @@
+"""What a uMD board tells of itself in its low-speed codes, and what follows for the reading of its lines.
+
+One line in 32 (uMD0: in 256) carries a code (field 6) with data (field 7); reference: instruments 1.A.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+from stepdiag.daq.formats.instruments.umd.reading import PhaseUse, Reading
+
+SIGNAL_CODES = {1: "laser power", 2: "signal strength"}
+"""Of no documented scale: told on, not used."""
+ENVIRONMENT_CODES = {
+    3: ("temperature_1_c", 0.01),
+    4: ("temperature_2_c", 0.01),
+    5: ("pressure_hpa", 0.01),
+    6: ("relative_humidity_percent", 0.1),
+}
+RATE_CODE = 8  # x 100 Hz; a uMD1 changes its rate when the REF frequency asks for it
+FIRMWARE_CODE = 10  # x 100; from v264 on: version in the low, sub-version in the high 16 bits
+HOMODYNE_CODE = 20  # low byte: homodyne axes; next byte: counts a cycle
+FIRMWARE_FLAGS_CODE = 112  # only from v264 on; a diagnostic before
+
+EIGHT_BIT_PHASE_FLAG = 2
+UMD0_RATE_HZ = 244.14
+"""uMD0 counts only the lines it sends, so an overrun leaves no gap; uMD1 and uMD2 count samples."""
+WRONG_PHASE_FIRMWARE = 315
+"""uMD2 v3.15e splits its phase so that about half of the values are a whole count wrong."""
+SPLIT_VERSION_FIRMWARE = range(264, 300)
+"""Firmware v264.xx counts its versions anew after v3.15e (315); uMD1 v60.00 sends 6000."""
+
+
+@dataclass(frozen=True, slots=True)
+class Told:
+    """A remark that a code gives rise to; fields as in `daq.timing.samples.Notice`."""
+
+    code: Literal["rate", "device", "environment"]
+    text: str
+    value: float | None = None
+
+
+class Board:
+    """What is known of the board. ``phase_bits`` (8, 16) overrides what its firmware tells."""
+
+    def __init__(self, phase_bits: int | None) -> None:
+        self.rate_hz: float | None = None
+        self._homodyne: bool | None = None
+        self._counts_per_cycle = 1
+        self._phase_bits = phase_bits
+        self._told: dict[int, int] = {}
+        self.reading = self._read()
+        """How lines are to be read from now on; another object after each change."""
+
+    @property
+    def counts_every_sample(self) -> bool:
+        """Whether a lost sample leaves a gap in the sequence number; False until the rate shows that it is not a uMD0."""
+        return self.rate_hz is not None and abs(self.rate_hz / UMD0_RATE_HZ - 1) > 0.01
+
+    def knows(self, code: int, data: int) -> bool:
+        """Tell whether a code says nothing new."""
+        return self._told.get(code) == data
+
+    def hear(self, code: int, data: int) -> Told | None:
+        """Take a low-speed code. Returns the remark it deserves; what was told before is remarked only when it changes."""
+        if code in ENVIRONMENT_CODES:
+            name, scale = ENVIRONMENT_CODES[code]
+            return Told("environment", name, data * scale)
+        if self._told.get(code) == data:
+            return None
+        self._told[code] = data
+        told = self._learn(code, data)
+        self.reading = self._read()
+        return told
+
+    def _learn(self, code: int, data: int) -> Told | None:
+        if code == RATE_CODE:
+            return self._hear_rate(data)
+        if code == HOMODYNE_CODE:
+            return self._hear_homodyne(data)
+        if code == FIRMWARE_CODE:
+            return self._hear_firmware(data)
+        if code in SIGNAL_CODES:
+            return Told("device", SIGNAL_CODES[code], float(data))
+        return None
+
+    def _hear_rate(self, data: int) -> Told:
+        if data <= 0:
+            return Told("device", f"the board tells a sample rate of {data / 100} Hz: not used")
+        self.rate_hz = data / 100
+        return Told("rate", f"{self.rate_hz} samples a second", self.rate_hz)
+
+    def _hear_homodyne(self, data: int) -> Told:
+        axes, counts = data & 0xFF, (data >> 8) & 0xFF
+        self._homodyne = axes > 0
+        self._counts_per_cycle = max(counts, 1) if self._homodyne else 1
+        return Told("device", f"{axes} homodyne axes, {self._counts_per_cycle} counts a cycle", float(axes))
+
+    def _hear_firmware(self, data: int) -> Told:
+        version = data & 0xFFFF
+        text = f"firmware {version}"
+        if self._phase_bits is None and version == WRONG_PHASE_FIRMWARE:
+            text += ": its phase is wrong by whole counts, so it is not used; whole counts are"
+        return Told("device", text, float(version))
+
+    def _read(self) -> Reading:
+        return Reading(
+            rate_hz=self.rate_hz,
+            homodyne=self._homodyne,
+            counts_per_cycle=self._counts_per_cycle,
+            phase_use=self._phase_use(),
+        )
+
+    def _phase_use(self) -> PhaseUse:
+        if self._phase_bits is not None:
+            return "8-bit" if self._phase_bits == 8 else "16-bit"
+        firmware = self._told.get(FIRMWARE_CODE)
+        if firmware is None:
+            return "unknown"
+        if firmware < 0x10000 and firmware not in SPLIT_VERSION_FIRMWARE:
+            return "ignored" if firmware == WRONG_PHASE_FIRMWARE else "8-bit"
+        flags = self._told.get(FIRMWARE_FLAGS_CODE)
+        if flags is None:
+            return "unknown"
+        return "8-bit" if flags & EIGHT_BIT_PHASE_FLAG else "16-bit"

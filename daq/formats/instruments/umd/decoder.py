@@ -1,0 +1,182 @@
+"""`umd`: the line format of the open interferometer displays uMD0, uMD1 and uMD2 (reference: instruments 1.A).
+
+A line holds decimal integers, 8 for one axis or 16 for three, ended by CR LF:
+REF, MEAS 1, displacement 1, velocity 1, phase 1, sequence number, low-speed code, low-speed data, then MEAS, displacement,
+velocity and phase of axes 2 and 3.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.daq.formats.framing.batch import NOTHING, Batch
+from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
+from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
+from stepdiag.daq.formats.framing.lines import LineBuffer
+from stepdiag.daq.formats.instruments.umd.board import Board
+from stepdiag.daq.formats.instruments.umd.reading import Reading
+from stepdiag.daq.formats.instruments.umd.rows import LINE_CAP, OddLine, Rows, parse_line, parse_lines, uniform_rows
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UmdSettings:
+    """How to read a uMD board.
+
+    ``axis`` is the measurement channel 1, 2 or 3; ``optics`` the fold of the interferometer (1 single pass: retroreflector,
+    or flat mirror seen by a single-aperture head; 2 plane mirror interferometer, 4 high resolution); positions are of the vacuum
+    wavelength: the air index is applied downstream. ``latency_s`` is the delay inside the board (uMD1 v60: 24 sample periods).
+    ``phase_bits`` overrides what the firmware tells of the width of its phase field (None: as told; until told a non-zero phase is
+    flagged).
+    """
+
+    axis: int = 1
+    wavelength_nm: float = 632.991
+    optics: int = 1
+    sign: int = 1
+    latency_s: float = 0.0
+    phase_bits: int | None = None
+
+    def __post_init__(self) -> None:
+        require(self.axis in (1, 2, 3), "laser.umd.axis", "1, 2 or 3", self.axis)
+        require(self.phase_bits in (None, 8, 16), "laser.umd.phase_bits", "8, 16 or nothing", self.phase_bits)
+        require_interferometer(self.wavelength_nm, self.optics)
+        require_sign(self.sign)
+
+
+_RAW_COUNT = (Wrap(-(2**15), 2**15 - 1, 1000), Wrap(-(2**31), 2**31 - 1, 1000), Wrap(0, 2**32 - 1, 1000))
+"""uMD0 prints its 32-bit sequence number as a signed 16-bit one; the others wrap at 32 bits. Over the end 1000 steps are believed."""
+
+_REF, _SEQUENCE, _CODE, _DATA = 0, 5, 6, 7
+_MEAS_DISPLACEMENT_PHASE = {1: (1, 2, 4), 2: (8, 9, 11), 3: (12, 13, 15)}
+
+
+class UmdDecoder:
+    """Decoder of a uMD board (`daq.timing.samples.Decoder`).
+
+    The first line of a stream may be cut in front: its sample is flagged OUT_OF_RANGE, not to be used, which is no loss of
+    count as DEVICE_ERROR would be. A line without the configured axis
+    gives NaN, flagged DEVICE_ERROR. Until a board with REF = 0 has said whether it is homodyne, its scale is unknown: NaN, flagged
+    HEAD_ERROR.
+    """
+
+    def __init__(self, settings: UmdSettings) -> None:
+        self._settings = settings
+        self._columns = _MEAS_DISPLACEMENT_PHASE[settings.axis]
+        self._cycle_mm = settings.sign * settings.wavelength_nm * 1e-6 / 2 / settings.optics
+        self._lines = LineBuffer(LINE_CAP)
+        self._track = CounterTrack(_RAW_COUNT)
+        self._board = Board(settings.phase_bits)
+        self._first_line = True
+        self._greeted = False
+        self._remarked: set[str] = set()
+        self.nominal_rate_hz: float | None = None
+        """As last told by code 8."""
+        self.gaps_visible = False
+        """Until the rate shows a board that counts the samples it could not send."""
+        self.latency_s = settings.latency_s
+
+    def resync(self) -> None:
+        """Forget the half line and pass over the rest of it: the stream was interrupted."""
+        self._lines.skip_line()
+
+    def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
+        """Return the samples that ``chunk`` completes, their position in mm of the vacuum wavelength."""
+        block = self._lines.feed(chunk)
+        if not block:
+            return NOTHING
+        batch = Batch()
+        if self._first_line:
+            self._first_line = False
+            block = self._take_first_line(block, batch)
+        for part in parse_lines(block):
+            self._take(part, batch)
+        return batch.samples(arrival_ns)
+
+    def feed_steady(self, chunks: Sequence[tuple[bytes, int]]) -> Samples | None:
+        """Return the samples of several chunks (`daq.timing.samples.SteadyDecoder`)."""
+        data = b"".join(chunk for chunk, _ in chunks)
+        rows = None if self._first_line or self._greeted else uniform_rows(self._lines.preview(data))
+        if rows is None or not self._goes_on(rows):
+            return None
+        meas, displacement, phase = self._columns
+        cycles, flags = self._board.reading.interpret(rows[:, _REF], rows[:, meas], rows[:, displacement], rows[:, phase])
+        if flags.any():
+            return None
+        self._lines.feed(data)
+        batch = Batch()
+        batch.add(self._track.follow(rows[:, _SEQUENCE]).counter, cycles * self._cycle_mm, flags)
+        return batch.samples(_stamps(chunks))
+
+    def _goes_on(self, rows: Rows) -> bool:
+        """Tell whether rows follow the last one, are of the configured axis, and bring no code that says anything new."""
+        return rows.shape[1] > self._columns[0] and self._track.goes_on(rows[:, _SEQUENCE]) and not self._news(rows)
+
+    def _news(self, rows: Rows) -> list[int]:
+        """Return the rows with a code; none where no code says anything new: a board repeats a few of them all the time."""
+        coded = rows[:, _CODE].nonzero()[0]
+        told = set(zip(rows[coded, _CODE].tolist(), rows[coded, _DATA].tolist(), strict=True))
+        return [] if all(self._board.knows(code, data) for code, data in told) else coded.tolist()
+
+    def _take_first_line(self, block: bytes, batch: Batch) -> bytes:
+        """Take the line whose beginning was not seen; return the rest of the block."""
+        line, _, rest = block.partition(b"\n")
+        part = parse_line(line)
+        if part is not None:
+            self._take(part, batch)
+            batch.doubt(Flag.OUT_OF_RANGE)
+        return rest
+
+    def _take(self, part: Rows | OddLine, batch: Batch) -> None:
+        if isinstance(part, OddLine):
+            self._greeted |= part.code == "banner"
+            batch.notices.append(Notice(code=part.code, index=batch.count, text=part.text))
+            return
+        followed = self._track.follow(part[:, _SEQUENCE], restarted=self._greeted)
+        self._greeted = False
+        earlier = len(batch.notices)
+        batch.remark(followed.breaks, followed.keep)
+        self._take_rows(part if followed.keep.all() else part[followed.keep], followed.counter, batch)
+        batch.notices[earlier:] = sorted(batch.notices[earlier:], key=lambda notice: notice.index)
+
+    def _take_rows(self, rows: Rows, counter: NDArray[np.int64], batch: Batch) -> None:
+        """Add ``rows`` to the batch, cut where a code changes how lines are read."""
+        first, base = 0, batch.count
+        reading = self._board.reading
+        for row in self._news(rows):
+            told = self._board.hear(int(rows[row, _CODE]), int(rows[row, _DATA]))
+            if told is not None:
+                batch.notices.append(Notice(code=told.code, index=base + row, text=told.text, value=told.value))
+            if self._board.reading is not reading:
+                self._read(rows[first:row], counter[first:row], reading, batch)
+                first, reading = row, self._board.reading
+                self.nominal_rate_hz, self.gaps_visible = self._board.rate_hz, self._board.counts_every_sample
+        self._read(rows[first:], counter[first:], reading, batch)
+
+    def _read(self, rows: Rows, counter: NDArray[np.int64], reading: Reading, batch: Batch) -> None:
+        """Add rows that are all read in the same way."""
+        meas, displacement, phase = self._columns
+        if not len(rows):
+            return
+        if rows.shape[1] <= meas:
+            self._remark_once(f"the lines do not hold axis {self._settings.axis}", batch.count, batch)
+            batch.add(counter, np.full(len(rows), np.nan), np.full(len(rows), Flag.DEVICE_ERROR, dtype=np.uint16))
+            return
+        if reading.phase_use == "unknown" and rows[:, phase].any():
+            where = batch.count + int(rows[:, phase].nonzero()[0][0])
+            self._remark_once("the firmware has not told the width of its phase: not used (laser.umd.phase_bits)", where, batch)
+        cycles, flags = reading.interpret(rows[:, _REF], rows[:, meas], rows[:, displacement], rows[:, phase])
+        cycles *= self._cycle_mm
+        batch.add(counter, cycles, flags)
+
+    def _remark_once(self, text: str, index: int, batch: Batch) -> None:
+        if text not in self._remarked:
+            self._remarked.add(text)
+            batch.notices.append(Notice(code="device", index=index, text=text))
+
+
+def _stamps(chunks: Sequence[tuple[bytes, int]]) -> NDArray[np.int64]:
+    """Return for every line that ends in the chunks the arrival of the chunk where it ends, shape (lines,)."""
+    return np.repeat(np.array([arrival_ns for _, arrival_ns in chunks], dtype=np.int64), [chunk.count(b"\n") for chunk, _ in chunks])

@@ -1,0 +1,191 @@
+"""Protocols whose libraries wait for their answers: one thread a connection does the waiting, the event loop awaits its results.
+
+The thread does nothing but that. A library that hangs costs its thread alone: whoever asked is told after a limit, closes the connection,
+and the thread ends with it.
+"""
+
+import asyncio
+import errno
+import os
+import queue
+import socket
+import threading
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from typing import Any, TypeVar
+
+from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError
+from stepdiag.daq.links.ports.lateness import Lateness
+from stepdiag.daq.records.events import ModbusBlock, ReadRange
+from stepdiag.daq.timing.host_clock import stamp_ns
+
+Result = TypeVar("Result")
+_PATIENCE = 3.0
+"""One poll may take so many times plc.timeout_s, which is the wait for each part of it."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Job:
+    work: Callable[[], Any]
+    done: Callable[[Any], None]
+    failed: Callable[[BaseException], None]
+
+
+class Waiter:
+    """The thread of one connection. ``hang_up`` ends a call that is under way, from another thread; ``close`` is the last that it does."""
+
+    def __init__(self, name: str, hang_up: Callable[[], None], close: Callable[[], object]) -> None:
+        self._hang_up = hang_up
+        self._close = close
+        self._jobs: queue.SimpleQueue[_Job | None] = queue.SimpleQueue()
+        threading.Thread(target=self._run, name=name, daemon=True).start()
+
+    async def call(self, work: Callable[[], Result], limit_s: float) -> Result:
+        """Return what ``work`` returns, done in the thread; raises what it raises, TimeoutError after ``limit_s``."""
+        loop = asyncio.get_running_loop()
+        future: asyncio.Future[Result] = loop.create_future()
+
+        def later(settle: Callable[[Any], None], outcome: Any) -> None:
+            with suppress(RuntimeError):  # the loop has ended meanwhile
+                loop.call_soon_threadsafe(lambda: None if future.done() else settle(outcome))
+
+        self._jobs.put(_Job(work, lambda value: later(future.set_result, value), lambda error: later(future.set_exception, error)))
+        return await asyncio.wait_for(future, limit_s)
+
+    def end(self) -> None:
+        """End the thread, and the call that may be under way."""
+        self._jobs.put(None)
+        self._hang_up()
+
+    def _run(self) -> None:
+        while (job := self._jobs.get()) is not None:
+            try:
+                value = job.work()
+            except Exception as error:  # noqa: BLE001 - raised where it is awaited
+                job.failed(error)
+            else:
+                job.done(value)
+        with suppress(Exception):  # nobody waits for it any more
+            self._close()
+
+
+class BlockingLink(ABC):
+    """A link over such a library. A protocol says how one poll is asked for (`_fetch`) and how a word is written (`_write`)."""
+
+    def __init__(self, address: str, timeout_s: float, ranges: Sequence[ReadRange], waiter: Waiter) -> None:
+        self.lateness = Lateness(numbered=True)
+        self.refusals: dict[ReadRange, RefusedRequestError] = {}
+        self._address = address
+        self._timeout_s = timeout_s
+        self._ranges = tuple(ranges)
+        self._waiter = waiter
+
+    async def read(self) -> ModbusBlock:
+        """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
+
+        Raises LostConnectionError or StaleAnswerError, and RefusedRequestError where every range is refused.
+        """
+        block = await self._within(self._read)
+        if self._ranges and len(self.refusals) == len(set(self._ranges)):
+            raise self.refusals[self._ranges[0]]
+        return block
+
+    async def write_word(self, table: str, address: int, value: int) -> None:
+        """Write the low 16 bits of ``value``. Raises as ``read`` does."""
+        await self._within(lambda: self._write(table, address, value % 65536))
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._waiter.end()
+
+    @abstractmethod
+    def _fetch(self, wanted: ReadRange) -> bytes:
+        """Return the bytes of a range, in the thread. Raises RefusedRequestError where the control does not give them."""
+
+    @abstractmethod
+    def _write(self, table: str, address: int, value: int) -> None:
+        """Write a word, in the thread."""
+
+    def _fetch_all(self) -> list[bytes]:
+        """Return the bytes of all ranges; nothing for one that was refused."""
+        return [self._fetch_or_refuse(wanted) for wanted in self._ranges]
+
+    def _fetch_or_refuse(self, wanted: ReadRange) -> bytes:
+        try:
+            data = self._fetch(wanted)
+        except RefusedRequestError as refusal:
+            self.refusals[wanted] = refusal
+            return b""
+        return self._whole(wanted, data)
+
+    def _whole(self, wanted: ReadRange, data: bytes) -> bytes:
+        """Return the bytes of a range. Raises StaleAnswerError where they are not as many as were asked for."""
+        if len(data) != wanted.byte_count:
+            remedy = "the link is made anew; where that repeats itself, it is no control of this kind"
+            found = f"{len(data)} for {wanted.table} {wanted.address}"
+            raise StaleAnswerError(self._address, expected=f"{wanted.byte_count} bytes", found=found, remedy=remedy)
+        return data
+
+    def _read(self) -> ModbusBlock:
+        self.refusals = {}
+        send_ns = stamp_ns()
+        data = tuple(self._fetch_all())
+        return ModbusBlock(send_ns, stamp_ns(), self._ranges, data)
+
+    async def _within(self, work: Callable[[], Result]) -> Result:
+        """Do it in the thread. An answer whose bytes come one by one for ever is given up like silence."""
+        limit_s = _PATIENCE * self._timeout_s + 1.0
+        try:
+            return await self._waiter.call(work, limit_s)
+        except TimeoutError as error:
+            raise silent(self._address, limit_s) from error
+
+
+async def opened(waiter: Waiter, connect: Callable[[], None], address: str, limit_s: float) -> None:
+    """Connect in the thread. Raises what ``connect`` raises, LostConnectionError after ``limit_s``; the thread has then ended."""
+    try:
+        await waiter.call(connect, limit_s)
+    except TimeoutError as error:
+        waiter.end()
+        raise silent(address, limit_s) from error
+    except BaseException:
+        waiter.end()
+        raise
+
+
+def silent(address: str, waited_s: float) -> LostConnectionError:
+    """Return the error for an answer that did not come, or not to its end."""
+    remedy = "the control is switched off or overloaded, or another product listens there; the program connects again by itself"
+    return LostConnectionError(address, expected=f"an answer within {waited_s:g} s", found="silence, or half an answer", remedy=remedy)
+
+
+def not_installed(address: str, extra: str) -> LostConnectionError:
+    """Return the error for a library that is missing."""
+    found = f"stepdiag without its extra {extra}"
+    return LostConnectionError(address, expected="its library", found=found, remedy=f'install "stepdiag[{extra}]"')
+
+
+def hang_up(connection: socket.socket | None) -> None:
+    """End a connection that another thread may be waiting on."""
+    if connection is not None:
+        with suppress(OSError):
+            connection.shutdown(socket.SHUT_RDWR)
+
+
+_REMEDIES = {
+    errno.ECONNREFUSED: "the host is there and nothing listens on this port: check plc.port, and that {protocol} is switched on there",
+    errno.EHOSTUNREACH: "nobody has this address: check plc.host, the control's power and its cable",
+    errno.ENETUNREACH: "there is no way to this network from here: check plc.host and this computer's network",
+    errno.ETIMEDOUT: "neither an answer nor a refusal: a wrong plc.host, or a firewall that swallows the connection ({firewall})",
+}
+
+
+def unreachable(error: OSError, waited_s: float, protocol: str, firewall: str) -> tuple[str, str]:
+    """Return what was found instead of a connection, and what to do about it."""
+    if isinstance(error, socket.gaierror):
+        return "no such name", "check plc.host, or give its address"
+    code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno or 0
+    found = f"silence for {waited_s:g} s" if code == errno.ETIMEDOUT else os.strerror(code) if code else str(error)
+    return found, _REMEDIES.get(code, "check plc.host and plc.port").format(protocol=protocol, firewall=firewall)

@@ -1,0 +1,180 @@
+"""Heidenhain controls over LSV2 (TCP 19000): the only code that knows pyLSV2 (extra ``stepdiag[lsv2]``).
+
+What the NC program hands to the PLC by FN 19 lies in the PLC's memory as double words, low byte first. Reading it needs the login PLCDEBUG,
+which the library's safe mode shuts out together with what writes; nothing here calls anything but reading.
+"""
+
+import logging
+import socket
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from stepdiag.daq.links.controls.blocking import BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
+from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, lost
+from stepdiag.daq.records.events import ReadRange
+from stepdiag.solver.errors import DeviceError
+
+if TYPE_CHECKING:
+    from pyLSV2 import LSV2
+
+CONNECT_S = 5.0
+"""How long a connection may take; it is a dozen questions and answers."""
+_LARGEST_READ = 65536
+_MEMORIES = {"B": "BYTE", "M": "MARKER", "I": "INPUT", "O": "OUTPUT"}
+_FIREWALL = "on newer controls LSV2 has to be allowed in the network settings (recalled, not verified)"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Lsv2Settings:
+    """A control that speaks LSV2."""
+
+    host: str
+    port: int = 19000
+    timeout_s: float = 0.3
+
+    @property
+    def address(self) -> str:
+        """The device in words."""
+        return f"LSV2 {self.host}:{self.port}"
+
+
+class Lsv2Link(BlockingLink):
+    """One connection to the control; made by `open_link`, ended by ``close``."""
+
+    def __init__(self, settings: Lsv2Settings, ranges: Sequence[ReadRange], client: "LSV2", waiter: Waiter) -> None:
+        super().__init__(settings.address, settings.timeout_s, ranges, waiter)
+        self._client = client
+
+    def _fetch(self, wanted: ReadRange) -> bytes:
+        from pyLSV2.const import MemoryType
+        from pyLSV2.err import LSV2InputException
+
+        what = f"reading {wanted.count} of {wanted.table} from {wanted.address}"
+        try:
+            values = self._client.read_plc_memory(wanted.address, MemoryType[_MEMORIES[wanted.table]], wanted.count)
+        except LSV2InputException as error:
+            remedy = "the control's memory is smaller: check the addresses in the survey ([plc])"
+            raise RefusedRequestError(self._address, expected=f"an answer to {what}", found=str(error), remedy=remedy) from error
+        except TimeoutError as error:
+            raise silent(self._address, self._timeout_s) from error
+        except OSError as error:
+            raise lost(self._address) from error
+        except Exception as error:
+            raise _senseless(self._address, error) from error
+        if not values:
+            remedy = "see the manual of the control; the PLC's memory may be symbolic alone (newer controls)"
+            raise RefusedRequestError(self._address, expected=f"an answer to {what}", found=_said(self._client), remedy=remedy)
+        return bytes(int(value) & 0xFF for value in values)
+
+    def _write(self, table: str, address: int, value: int) -> None:
+        raise RefusedRequestError(self._address, expected="nothing to be written", found=f"{value} for {table} {address}")
+
+
+@dataclass(slots=True)
+class _Line:
+    """The library's socket: an end in the middle of an answer is an end, and no answer is as long as its length field may say.
+
+    (The library asks an ended connection for the rest for ever, and for as much memory at once as the other side names.)
+    """
+
+    socket: Any
+
+    def recv(self, count: int) -> bytes:
+        """Return what there is. Raises ConnectionResetError at the end of the connection."""
+        data: bytes = self.socket.recv(min(count, _LARGEST_READ))
+        if not data:
+            raise ConnectionResetError("closed by the other end")
+        return data
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.socket, name)
+
+
+async def open_link(settings: Lsv2Settings, ranges: Sequence[ReadRange]) -> Lsv2Link:
+    """Connect to the control, whose ``ranges`` are going to be read. Raises LostConnectionError with what was found instead of it."""
+    try:
+        from pyLSV2 import LSV2
+    except ImportError as error:
+        raise not_installed(settings.address, "lsv2") from error
+    _hush()
+    made: list[LSV2] = []
+
+    def connect() -> None:
+        try:
+            made.append(LSV2(settings.host, settings.port, CONNECT_S, safe_mode=False))
+        except OSError as error:
+            raise _no_connection(settings, error) from error
+        _connect(made[0], settings)
+
+    def end() -> None:
+        for each in made:
+            hang_up(_socket(each))
+
+    def close() -> None:
+        for each in made:
+            _socket(each).close()
+
+    waiter = Waiter("lsv2", end, close)
+    await opened(waiter, connect, settings.address, 3.0 * CONNECT_S)
+    return Lsv2Link(settings, ranges, made[0], waiter)
+
+
+def _connect(client: "LSV2", settings: Lsv2Settings) -> None:
+    from pyLSV2.const import Login
+
+    low = client._llcom  # noqa: SLF001 - the library has no other way to its socket
+    low._tcpsock = _Line(low._tcpsock)  # noqa: SLF001
+    try:
+        client.connect()
+        allowed = client.login(Login.PLCDEBUG)
+    except OSError as error:
+        raise _unanswered(settings) if low._is_connected and isinstance(error, TimeoutError) else _no_connection(settings, error) from error  # noqa: SLF001
+    except Exception as error:
+        raise _senseless(settings.address, error) from error
+    if not allowed:
+        remedy = "the control wants a password for reading its PLC, or does not allow it: have the login PLCDEBUG enabled, or use Modbus"
+        raise LostConnectionError(settings.address, expected="the login PLCDEBUG", found=_said(client), remedy=remedy)
+    _socket(client).settimeout(settings.timeout_s)
+
+
+def _no_connection(settings: Lsv2Settings, error: OSError) -> DeviceError:
+    found, remedy = unreachable(error, CONNECT_S, "LSV2 interface", _FIREWALL)
+    return LostConnectionError(settings.address, expected="a control that speaks LSV2", found=found, remedy=remedy)
+
+
+def _unanswered(settings: Lsv2Settings) -> DeviceError:
+    remedy = "the port is open and nobody speaks LSV2 there: check plc.host and plc.port"
+    return LostConnectionError(settings.address, expected="a control that speaks LSV2", found=f"silence for {CONNECT_S:g} s", remedy=remedy)
+
+
+def _senseless(address: str, error: Exception) -> DeviceError:
+    """Return the error for an answer that is none of this protocol: the library raises whatever its reading of it comes upon.
+
+    The connection is given up: answers have no number, and what is left of this one would count as the next.
+    """
+    remedy = "another product listens there: check plc.host and plc.port"
+    found = f"bytes of something else ({type(error).__name__}: {str(error)[:120]})"
+    return LostConnectionError(address, expected="a control that speaks LSV2", found=found, remedy=remedy)
+
+
+def _said(client: "LSV2") -> str:
+    """Return the name of the control's last refusal."""
+    return f"a refusal ({client.last_error.e_code.name})"
+
+
+def _socket(client: "LSV2") -> socket.socket:
+    found: socket.socket = client._llcom._tcpsock  # noqa: SLF001
+    return found
+
+
+def _is_of_others(record: logging.LogRecord) -> bool:
+    return "pyLSV2" not in record.pathname
+
+
+def _hush() -> None:
+    """Keep what the library logs, partly by the root logger, out of the journal: it comes back as errors, said once by the reconnector."""
+    for name in ("LSV2 Client", "LSV2 TCP"):
+        logging.getLogger(name).setLevel(logging.CRITICAL)
+    root = logging.getLogger()
+    root.addFilter(_is_of_others)  # once, however often

@@ -1,0 +1,46 @@
+"""One way to every control: a link is opened, read, maybe written to, closed, whatever protocol the control speaks."""
+
+from collections.abc import Mapping, Sequence
+from typing import Protocol
+
+from stepdiag.daq.links.controls import lsv2, modbus, s7
+from stepdiag.daq.links.controls.modbus_errors import RefusedRequestError
+from stepdiag.daq.links.ports.lateness import Lateness
+from stepdiag.daq.records.events import ModbusBlock, ReadRange
+
+MachineSettings = modbus.ModbusSettings | s7.S7Settings | lsv2.Lsv2Settings
+
+
+class MachineLink(Protocol):
+    """One connection to a control."""
+
+    lateness: Lateness
+
+    @property
+    def refusals(self) -> Mapping[ReadRange, RefusedRequestError]:
+        """What the control refused in the last poll."""
+        ...
+
+    async def read(self) -> ModbusBlock:
+        """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
+
+        Raises RefusedRequestError where every range is refused, another DeviceError where the control does not answer.
+        """
+        ...
+
+    async def write_word(self, table: str, address: int, value: int) -> None:
+        """Write the low 16 bits of ``value``. Raises as ``read`` does."""
+        ...
+
+    def close(self) -> None:
+        """Close the connection."""
+        ...
+
+
+async def open_machine(settings: MachineSettings, ranges: Sequence[ReadRange]) -> MachineLink:
+    """Connect to the control, whose ``ranges`` are going to be read. Raises DeviceError where it is not there or does not want to."""
+    if isinstance(settings, s7.S7Settings):
+        return await s7.open_link(settings, ranges)
+    if isinstance(settings, lsv2.Lsv2Settings):
+        return await lsv2.open_link(settings, ranges)
+    return await modbus.open_link(settings, ranges)

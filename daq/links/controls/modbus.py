@@ -1,0 +1,249 @@
+"""The machine's Modbus: the only code that knows pymodbus (3.16; its API changes within a major version).
+
+One connection, one block of ranges read with the same requests at every poll. Answers are waited for shortly and nothing is retried
+inside pymodbus: a poll that failed is known to have failed, and the next one asks for the present.
+"""
+
+import asyncio
+import logging
+import struct
+import termios
+from collections.abc import Awaitable, Callable, Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+from pymodbus import FramerType
+from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
+from pymodbus.exceptions import ModbusException
+from pymodbus.pdu import ModbusPDU
+
+from stepdiag.daq.links.controls.modbus_errors import RefusedRequestError, lost, refusal, silence, stale, unreachable, unusable
+from stepdiag.daq.links.ports.address import network_line
+from stepdiag.daq.links.ports.lateness import Lateness
+from stepdiag.daq.records.events import ModbusBlock, ReadRange
+from stepdiag.daq.timing.host_clock import stamp_ns
+
+logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
+
+CONNECT_S = 2.0
+"""How long connecting may take, however soon answers must come: TCP asks again after one second where the first packet was lost
+(RFC 6298, 2.1)."""
+RTU_WORST_ANSWER_S = 1.0
+"""How long late answers are waited for on a serial line; one that comes later still is found by its length."""
+_ATTEMPTS_TO_GET_IN_STEP = 3
+_WRITE_REGISTERS = 0x10
+_READS: dict[str, tuple[str, int]] = {
+    "coil": ("read_coils", 1),
+    "discrete": ("read_discrete_inputs", 2),
+    "holding": ("read_holding_registers", 3),
+    "input": ("read_input_registers", 4),
+}
+Client = AsyncModbusTcpClient | AsyncModbusSerialClient
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TcpSettings:
+    """A Modbus server on the network."""
+
+    host: str
+    port: int = 502
+    unit: int = 1
+    timeout_s: float = 0.3
+    connect_s: float = CONNECT_S
+
+    @property
+    def address(self) -> str:
+        """The device in words."""
+        return f"Modbus {self.host}:{self.port} unit {self.unit}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RtuSettings:
+    """A Modbus slave on a serial line; ``port`` may be ``socket://host:port``, a terminal server's."""
+
+    port: str
+    baud: int = 19200
+    parity: Literal["N", "E", "O"] = "E"
+    stopbits: Literal[1, 2] = 1
+    unit: int = 1
+    timeout_s: float = 0.3
+    connect_s: float = CONNECT_S
+
+    @property
+    def address(self) -> str:
+        """The device in words."""
+        return f"Modbus {self.port} unit {self.unit}"
+
+
+ModbusSettings = TcpSettings | RtuSettings
+
+
+class ModbusLink:
+    """One connection to the machine; made by `open_link`, ended by ``close``.
+
+    A serial line carries no transaction number: an answer that comes after its time-out would be taken for the answer to the next
+    request, and every answer after it for the one before, for ever and without an error. So every answer must have the length that
+    was asked for, and after anything but a right answer the line is brought back in step before the next request.
+    """
+
+    def __init__(self, settings: ModbusSettings, ranges: Sequence[ReadRange], client: Client, lateness: Lateness) -> None:
+        self.lateness = lateness
+        self._settings = settings
+        self._ranges = tuple(ranges)
+        self._client = client
+        self._turn = asyncio.Lock()
+        self._in_step = isinstance(settings, TcpSettings)
+        self._wait_s = 0.0
+        self.refusals: dict[ReadRange, RefusedRequestError] = {}
+        """What the device refused in the last poll."""
+
+    async def read(self) -> ModbusBlock:
+        """Read the ranges. A refused range has no data (``b""``) and stands in ``refusals``.
+
+        Raises SilentDeviceError, StaleAnswerError or LostConnectionError, and RefusedRequestError where every range is refused.
+        """
+        async with self._turn:
+            await self._get_in_step()
+            self.refusals = {}
+            send_ns = stamp_ns()
+            data = tuple([await self._read_or_refuse(wanted) for wanted in self._ranges])
+            recv_ns = stamp_ns()
+        if self._ranges and len(self.refusals) == len(set(self._ranges)):
+            raise self.refusals[self._ranges[0]]
+        return ModbusBlock(send_ns, recv_ns, self._ranges, data)
+
+    async def write_word(self, table: str, address: int, value: int) -> None:  # noqa: ARG002 - a control takes words in holding registers alone
+        """Write the low 16 bits of ``value`` into a holding register, by function code 10h, which every control that can be written serves.
+
+        Raises as ``read`` does.
+        """
+        async with self._turn:
+            await self._get_in_step()
+            answer = await self._exchange(lambda: self._client.write_registers(address, [value % 65536], device_id=self._settings.unit))
+            if answer.isError():
+                self._in_step = True
+                raise refusal(self._settings.address, f"writing holding register {address}", answer.exception_code)
+            if answer.function_code != _WRITE_REGISTERS:
+                raise stale(self._settings.address, self.lateness.words)
+            self._in_step = True
+
+    def close(self) -> None:
+        """Close the connection."""
+        self._client.close()
+
+    async def _read_or_refuse(self, wanted: ReadRange) -> bytes:
+        answer = await self._read_range(wanted)
+        if answer.isError():
+            self._in_step = True
+            what = f"reading {wanted.count} of table {wanted.table} from {wanted.address}"
+            self.refusals[wanted] = refusal(self._settings.address, what, answer.exception_code)
+            return b""
+        data = _wire_bytes(wanted, answer)
+        if data is None:
+            raise stale(self._settings.address, self.lateness.words)
+        self._in_step = True
+        return data
+
+    async def _read_range(self, wanted: ReadRange) -> ModbusPDU:
+        read = getattr(self._client, _READS[wanted.table][0])
+        return await self._exchange(lambda: read(wanted.address, count=wanted.count, device_id=self._settings.unit))
+
+    async def _exchange(self, request: Callable[[], Awaitable[ModbusPDU]]) -> ModbusPDU:
+        """Ask and await the answer. Whoever calls decides whether it is right; until then, and where this is cancelled, the line is out of
+        step.
+        """
+        self._in_step = isinstance(self._settings, TcpSettings)
+        try:
+            answer = await request()  # without a connection the call itself raises
+        except (ModbusException, OSError) as error:
+            self.lateness.given_up()
+            if self._client.connected:
+                serial = isinstance(self._settings, RtuSettings)
+                raise silence(self._settings.address, self._settings.timeout_s, serial=serial, late=self.lateness.words) from error
+            raise lost(self._settings.address) from error
+        self.lateness.answered()
+        return answer
+
+    async def _get_in_step(self) -> None:
+        """Make sure that the next answer belongs to the next request.
+
+        Late answers are waited for and fall on deaf ears. Then a read whose answer has another length than any range must be answered
+        with that length: a slave answers in order, so nothing older can come after it. An exception answers it as well.
+        """
+        for _ in range(_ATTEMPTS_TO_GET_IN_STEP):
+            if self._in_step:
+                return
+            await asyncio.sleep(self._wait_s)
+            self._wait_s = RTU_WORST_ANSWER_S
+            probe = _probe(self._ranges)
+            answer = await self._read_range(probe)
+            self._in_step = answer.isError() or _wire_bytes(probe, answer) is not None
+            if not self._in_step:
+                self.lateness.was_of_an_earlier()
+        if not self._in_step:
+            raise stale(self._settings.address, self.lateness.words)
+
+
+async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> ModbusLink:
+    """Connect to the machine, whose ``ranges`` are going to be read. Raises LostConnectionError where there is nobody or no port."""
+    lateness = Lateness(numbered=isinstance(settings, TcpSettings))
+    client = _client(settings, lateness)
+    try:
+        connected = await client.connect()
+    except (OSError, termios.error) as error:
+        client.close()
+        raise unusable(settings.address, str(error)) from error
+    if not connected:
+        client.close()
+        raise unreachable(settings.address, settings.connect_s)
+    answer_within(client, settings.timeout_s)
+    return ModbusLink(settings, ranges, client, lateness)
+
+
+def answer_within(client: Client, timeout_s: float) -> None:
+    """Have the client wait for answers this long from now on; it has one time for connecting and for answers."""
+    client.ctx.comm_params.timeout_connect = timeout_s
+
+
+def _client(settings: ModbusSettings, lateness: Lateness) -> Client:
+    """Return a client that neither retries nor reconnects by itself: the reconnector does."""
+    if isinstance(settings, TcpSettings):
+        return AsyncModbusTcpClient(
+            settings.host, port=settings.port, timeout=settings.connect_s, retries=0, reconnect_delay=0, trace_packet=lateness.trace
+        )
+    line = network_line(settings.port)
+    if line is not None:
+        return AsyncModbusTcpClient(
+            line.host, port=line.port, framer=FramerType.RTU, timeout=settings.connect_s, retries=0, reconnect_delay=0
+        )
+    return AsyncModbusSerialClient(
+        settings.port,
+        baudrate=settings.baud,
+        parity=settings.parity,
+        stopbits=settings.stopbits,
+        timeout=settings.connect_s,
+        retries=0,
+        reconnect_delay=0,
+        trace_packet=lateness.trace,
+    )
+
+
+def _wire_bytes(wanted: ReadRange, answer: ModbusPDU) -> bytes | None:
+    """Return the data of an answer as they were on the wire; None where it cannot be the answer to ``wanted``."""
+    if answer.function_code != _READS[wanted.table][1]:
+        return None
+    if wanted.table in ("coil", "discrete"):
+        bits = sum(1 << place for place, bit in enumerate(answer.bits) if bit)
+        data = bits.to_bytes((len(answer.bits) + 7) // 8, "little")
+    else:
+        data = struct.pack(f">{len(answer.registers)}H", *answer.registers)
+    return data if len(data) == wanted.byte_count else None
+
+
+def _probe(ranges: Sequence[ReadRange]) -> ReadRange:
+    """Return a read at the first range whose answer is as long as that of no range."""
+    first = ranges[0] if ranges else ReadRange("holding", 0, 1)
+    lengths = {wanted.byte_count for wanted in ranges}
+    unit = 8 if first.table in ("coil", "discrete") else 1
+    candidates = (ReadRange(first.table, first.address, 1 + unit * more) for more in range(len(lengths) + 1))
+    return next(probe for probe in candidates if probe.byte_count not in lengths)

@@ -1,0 +1,125 @@
+"""Polling the machine on a fixed schedule, as a session that a Reconnector keeps up."""
+
+import asyncio
+from collections.abc import Callable, Sequence
+
+import structlog
+
+from stepdiag.daq.links.controls.machine import MachineLink, MachineSettings, open_machine
+from stepdiag.daq.links.controls.modbus_errors import RefusedRequestError, SilentDeviceError, StaleAnswerError
+from stepdiag.daq.links.reconnect import Report, raise_if_cancelled
+from stepdiag.daq.records.events import ModbusBlock, ReadRange
+
+_log = structlog.get_logger(__name__)
+
+SILENT_POLLS_TO_RECONNECT = 3
+LATER = 1.5
+REFUSED_WAIT_S = 1.0
+"""A device that refuses everything is asked again at this pace: its program may still be starting."""
+
+
+class MachinePoller:
+    """Reads the ranges every ``period_s`` and hands over each block, in the event loop.
+
+    The schedule is that of the first poll; polls that are due while one is under way are left out, never queued. ``on_written`` hears of
+    every register written: why it was refused, or nothing where the device took it.
+    """
+
+    def __init__(
+        self,
+        settings: MachineSettings,
+        ranges: Sequence[ReadRange],
+        period_s: float,
+        on_block: Callable[[ModbusBlock], None],
+        on_written: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        self._settings = settings
+        self._ranges = tuple(ranges)
+        self._period_s = period_s
+        self._on_block = on_block
+        self._on_written = on_written
+        self._pending: tuple[str, int, int] | None = None
+        self._rest: asyncio.Future[None] | None = None
+        self._late_s = 0.0
+
+    async def session(self, report: Report) -> None:
+        """Connect and poll until the device is lost or silent three times in a row. Raises DeviceError."""
+        link = await open_machine(self._settings, self._ranges)
+        try:
+            await self._poll(link, report)
+        finally:
+            link.close()
+
+    def write_soon(self, table: str, address: int, value: int) -> None:
+        """Write one word at once, or as soon as there is a connection and no poll is under way; the latest value wins."""
+        self._pending = (table, address, value)
+        _end(self._rest)
+
+    async def _poll(self, link: MachineLink, report: Report) -> None:
+        clock = asyncio.get_running_loop().time
+        due = clock()
+        failures = 0
+        while True:
+            try:
+                await self._until(due, link)
+                await self._write_pending(link)
+                self._on_block(await link.read())
+            except (SilentDeviceError, StaleAnswerError) as error:
+                failures += 1
+                if failures == SILENT_POLLS_TO_RECONNECT:
+                    raise
+                report("silent", str(error))
+            except RefusedRequestError as error:
+                report("silent", str(error))
+                await asyncio.sleep(REFUSED_WAIT_S)
+            else:
+                failures = 0
+                report("connected", _describe(link, self._settings))
+                self._say_late(link)
+            due += self._period_s * max(1, -((due - clock()) // self._period_s))
+
+    def _say_late(self, link: MachineLink) -> None:
+        """Say, once for each time they have become later by half, that answers come after they were given up."""
+        if link.lateness.after_s > LATER * self._late_s:
+            self._late_s = link.lateness.after_s
+            _log.warning("answers-late", link="machine", detail=f"{self._settings.address}: {link.lateness.words}")
+
+    async def _until(self, due: float, link: MachineLink) -> None:
+        """Sleep until a poll is due; write meanwhile what is wanted."""
+        raise_if_cancelled()
+        loop = asyncio.get_running_loop()
+        while loop.time() < due:
+            if self._pending is not None:
+                await self._write_pending(link)
+                continue
+            self._rest = loop.create_future()
+            timer = loop.call_at(due, _end, self._rest)
+            try:
+                await self._rest
+            finally:
+                timer.cancel()
+
+    async def _write_pending(self, link: MachineLink) -> None:
+        """Write what waits. What the device refuses is not tried again: polling goes on without it."""
+        pending = self._pending
+        if pending is None:
+            return
+        refused = ""
+        try:
+            await link.write_word(*pending)
+        except RefusedRequestError as error:
+            refused = str(error)
+            _log.warning("write-refused", detail=refused)
+        if self._pending is pending:
+            self._pending = None
+        self._on_written(refused)
+
+
+def _end(rest: asyncio.Future[None] | None) -> None:
+    if rest is not None and not rest.done():
+        rest.set_result(None)
+
+
+def _describe(link: MachineLink, settings: MachineSettings) -> str:
+    """Return the address, what is refused of the block, and how late it answers."""
+    return "; ".join([settings.address, *(str(error) for error in link.refusals.values()), *filter(None, (link.lateness.words,))])

@@ -1,0 +1,157 @@
+"""Siemens controls over S7 communication (ISO on TCP, port 102): the only code that knows python-snap7 (extra ``stepdiag[s7]``).
+
+All ranges are asked for in one telegram, so a block is what the control held at one moment of its cycle. Nothing is retried inside the
+library: after an answer that did not come the connection is given up, and the next one asks for the present.
+"""
+
+import logging
+import re
+import struct
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, TypeVar
+
+from stepdiag.daq.links.controls.blocking import BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
+from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError, lost
+from stepdiag.daq.records.events import ReadRange
+from stepdiag.solver.errors import DeviceError
+
+if TYPE_CHECKING:
+    from snap7.client import Client
+    from snap7.error import S7Error
+
+logging.getLogger("snap7").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
+
+Result = TypeVar("Result")
+CONNECT_S = 5.0
+"""How long the library waits for a connection."""
+_FIREWALL = "on an 828D port 102 has to be opened in the firewall of the company network (recalled, not verified)"
+_REFUSED = re.compile(r"failed: (?P<words>.+) \(0x(?P<code>[0-9a-f]{2})\)\Z")
+_REMEDIES = {
+    "03": "the control forbids it: a password or a protection level is set, or PUT/GET access by partners is not allowed",
+    "05": "the data block is shorter: check the addresses in the survey ([plc]) against the control's program",
+    "0a": "there is no such data block on this control: check the tables in the survey ([plc]), and rack and slot",
+}
+_OTHER = re.compile(r"TPKT version|protocol ID")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class S7Settings:
+    """A control that speaks S7."""
+
+    host: str
+    port: int = 102
+    rack: int = 0
+    slot: int = 2
+    timeout_s: float = 0.3
+
+    @property
+    def address(self) -> str:
+        """The device in words."""
+        return f"S7 {self.host}:{self.port} rack {self.rack} slot {self.slot}"
+
+
+class S7Link(BlockingLink):
+    """One connection to the control; made by `open_link`, ended by ``close``."""
+
+    def __init__(self, settings: S7Settings, ranges: Sequence[ReadRange], client: "Client", waiter: Waiter) -> None:
+        super().__init__(settings.address, settings.timeout_s, ranges, waiter)
+        self._client = client
+        self._alone = False
+
+    def _fetch_all(self) -> list[bytes]:
+        """Ask for everything at once; where a part of it is refused, for each range alone from then on, so that the others still come."""
+        if self._alone:
+            return super()._fetch_all()
+        from snap7.type import Area
+
+        items = [{"area": Area.DB, "db_number": int(each.table[2:]), "start": each.address, "size": each.count} for each in self._ranges]
+        try:
+            answers = self._ask("reading", lambda: self._client.read_multi_vars(items)[1])
+        except RefusedRequestError:
+            self._alone = True
+            return super()._fetch_all()
+        given = dict(zip(self._ranges, map(bytes, answers), strict=True))
+        return [self._whole(wanted, given[wanted]) for wanted in self._ranges]
+
+    def _fetch(self, wanted: ReadRange) -> bytes:
+        what = f"reading {wanted.count} bytes of {wanted.table} from {wanted.address}"
+        return bytes(self._ask(what, lambda: self._client.db_read(int(wanted.table[2:]), wanted.address, wanted.count)))
+
+    def _write(self, table: str, address: int, value: int) -> None:
+        data = bytearray(struct.pack(">H", value))
+        self._ask(f"writing a word of {table} at {address}", lambda: self._client.db_write(int(table[2:]), address, data))
+
+    def _ask(self, what: str, work: Callable[[], Result]) -> Result:
+        """Do it, and have what the library raises said in words."""
+        from snap7.error import S7Error, S7TimeoutError
+
+        try:
+            return work()
+        except S7TimeoutError as error:
+            raise silent(self._address, self._timeout_s) from error
+        except (S7Error, OSError, struct.error) as error:
+            raise _refusal(self._address, what, error) from error
+
+
+async def open_link(settings: S7Settings, ranges: Sequence[ReadRange]) -> S7Link:
+    """Connect to the control, whose ``ranges`` are going to be read. Raises LostConnectionError with what was found instead of it."""
+    try:
+        from snap7.client import Client
+    except ImportError as error:
+        raise not_installed(settings.address, "s7") from error
+    client = Client()
+    client.multi_read_max_gap = 0  # what lies between two signals may be forbidden
+
+    def end() -> None:
+        if client.connection is not None:
+            hang_up(client.connection.socket)
+
+    waiter = Waiter("s7", end, client.disconnect)
+    await opened(waiter, lambda: _connect(client, settings), settings.address, 3.0 * CONNECT_S)
+    return S7Link(settings, ranges, client, waiter)
+
+
+def _connect(client: "Client", settings: S7Settings) -> None:
+    from snap7.error import S7Error
+
+    try:
+        client.connect(settings.host, settings.rack, settings.slot, settings.port)
+        if client.connection is not None and client.connection.socket is not None:
+            client.connection.socket.settimeout(settings.timeout_s)
+    except S7Error as error:
+        raise _no_connection(settings, error) from error
+
+
+def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
+    """Return what stands in the way of a connection, in words."""
+    from snap7.error import S7TimeoutError
+
+    if isinstance(error.__context__, OSError) and not isinstance(error, S7TimeoutError):
+        found, remedy = unreachable(error.__context__, CONNECT_S, "S7 communication", _FIREWALL)
+        return LostConnectionError(settings.address, expected="a connection", found=found, remedy=remedy)
+    if _OTHER.search(str(error)):
+        found, remedy = f"bytes of something else ({error})", "another product listens there: check plc.host and plc.port"
+    elif isinstance(error, S7TimeoutError):
+        found, remedy = f"silence for {CONNECT_S:g} s", "the port is open and nobody speaks S7 there: check plc.host and plc.port"
+    else:
+        found = f"a refusal ({error})"
+        remedy = "check plc.rack and plc.slot (SINUMERIK: rack 0 slot 2, recalled); or all connections of the control are taken"
+    return LostConnectionError(settings.address, expected="a control that speaks S7", found=found, remedy=remedy)
+
+
+def _refusal(address: str, what: str, error: Exception) -> DeviceError:
+    """Return what went wrong with a request: a refusal by the control, bytes that make no sense, or the end of the connection."""
+    refused = _REFUSED.search(str(error))
+    if refused is not None:
+        remedy = _REMEDIES.get(refused["code"], "see the manual of the control")
+        return RefusedRequestError(address, expected=f"an answer to {what}", found=refused["words"].lower(), remedy=remedy)
+    if getattr(error, "error_code", None) is not None:
+        remedy = "a password or protection level of the control, or a function it does not serve: see its manual"
+        return RefusedRequestError(address, expected=f"an answer to {what}", found=str(error), remedy=remedy)
+    from snap7.error import S7ConnectionError
+
+    if isinstance(error, S7ConnectionError | OSError) and not _OTHER.search(str(error)):
+        return lost(address)
+    remedy = "another product listens there, or something between changes bytes: check plc.host and plc.port"
+    return StaleAnswerError(address, expected=f"an answer to {what}", found=str(error), remedy=remedy)

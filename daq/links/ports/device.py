@@ -1,0 +1,49 @@
+"""What a port is made of underneath: something with a descriptor that bytes come from. `stepdiag.daq.links.ports.port` waits on it."""
+
+from dataclasses import dataclass
+from typing import Literal, Protocol
+
+LARGEST_READ = 65536
+BUSY_WAIT_S = 0.1
+"""How long a read waits on a line that is expected to bring something at any moment."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SerialSettings:
+    """A port and how its line is driven. uMD boards need DTR and RTS asserted."""
+
+    port: str
+    baud: int = 115200
+    bytesize: Literal[7, 8] = 8
+    parity: Literal["N", "E", "O"] = "N"
+    stopbits: Literal[1, 2] = 1
+    dtr: bool = True
+    rts: bool = True
+
+
+class Device(Protocol):
+    """An open line, used by one thread."""
+
+    detail: str
+    """The line in words, as a person wants to see it when it is open."""
+    low_latency: bool
+    """Whether bytes come through at once, instead of after the 16 ms that a USB adapter may sit on them."""
+
+    def fileno(self) -> int:
+        """Return the descriptor that poll(2) tells of bytes."""
+        ...
+
+    def read(self, *, ready: bool) -> bytes:
+        """Return what there is; nothing where nothing came within `BUSY_WAIT_S`, or what came was no data of the line.
+
+        ``ready`` says that poll(2) told of something. Raises OSError where the line is gone.
+        """
+        ...
+
+    def write(self, data: bytes) -> None:
+        """Send ``data``. Raises OSError where the line is gone."""
+        ...
+
+    def close(self) -> None:
+        """Close it."""
+        ...

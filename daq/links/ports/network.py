@@ -1,0 +1,167 @@
+"""A line on the network: ``socket://host:port`` as it is, ``rfc2217://host:port`` with its settings (`daq.links.ports.device.Device`).
+
+A terminal server that loses its power says nothing any more, and nothing is also what an instrument says that is switched off. So the
+kernel asks the other end whether it lives (keep-alive), and a line without an answer for ten seconds is lost and made anew.
+"""
+
+import contextlib
+import errno
+import os
+import select
+import socket
+import struct
+import time
+
+from stepdiag.daq.links.ports.address import NetworkLine
+from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, Device, SerialSettings
+from stepdiag.daq.links.ports.rfc2217 import ComPort
+from stepdiag.solver.errors import DeviceError
+
+CONNECT_S = 3.0
+"""How long a connection may take: a firewall that swallows it says nothing at all."""
+AGREE_S = 2.0
+"""How long a terminal server may take to agree to the settings of its line."""
+_SHOWN = 12
+"""Bytes of something else that are shown."""
+ALIVE_AFTER_S, ALIVE_EVERY_S, ALIVE_TIMES = 4, 2, 3
+_REMEDIES = {
+    errno.ECONNREFUSED: "the host is there and nothing listens on this port: check the port, and that the line is switched on in the"
+    " terminal server (one that serves a single computer may be taken by another)",
+    errno.EHOSTUNREACH: "nobody has this address: check the host, its power and its cable",
+    errno.ENETUNREACH: "there is no way to this network from here: check the address and this computer's network",
+    errno.ETIMEDOUT: "neither an answer nor a refusal: a wrong address, or a firewall that swallows the connection",
+}
+
+
+def open_network(settings: SerialSettings, line: NetworkLine) -> Device:
+    """Return the open line. Raises DeviceError where nobody is there, or the terminal server does not agree to the settings."""
+    connection = _connect(settings.port, line)
+    if line.scheme == "socket":
+        return NetworkPort(settings.port, connection)
+    try:
+        return _agreed(settings, connection)
+    except OSError as error:
+        connection.close()
+        raise _no_rfc2217(settings.port, f"the connection ended ({error})") from error
+    except DeviceError:
+        connection.close()
+        raise
+
+
+class NetworkPort:
+    """A TCP connection whose bytes are those of the line."""
+
+    low_latency = True
+
+    def __init__(self, name: str, connection: socket.socket) -> None:
+        self.detail = f"{name}, connected"
+        self._connection = connection
+        connection.settimeout(None)
+        connection.setsockopt(socket.SOL_SOCKET, socket.SO_RCVTIMEO, struct.pack("ll", 0, round(BUSY_WAIT_S * 1e6)))
+
+    def fileno(self) -> int:
+        """Return the descriptor of the connection."""
+        return self._connection.fileno()
+
+    def read(self, *, ready: bool) -> bytes:  # noqa: ARG002 - a connection tells its end by itself
+        """Return what there is."""
+        try:
+            data = os.read(self._connection.fileno(), LARGEST_READ)
+        except BlockingIOError:
+            return b""
+        if not data:
+            raise OSError("the other end closed the connection")
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send ``data``."""
+        self._connection.sendall(data)
+
+    def close(self) -> None:
+        """Close the connection."""
+        with contextlib.suppress(OSError):
+            self._connection.shutdown(socket.SHUT_RDWR)
+        self._connection.close()
+
+
+class Rfc2217Port(NetworkPort):
+    """The same through Telnet with the com port option."""
+
+    def __init__(self, name: str, connection: socket.socket, codec: ComPort) -> None:
+        super().__init__(name, connection)
+        self.detail = f"{name}, {codec.agreed}"
+        self._codec = codec
+
+    def read(self, *, ready: bool) -> bytes:
+        """Return the data of the line."""
+        data = self._codec.feed(super().read(ready=ready))
+        if answer := self._codec.answers():
+            super().write(answer)
+        return data
+
+    def write(self, data: bytes) -> None:
+        """Send ``data``."""
+        super().write(self._codec.escaped(data))
+
+
+def _connect(name: str, line: NetworkLine) -> socket.socket:
+    try:
+        connection = socket.create_connection((line.host, line.port), timeout=CONNECT_S)
+    except OSError as error:
+        raise _refusal(name, error) from error
+    connection.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+    connection.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+    for option, value in (
+        (socket.TCP_KEEPIDLE, ALIVE_AFTER_S),
+        (socket.TCP_KEEPINTVL, ALIVE_EVERY_S),
+        (socket.TCP_KEEPCNT, ALIVE_TIMES),
+        (socket.TCP_USER_TIMEOUT, 1000 * (ALIVE_AFTER_S + ALIVE_EVERY_S * ALIVE_TIMES)),
+    ):
+        connection.setsockopt(socket.IPPROTO_TCP, option, value)
+    return connection
+
+
+def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
+    """Return the line once the terminal server has agreed to its settings. Raises DeviceError where it does not.
+
+    What the instrument says before that was read with other settings and is left out.
+    """
+    codec, other, until_s = ComPort(settings), b"", time.monotonic() + AGREE_S
+    connection.sendall(codec.opening())
+    while not codec.settled:
+        left_s = until_s - time.monotonic()
+        if left_s <= 0 or not select.select([connection], [], [], left_s)[0]:
+            raise _no_rfc2217(settings.port, _heard(codec, other))
+        data = connection.recv(LARGEST_READ)
+        if not data:
+            raise OSError("closed by the other end")
+        other = (other + codec.feed(data))[:_SHOWN]
+        if answer := codec.answers():
+            connection.sendall(answer)
+        if codec.refused:
+            remedy = "set the line up at the terminal server and use socket://, or check baud, bytesize, parity and stopbits in the survey"
+            raise DeviceError(f"port {settings.port}", expected="a line with these settings", found=codec.refused, remedy=remedy)
+    return Rfc2217Port(settings.port, connection, codec)
+
+
+def _heard(codec: ComPort, other: bytes) -> str:
+    """Return what came instead of an agreement."""
+    if codec.speaks:
+        return f"no agreement to all settings within {AGREE_S:g} s"
+    return f"bytes of something else ({other.hex(' ')} ...)" if other else f"silence for {AGREE_S:g} s"
+
+
+def _no_rfc2217(name: str, found: str) -> DeviceError:
+    remedy = "where the terminal server hands over plain bytes on this port, name it socket:// instead"
+    return DeviceError(f"port {name}", expected="a terminal server that speaks RFC 2217", found=found, remedy=remedy)
+
+
+def _refusal(name: str, error: OSError) -> DeviceError:
+    if isinstance(error, socket.gaierror):
+        remedy = "check the name of the host, or give its address"
+        return DeviceError(f"port {name}", expected="a host that is known", found="no such name", remedy=remedy)
+    code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno or 0
+    found = f"silence for {CONNECT_S:g} s" if code == errno.ETIMEDOUT else os.strerror(code) if code else str(error)
+    return DeviceError(
+        f"port {name}", expected="a connection", found=found, remedy=_REMEDIES.get(code, "check host and port in the survey")
+    )

@@ -1,0 +1,116 @@
+"""An open port, whatever it is made of: waiting for bytes, being woken, and what to say when it is lost.
+
+Waiting is one poll(2), and on a busy line there is none: the read itself waits there.
+"""
+
+import os
+import select
+import threading
+import time
+
+from stepdiag.daq.links.ports.address import network_line
+from stepdiag.daq.links.ports.device import Device, SerialSettings
+from stepdiag.daq.links.ports.network import open_network
+from stepdiag.daq.links.ports.tty import Tty
+from stepdiag.solver.errors import DeviceError
+
+
+class OpenPort:
+    """An open port, used by one thread. Only ``release`` and ``hurry`` may be called from another one; every failure is a DeviceError."""
+
+    def __init__(self, settings: SerialSettings) -> None:
+        self.name = settings.port
+        self.last_byte_s = time.monotonic()
+        self._closing = threading.Lock()
+        self._closed = False
+        self._device = _open(settings)
+        self._line = self._device.fileno()
+        self.low_latency, self.detail = self._device.low_latency, self._device.detail
+        self._released = threading.Event()
+        self._bell = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
+        self._rang = False
+        self._rung, self._either = select.poll(), select.poll()
+        self._rung.register(self._bell, select.POLLIN)
+        self._either.register(self._bell, select.POLLIN)
+        self._either.register(self._line, select.POLLIN)
+
+    @property
+    def wanted(self) -> bool:
+        """Whether nobody has released the port yet."""
+        return not self._released.is_set()
+
+    def read(self, timeout_s: float) -> bytes:
+        """Return what is there, waiting for the first byte at most ``timeout_s``; nothing where none came or somebody rang."""
+        ready = self._either.poll(timeout_s * 1e3)
+        if any(descriptor == self._line for descriptor, _ in ready):
+            return self._take(ready=True)
+        if ready:
+            self._quiet()
+        return b""
+
+    def read_on(self) -> bytes:
+        """Return what comes next on a line that always brings something; nothing after a tenth of a second of silence, or where somebody
+        rang before.
+        """
+        if self._rang:
+            self._quiet()
+            return b""
+        return self._take(ready=False)
+
+    def write(self, data: bytes) -> None:
+        """Send ``data`` and wait until it has left."""
+        try:
+            self._device.write(data)
+        except OSError as error:
+            raise _loss(self.name, str(error)) from error
+
+    def pause(self, seconds: float) -> None:
+        """Wait, but not beyond the release of the port, nor where somebody is in a hurry."""
+        if self._rung.poll(max(seconds, 0.0) * 1e3):
+            self._quiet()
+
+    def hurry(self) -> None:
+        """Say that what is there is wanted now: ends a pause and a read."""
+        with self._closing:
+            if not self._closed:
+                os.eventfd_write(self._bell, 1)
+                self._rang = True
+
+    def release(self) -> None:
+        """Say that the port is not wanted any more; ends every pause and read from now on."""
+        self._released.set()
+        self.hurry()
+
+    def close(self) -> None:
+        """Close the port."""
+        with self._closing:
+            if not self._closed:
+                self._closed = True
+                self._device.close()
+                os.close(self._bell)
+
+    def _take(self, *, ready: bool) -> bytes:
+        try:
+            data = self._device.read(ready=ready)
+        except OSError as error:
+            raise _loss(self.name, str(error)) from error
+        if data:
+            self.last_byte_s = time.monotonic()
+        return data
+
+    def _quiet(self) -> None:
+        """Quiet the bell, unless it rang for good."""
+        with self._closing:
+            self._rang = self._released.is_set()
+            if not self._rang:
+                os.eventfd_read(self._bell)
+
+
+def _open(settings: SerialSettings) -> Device:
+    line = network_line(settings.port)
+    return Tty(settings) if line is None else open_network(settings, line)
+
+
+def _loss(name: str, why: str) -> DeviceError:
+    remedy = "check the cable; the program reconnects by itself"
+    return DeviceError(f"port {name}", expected="a port that stays", found=f"it is gone ({why})", remedy=remedy)

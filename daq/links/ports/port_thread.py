@@ -1,0 +1,91 @@
+"""A thread that works on a serial port, and the event loop that watches over it."""
+
+import asyncio
+import contextlib
+import threading
+import time
+from collections.abc import Callable
+from typing import Any, TypeVar
+
+from stepdiag.daq.links.ports.device import SerialSettings
+from stepdiag.daq.links.ports.port import OpenPort
+from stepdiag.daq.links.reconnect import Report
+
+SILENT_AFTER_S = 2.0
+"""Without a byte for so long a line is silent."""
+_WATCH_S = 0.25
+_END_TIMEOUT_S = 2.0
+"""A thread that hangs in the kernel longer is left to end by itself: it is a daemon thread."""
+
+
+_T = TypeVar("_T")
+
+
+class PortThread:
+    """Opens a port in a thread of its own, works on it there, closes it there. One object, one life.
+
+    The thread cannot end unseen: however ``work`` ends, ``serve`` ends with it, by the same exception.
+    """
+
+    def __init__(self, settings: SerialSettings, work: Callable[[OpenPort], None]) -> None:
+        self._settings = settings
+        self._work = work
+        self._unwanted = threading.Event()
+        self._loop = asyncio.get_running_loop()
+        self._opened: asyncio.Future[OpenPort] = self._loop.create_future()
+        self._ended: asyncio.Future[Exception | None] = self._loop.create_future()
+
+    async def serve(self, report: Report) -> None:
+        """Run the thread until it ends; say when the line is open, silent, and heard again. Raises what ended the thread."""
+        thread = threading.Thread(target=self._main, name=f"serial {self._settings.port}", daemon=True)
+        thread.start()
+        try:
+            either: set[asyncio.Future[Any]] = {self._opened, self._ended}
+            await asyncio.wait(either, return_when=asyncio.FIRST_COMPLETED)
+            if self._opened.done():
+                await self._watch(self._opened.result(), report)
+            failure = await self._ended
+        finally:
+            await self._end(thread)
+        if failure is not None:
+            raise failure
+
+    async def _watch(self, port: OpenPort, report: Report) -> None:
+        report("connected", port.detail)
+        while not self._ended.done():
+            await asyncio.wait({self._ended}, timeout=_WATCH_S)
+            silent_s = time.monotonic() - port.last_byte_s
+            if silent_s > SILENT_AFTER_S:
+                report("silent", f"{port.name}: no byte for {SILENT_AFTER_S:g} s; check that the instrument is on and its baud rate")
+            else:
+                report("connected", port.detail)
+
+    async def _end(self, thread: threading.Thread) -> None:
+        self._unwanted.set()
+        if self._opened.done():
+            self._opened.result().release()
+        await asyncio.wait({self._ended}, timeout=_END_TIMEOUT_S)
+        if self._ended.done():
+            thread.join()
+
+    def _main(self) -> None:
+        failure: Exception | None = None
+        try:
+            self._live()
+        except Exception as error:  # noqa: BLE001 - handed to `serve`, which raises it
+            failure = error
+        self._tell(self._ended, failure)
+
+    def _live(self) -> None:
+        port = OpenPort(self._settings)
+        try:
+            self._tell(self._opened, port)
+            if not self._unwanted.is_set():
+                self._work(port)
+        finally:
+            port.close()
+
+    def _tell(self, future: asyncio.Future[_T], value: _T) -> None:
+        """Set a result from the thread; a loop that is closed does not care any more."""
+        with contextlib.suppress(RuntimeError):
+            self._loop.call_soon_threadsafe(future.set_result, value)

@@ -1,0 +1,194 @@
+"""Serial lines: a thread that reads and stamps, an event loop that watches over it.
+
+The stamp is taken in the reading thread right after the read: through a queue it would be late by milliseconds whenever other
+Python code is busy. A read takes all that is there in one call; reading lines would cost three hundred times more.
+"""
+
+import time
+from collections.abc import Callable, Sequence
+
+from stepdiag.daq.links.ports.device import SerialSettings
+from stepdiag.daq.links.ports.port import OpenPort
+from stepdiag.daq.links.ports.port_thread import PortThread
+from stepdiag.daq.links.reconnect import Report
+from stepdiag.daq.timing.host_clock import stamp_ns
+from stepdiag.daq.timing.samples import AskingDecoder, Decoder, GreetingDecoder, PolledDecoder, RespondingDecoder
+from stepdiag.solver.errors import DeviceError
+
+ANSWER_TIMEOUT_S = 0.5
+"""How long a polled instrument may take for the first byte of its answer."""
+PLAIN_GAP_S, LOW_LATENCY_GAP_S = 0.02, 0.005
+"""Silence that ends an answer: longer than the 16 ms that a USB adapter may sit on bytes, unless it is told not to."""
+GATHER_S = 0.02
+"""What arrives within so long is one chunk: a chunk for each of a thousand lines a second would cost an eighth of a core."""
+LARGEST_CHUNK = 16_384
+"""Bytes: a chunk of nothing but the shortest lines is still worked through in a tenth of a second."""
+BUSY_BYTES_PER_S = 100_000
+"""Above it the reader does not sleep while it gathers, nor asks whether there is something to read: a pty holds 4 KiB."""
+_READ_S = 0.02
+"""The longest a read waits; after as long a silence what was gathered is handed over."""
+
+Respond = Callable[[bytes], bytes]
+"""Takes what was heard, returns what is to be said to it; nothing where that is nothing."""
+OnChunk = Callable[[bytes, int], None]
+"""Takes bytes and their time (`daq.timing.host_clock`, ns, whole microseconds). Called in the reading thread; an exception ends it."""
+
+
+class SerialStream:
+    """A line whose instrument sends by itself; ``session`` is what a Reconnector runs.
+
+    A chunk is what came within twenty milliseconds; its stamp is that of its last byte, which had just arrived.
+    """
+
+    def __init__(
+        self, settings: SerialSettings, on_chunk: OnChunk, *, greeting: bytes = b"", responder: Callable[[], Respond] | None = None
+    ) -> None:
+        """``greeting`` is sent whenever the line has been opened, to make the instrument speak; ``responder`` makes what answers it."""
+        self._settings = settings
+        self._on_chunk = on_chunk
+        self._greeting = greeting
+        self._responder = responder
+        self._port: OpenPort | None = None
+
+    async def session(self, report: Report) -> None:
+        """Hand over chunks until the line is lost. Raises DeviceError."""
+        await PortThread(self._settings, self._read).serve(report)
+
+    def hurry(self) -> None:
+        """Have what came until now handed over at once; from any thread."""
+        if self._port is not None:
+            self._port.hurry()
+
+    def _read(self, port: OpenPort) -> None:
+        self._port = port
+        if self._greeting:
+            port.write(self._greeting)
+        respond = self._responder() if self._responder is not None else None
+        pace = _Pace()
+        while port.wanted:
+            if pace.sleeps:
+                port.pause(GATHER_S)
+            data, last_ns, reads = _gather(port, 0.0 if pace.sleeps else GATHER_S, busy=pace.busy)
+            pace.note(len(data), reads)
+            if data:
+                self._on_chunk(data, last_ns)
+            if data and respond is not None and (answer := respond(data)):
+                port.write(answer)
+
+
+class PolledSerial:
+    """A line whose instrument answers requests; every byte of an answer is stamped with the middle between request and answer.
+
+    An answer that comes too late would be taken for the answer to the next request: after a timeout the line must be silent for as
+    long again before the next request, and what comes until then is thrown away.
+    """
+
+    def __init__(
+        self,
+        settings: SerialSettings,
+        on_chunk: OnChunk,
+        *,
+        request: bytes,
+        interval_s: float,
+        others: Sequence[tuple[bytes, float]] = (),
+        greeting: bytes = b"",
+    ) -> None:
+        """``others`` are asked for too, each (request, interval in s) when due; ``greeting`` is sent when the line has been opened."""
+        self._settings = settings
+        self._on_chunk = on_chunk
+        self._request = request
+        self._interval_s = interval_s
+        self._others = tuple(others)
+        self._greeting = greeting
+
+    async def session(self, report: Report) -> None:
+        """Ask and hand over answers until the line is lost. Raises DeviceError."""
+        await PortThread(self._settings, self._poll).serve(report)
+
+    def _poll(self, port: OpenPort) -> None:
+        gap_s = LOW_LATENCY_GAP_S if port.low_latency else PLAIN_GAP_S
+        if self._greeting:
+            port.write(self._greeting)
+            _await_silence(port)
+        due_s = time.monotonic()
+        others_due_s = [due_s] * len(self._others)
+        while port.wanted:
+            if not self._ask(port, gap_s, self._request):
+                _await_silence(port)
+            for number, (request, interval_s) in enumerate(self._others):
+                if time.monotonic() >= others_due_s[number]:
+                    others_due_s[number] = time.monotonic() + interval_s
+                    if not self._ask(port, gap_s, request):
+                        _await_silence(port)
+                    break  # one at a time: the reading is asked for in between
+            due_s = max(due_s + self._interval_s, time.monotonic())
+            port.pause(due_s - time.monotonic())
+
+    def _ask(self, port: OpenPort, gap_s: float, request: bytes) -> bool:
+        """Send a request and hand over the answer; return False where none came in time."""
+        port.write(request)
+        sent_ns = stamp_ns()
+        data = port.read(ANSWER_TIMEOUT_S)
+        middle_ns = (sent_ns + stamp_ns()) // 2_000 * 1_000
+        answered = bool(data)
+        while data:
+            self._on_chunk(data, middle_ns)
+            data = port.read(gap_s)
+        return answered
+
+
+def instrument_line(settings: SerialSettings, decoder: Decoder, on_chunk: OnChunk) -> SerialStream | PolledSerial:
+    """Return the line of an instrument that is read by ``decoder``: whether it is asked, and what it is told first."""
+    greeting = decoder.greeting if isinstance(decoder, GreetingDecoder) else b""
+    if not isinstance(decoder, PolledDecoder):
+        responder = decoder.responder if isinstance(decoder, RespondingDecoder) else None
+        return SerialStream(settings, on_chunk, greeting=greeting, responder=responder)
+    others = decoder.others if isinstance(decoder, AskingDecoder) else ()
+    return PolledSerial(settings, on_chunk, request=decoder.request, interval_s=decoder.poll_interval_s, others=others, greeting=greeting)
+
+
+class _Pace:
+    """Whether to sleep before the next chunk: not on a ``busy`` line, nor on one so slow that nothing would come meanwhile."""
+
+    def __init__(self) -> None:
+        self.sleeps = self.busy = False
+        self._since_s = time.monotonic()
+
+    def note(self, size: int, reads: int) -> None:
+        """Take the size of a chunk and the number of reads that brought it."""
+        now_s = time.monotonic()
+        self.busy = size > BUSY_BYTES_PER_S * (now_s - self._since_s)
+        self._since_s = now_s
+        self.sleeps = reads > 1 and not self.busy
+
+
+def _gather(port: OpenPort, seconds: float, *, busy: bool) -> tuple[bytes, int, int]:
+    """Return what is there and what comes within ``seconds``, the time of its last byte, and how many reads brought something.
+
+    At least two reads: the first may find bytes that lay there for a while, the second waits for one that arrives. What came before the
+    line was lost is returned; the next read says that it is lost.
+    """
+    parts: list[bytes] = []
+    size, last_ns, end_s = 0, 0, time.monotonic() + seconds
+    while data := _read(port, bool(parts), busy):
+        last_ns = stamp_ns()
+        parts.append(data)
+        size += len(data)
+        if size > LARGEST_CHUNK or (len(parts) > 1 and time.monotonic() >= end_s):
+            break
+    return b"".join(parts), last_ns, len(parts)
+
+
+def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
+    """Return what a read gives; nothing where the line is lost and there are bytes to hand over first."""
+    try:
+        return port.read_on() if busy else port.read(_READ_S)
+    except DeviceError:
+        if not gathered:
+            raise
+        return b""
+
+
+def _await_silence(port: OpenPort) -> None:
+    while port.wanted and port.read(ANSWER_TIMEOUT_S):
+        pass

@@ -1,0 +1,163 @@
+"""Charts of the report: lines with their k=2 bands, and bars."""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.report.drawings import svg
+
+Vector = NDArray[np.float64]
+
+COVERAGE = 2.0
+"""Coverage factor of every band drawn (ISO/TR 230-9: k = 2)."""
+WIDTH, HEIGHT = 460.0, 250.0
+LEFT, RIGHT, TOP, BOTTOM = 56.0, 12.0, 14.0, 38.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Series:
+    """A line of a chart: ``x``, ``y`` and the standard uncertainty ``u`` (k = 1; NaN or None where unknown)."""
+
+    label: str
+    x: Vector
+    y: Vector
+    u: Vector | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """A data range laid on a range of pixels."""
+
+    low: float
+    high: float
+    start: float
+    end: float
+
+    def __call__(self, value: float) -> float:
+        """Return the pixel of a value."""
+        return self.start + (value - self.low) / (self.high - self.low) * (self.end - self.start)
+
+
+def ticks(low: float, high: float, wanted: int = 5) -> list[float]:
+    """Return round values (1, 2 or 5 times a power of ten apart) that cover ``low`` to ``high``."""
+    span = high - low
+    raw = span / wanted
+    power = 10.0 ** math.floor(math.log10(raw))
+    step = next(factor * power for factor in (1.0, 2.0, 5.0, 10.0) if factor * power >= raw * (1 - 1e-9))
+    first = math.floor(low / step + 1e-9)
+    last = math.ceil(high / step - 1e-9)
+    return [index * step for index in range(first, last + 1)]
+
+
+def _span(values: Sequence[Vector]) -> tuple[float, float]:
+    finite = np.concatenate([v[np.isfinite(v)] for v in values]) if values else np.zeros(0)
+    if finite.size == 0:
+        return 0.0, 1.0
+    low, high = float(finite.min()), float(finite.max())
+    if high - low < 1e-9 * max(1.0, abs(low), abs(high)):
+        return low - 0.5, high + 0.5
+    return low, high
+
+
+def _label(value: float, step: float) -> str:
+    decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+    shown = f"{value:.{decimals}f}"
+    return shown[1:] if shown.startswith("-") and float(shown) == 0 else shown
+
+
+def _frame(horizontal: Scale, vertical: Scale, x_label: str, y_label: str) -> list[str]:
+    """Return grid, ticks and axis titles."""
+    parts: list[str] = []
+    for scale, is_x in ((horizontal, True), (vertical, False)):
+        marks = [t for t in ticks(scale.low, scale.high) if scale.low - 1e-9 <= t <= scale.high + 1e-9]
+        step = marks[1] - marks[0] if len(marks) > 1 else 1.0
+        for mark in marks:
+            at, name = scale(mark), _label(mark, step)
+            if is_x:
+                parts.append(svg.element("path", d=svg.path([(at, vertical.start), (at, vertical.end)]), class_="grid"))
+                parts.append(svg.text(name, at, vertical.start + 14, class_="tick", text_anchor="middle"))
+            else:
+                kind = "zero" if abs(mark) < step * 1e-6 else "grid"
+                line = svg.path([(horizontal.start, at), (horizontal.end, at)])
+                parts.append(svg.element("path", d=line, class_=kind))
+                parts.append(svg.text(name, horizontal.start - 6, at + 3.5, class_="tick", text_anchor="end"))
+    middle = (horizontal.start + horizontal.end) / 2
+    parts.append(svg.text(x_label, middle, HEIGHT - 6, class_="axis", text_anchor="middle"))
+    upright = f"rotate(-90 12 {svg.number((vertical.start + vertical.end) / 2)})"
+    parts.append(
+        svg.text(y_label, 12, (vertical.start + vertical.end) / 2, class_="axis", text_anchor="middle",
+                 transform=upright)
+    )  # fmt: skip
+    return parts
+
+
+def _runs(mask: NDArray[np.bool_]) -> list[slice]:
+    """Return the slices in which ``mask`` is true without a gap."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], mask, [False]]).astype(np.int8)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]
+
+
+def _band(series: Series, horizontal: Scale, vertical: Scale, order: int) -> list[str]:
+    if series.u is None:
+        return []
+    half = COVERAGE * series.u
+    parts = []
+    for run in _runs(np.isfinite(series.y) & np.isfinite(half)):
+        x, y, h = series.x[run], series.y[run], half[run]
+        upper = [(horizontal(a), vertical(b)) for a, b in zip(x, y + h, strict=True)]
+        lower = [(horizontal(a), vertical(b)) for a, b in zip(x, y - h, strict=True)]
+        shape = svg.path([*upper, *reversed(lower)], closed=True)
+        parts.append(svg.element("path", d=shape, class_=f"band s{order}"))
+    return parts
+
+
+def _line(series: Series, horizontal: Scale, vertical: Scale, order: int) -> list[str]:
+    parts = []
+    for run in _runs(np.isfinite(series.y)):
+        points = [(horizontal(a), vertical(b)) for a, b in zip(series.x[run], series.y[run], strict=True)]
+        parts.append(svg.element("path", d=svg.path(points), class_=f"line s{order}"))
+        parts += [svg.element("circle", cx=x, cy=y, r=2.0, class_=f"dot s{order}") for x, y in points]
+    return parts
+
+
+def _legend(series: Sequence[Series]) -> list[str]:
+    parts, at = [], LEFT + 4
+    for order, one in enumerate(series):
+        parts.append(svg.element("path", d=svg.path([(at, 9), (at + 16, 9)]), class_=f"line s{order}"))
+        parts.append(svg.text(one.label, at + 20, 12, class_="tick"))
+        at += 30 + 6.2 * len(one.label)
+    return parts
+
+
+def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: str) -> str:
+    """Return a drawing of lines with dots at the nodes and their k=2 bands; what is NaN is left out."""
+    reaches = [s.y + sign * COVERAGE * np.nan_to_num(s.u) for s in series if s.u is not None for sign in (-1, 1)]
+    low, high = _span([*(s.y for s in series), *reaches])
+    marks = ticks(min(low, 0.0), max(high, 0.0))
+    horizontal = Scale(*_span([s.x for s in series]), LEFT, WIDTH - RIGHT)
+    vertical = Scale(marks[0], marks[-1], HEIGHT - BOTTOM, TOP + (8 if len(series) > 1 else 0))
+    content = _frame(horizontal, vertical, x_label, y_label)
+    for order, one in enumerate(series):
+        content += _band(one, horizontal, vertical, order)
+    for order, one in enumerate(series):
+        content += _line(one, horizontal, vertical, order)
+    if len(series) > 1:
+        content += _legend(series)
+    return svg.drawing(WIDTH, HEIGHT, label, *content)
+
+
+def bar_chart(bars: Sequence[tuple[str, float]], *, label: str, unit: str) -> str:
+    """Return horizontal bars from zero, longest first as given, each with its name and value."""
+    row, left, reach = 20.0, 170.0, 210.0
+    longest = max((abs(value) for _, value in bars), default=0.0) or 1.0
+    content = []
+    for index, (name, value) in enumerate(bars):
+        top = index * row + 4
+        length = reach * abs(value) / longest
+        content.append(svg.text(name, left - 8, top + 11, class_="axis", text_anchor="end"))
+        content.append(svg.element("rect", x=left, y=top, width=length, height=row - 7, class_="bar s0"))
+        content.append(svg.text(f"{value:.3g} {unit}", left + length + 5, top + 11, class_="tick"))
+    return svg.drawing(WIDTH, row * len(bars) + 6, label, *content)

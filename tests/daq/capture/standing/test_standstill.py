@@ -1,0 +1,89 @@
+"""One standstill that Modbus shows in parts: registers that lag behind the stop signal, a stop signal that flickers."""
+
+import struct
+from dataclasses import dataclass, field
+
+import pytest
+
+from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.outcome import Ended
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.records.events import ModbusBlock
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.solver.findings import Finding
+from testkit.timeline import STOPPED_ONLY, Timeline, diagonal, survey_text
+
+
+@dataclass
+class Lagging(Timeline):
+    """A PLC whose position, count or stop signal are not of one moment."""
+
+    late_s: dict = field(default_factory=dict)
+    """By how much registers lag behind the stop signal: ``position``, ``count``."""
+    flicker: tuple = ()
+    """Spans (from, to) after the arrival at every stop in which the stop signal is away."""
+
+    def registers(self, now, heartbeat):
+        data = bytearray(super().registers(now, heartbeat))
+        for name, first, last in (("count", 2, 4), ("position", 8, 20)):
+            if name in self.late_s:
+                data[first:last] = super().registers(now - self.late_s[name], heartbeat)[first:last]
+        since = next((now - begin for begin, end in self.schedule() if begin <= now < end), None)
+        if since is not None and any(begin <= since < end for begin, end in self.flicker):
+            (bits,) = struct.unpack(">H", data[4:6])
+            data[4:6] = struct.pack(">H", bits & ~1)
+        return bytes(data)
+
+
+def run(timeline, **survey):
+    """Return (stops, codes, ends)."""
+    parsed = parse_survey(survey_text(**survey), "survey.toml")
+    capture = Capture(parsed, PassBook(parsed).start(skip_open_dwell=False))
+    outcomes = [outcome for event in timeline.events() for outcome in capture.feed(event)] + capture.finish()
+    kinds = (CapturedStop, Finding, Ended)
+    return tuple([each for each in outcomes if isinstance(each, kind)] for kind in kinds)
+
+
+@pytest.mark.parametrize(
+    "late_s", [{"position": 0.12}, {"count": 0.12}, {"position": 0.15, "count": 0.08}, {"position": 0.2, "count": 0.2}]
+)
+def test_registers_that_lag_some_polls_cost_nothing(late_s):
+    """Position and count of the stop before, for some polls of every dwell: every stop is taken once, nothing is said."""
+    truth = diagonal("ppp", n=2)
+    stops, findings, ends = run(Lagging(truth, late_s=late_s), n=2)
+    assert [stop.stop for stop in stops] == list(range(7))
+    for stop, true in zip(stops, truth, strict=True):
+        assert stop.position_mm == pytest.approx(true.position, abs=1e-4)
+        assert abs((stop.reading_mm - stops[0].reading_mm) - true.reading) * 1e3 < 0.6
+    assert findings == []
+    assert [end.kind for end in ends] == ["complete"]
+
+
+@pytest.mark.parametrize("signals", ["", STOPPED_ONLY])
+def test_the_longest_steady_part_of_a_flickering_dwell_counts(signals):
+    """The stop signal is there for 0.1 s, away for 50 ms, then there to the end: the long part is measured, nothing is doubted."""
+    truth = diagonal("ppp", n=2)
+    timeline = Lagging(truth, flicker=((0.1, 0.15), (0.18, 0.23)))
+    stops, findings, _ = run(timeline, signals=signals, n=2)
+    assert [stop.stop for stop in stops] == list(range(7))
+    for stop, (begin, end) in zip(stops, timeline.schedule(), strict=True):
+        assert begin + 0.23 < stop.window_from_ns * 1e-9 < stop.window_to_ns * 1e-9 < end
+        assert not stop.doubtful
+    assert {each.code for each in findings} <= {"position-unchecked", "signals-absent"}
+
+
+def test_a_stop_that_was_not_seen_to_be_left_is_another_one():
+    """No poll between two dwells: the machine moved all the same, as the laser and the registers say."""
+    truth = diagonal("ppp")
+    timeline = Timeline(truth, move_s=0.3)
+    gaps = [(begin - 0.33, begin + 0.02) for begin, _ in timeline.schedule()[1:]]
+    events = [each for each in timeline.events() if not (isinstance(each, ModbusBlock) and within(each, gaps))]
+    parsed = parse_survey(survey_text(), "survey.toml")
+    capture = Capture(parsed, PassBook(parsed).start(skip_open_dwell=False))
+    outcomes = [outcome for event in events for outcome in capture.feed(event)] + capture.finish()
+    assert [each.stop for each in outcomes if isinstance(each, CapturedStop)] == list(range(10))
+
+
+def within(block, spans):
+    return any(begin <= block.send_ns * 1e-9 < end for begin, end in spans)

@@ -1,0 +1,331 @@
+"""Serial links over real ptys: nothing lost, stamped where it is read, no thread that ends unseen."""
+
+import asyncio
+import threading
+import time
+from dataclasses import replace
+
+import pytest
+
+from stepdiag.daq.links.ports import port_thread, serial
+from stepdiag.daq.links.ports.device import SerialSettings
+from stepdiag.daq.links.ports.port import OpenPort
+from stepdiag.daq.links.ports.port_thread import PortThread
+from stepdiag.daq.links.ports.serial import PolledSerial, SerialStream
+from stepdiag.daq.timing.host_clock import now_ns
+from stepdiag.solver.errors import DeviceError
+from testkit.running.slaves import Pty, running, wait_until
+
+
+@pytest.fixture
+def pty():
+    line = Pty()
+    yield line
+    line.close()
+
+
+def settings(pty):
+    return SerialSettings(port=pty.name)
+
+
+class States(list):
+    """What a session reports, changes only."""
+
+    def __call__(self, state, detail):
+        if not self or self[-1] != state:
+            self.append(state)
+
+
+async def while_running(session, work, states):
+    """Run ``work`` in a thread while the session runs, then cancel the session as the daemon does."""
+    task = asyncio.create_task(session(states))
+    try:
+        await asyncio.to_thread(work)
+    finally:
+        task.cancel()
+        await asyncio.gather(task, return_exceptions=True)
+
+
+def serial_threads():
+    return [thread for thread in threading.enumerate() if thread.name.startswith("serial ")]
+
+
+def test_every_byte_arrives_in_order_with_a_stamp_of_the_moment(pty):
+    chunks, states = [], States()
+    sent = [bytes([number]) * 100 for number in range(20)]
+
+    def work():
+        wait_until(lambda: states == ["connected"])
+        for block in sent:
+            before_ns = now_ns()
+            pty.write(block)
+            wait_until(lambda whole=100 * (block[0] + 1): sum(len(data) for data, _ in chunks) == whole)
+            assert before_ns - 1000 <= chunks[-1][1] <= now_ns()
+
+    asyncio.run(while_running(SerialStream(settings(pty), lambda *chunk: chunks.append(chunk)).session, work, states))
+    assert b"".join(data for data, _ in chunks) == b"".join(sent)
+    assert all(arrival_ns % 1000 == 0 for _, arrival_ns in chunks)
+    assert not serial_threads()
+
+
+def assert_gathered(handed_ns):
+    """Two chunks are about as far apart as what is gathered into one, however slowly a busy computer lets the bytes come."""
+    assert len(handed_ns) <= 2 + (handed_ns[-1] - handed_ns[0]) / 1e9 / (serial.GATHER_S / 2)
+
+
+def test_a_chunk_is_what_came_within_two_hundredths_of_a_second_stamped_by_its_last_line(pty):
+    """500 lines a second, each holding the moment it was written: few chunks, each stamped between its last line and its handing over."""
+    chunks, states, handed_ns = [], States(), []
+
+    def take(data, arrival_ns):
+        chunks.append((data, arrival_ns))
+        handed_ns.append(now_ns())
+
+    def work():
+        wait_until(lambda: states == ["connected"])
+        for _ in range(300):
+            pty.write(b"%d\n" % now_ns())
+            time.sleep(0.002)
+        wait_until(lambda: sum(data.count(b"\n") for data, _ in chunks) == 300)
+
+    asyncio.run(while_running(SerialStream(settings(pty), take).session, work, states))
+    assert_gathered(handed_ns)
+    for (data, stamp), handed in zip(chunks, handed_ns, strict=True):
+        assert int(data.splitlines()[-1]) - 1000 <= stamp <= handed
+
+
+def test_a_busy_line_is_read_whole_and_its_silence_and_its_end_are_seen(pty):
+    """A megabyte at full speed, a silence, a single line again after it, and the cable."""
+    chunks, states, handed_ns = [], States(), []
+    block = bytes(range(256)) * 16
+
+    def heard():
+        return sum(len(data) for data, _ in chunks)
+
+    def take(*chunk):
+        chunks.append(chunk)
+        handed_ns.append(now_ns())
+
+    async def serve():
+        task = asyncio.create_task(SerialStream(settings(pty), take).session(states))
+        await asyncio.to_thread(work)
+        pty.close()
+        await task
+
+    def work():
+        wait_until(lambda: states == ["connected"])
+        for _ in range(256):
+            pty.write(block)
+        wait_until(lambda: heard() == 256 * len(block))
+        time.sleep(0.3)
+        before_ns = now_ns()
+        pty.write(b"last")
+        wait_until(lambda: heard() == 256 * len(block) + 4)
+        assert before_ns - 1000 <= chunks[-1][1] <= now_ns()
+
+    with pytest.raises(DeviceError, match="it is gone"):
+        asyncio.run(serve())
+    assert b"".join(data for data, _ in chunks) == block * 256 + b"last"
+    assert len(chunks) < 200 or len(handed_ns) <= (handed_ns[-1] - handed_ns[0]) / 1e9 / (serial.GATHER_S / 2)
+    assert not serial_threads()
+
+
+def test_who_is_in_a_hurry_gets_what_is_there(pty, monkeypatch):
+    """Between two chunks the reader sleeps, here for an hour; it hands over at once what somebody waits for."""
+    monkeypatch.setattr(serial, "GATHER_S", 3600.0)
+    chunks, states = [], States()
+    stream = SerialStream(settings(pty), lambda *chunk: chunks.append(chunk))
+
+    def heard():
+        return b"".join(data for data, _ in chunks)
+
+    def work():
+        wait_until(lambda: states == ["connected"])
+        while not chunks:  # two reads in one chunk, then a silence: from then on it sleeps
+            pty.write(b"a")
+            time.sleep(0.001)
+            pty.write(b"a")
+            time.sleep(0.05)
+        for _ in range(3):
+            whole = len(heard()) + 50
+            pty.write(b"b" * 50)
+            wait_until(lambda whole=whole: stream.hurry() or len(heard()) >= whole)
+
+    asyncio.run(while_running(stream.session, work, states))
+    assert heard().endswith(b"b" * 150)
+
+
+def test_a_busy_line_is_handed_over_too_when_somebody_is_in_a_hurry(pty, monkeypatch):
+    """The line is read without listening to the bell, and here a chunk lasts for an hour or until a silence, which does not come."""
+    monkeypatch.setattr(serial, "GATHER_S", 3600.0)
+    monkeypatch.setattr(serial, "LARGEST_CHUNK", 1 << 40)
+    chunks, states, block = [], States(), bytes(4096)
+    stream = SerialStream(settings(pty), lambda *chunk: chunks.append(chunk))
+
+    def feed(ended):
+        while not ended.is_set():
+            pty.write(block)
+
+    def work():
+        wait_until(lambda: states == ["connected"])
+        for _ in range(64):
+            pty.write(block)
+        wait_until(lambda: len(chunks) > 0)
+        with running(feed):
+            for _ in range(3):
+                before = len(chunks)
+                time.sleep(0.1)
+                stream.hurry()
+                wait_until(lambda before=before: len(chunks) > before)
+
+    asyncio.run(while_running(stream.session, work, states))
+
+
+def test_cancelling_ends_the_thread_by_itself(pty, monkeypatch):
+    """Not by giving it up as one that hangs: here that would take an hour."""
+    monkeypatch.setattr(port_thread, "_END_TIMEOUT_S", 3600.0)
+    states = States()
+    asyncio.run(while_running(SerialStream(settings(pty), lambda *_: None).session, lambda: wait_until(lambda: bool(states)), states))
+    assert not serial_threads()
+
+
+def test_a_port_that_is_not_there_is_refused_by_name(tmp_path):
+    stream = SerialStream(SerialSettings(port=str(tmp_path / "ttyNone")), lambda *_: None)
+    with pytest.raises(DeviceError, match=r"ttyNone: expected a port that opens, found No such file.*plugged in"):
+        asyncio.run(stream.session(States()))
+
+
+def test_a_port_in_use_by_another_is_refused(pty):
+    other = OpenPort(settings(pty))
+    with pytest.raises(DeviceError, match="another program has the port open"):
+        asyncio.run(SerialStream(settings(pty), lambda *_: None).session(States()))
+    other.close()
+
+
+def test_a_port_that_does_not_take_the_settings_is_not_blamed_on_the_cable(pty):
+    """A pty opens with a parity, and refuses it when it is set up once more."""
+    stream = SerialStream(replace(settings(pty), parity="E"), lambda *_: None)
+    with pytest.raises(DeviceError, match=r"expected a port that takes these settings, found Invalid argument.*parity"):
+        asyncio.run(stream.session(States()))
+
+
+def test_a_cable_pulled_out_ends_the_session(pty):
+    async def pulled():
+        states = States()
+        task = asyncio.create_task(SerialStream(settings(pty), lambda *_: None).session(states))
+        await asyncio.to_thread(wait_until, lambda: bool(states))
+        pty.close()
+        await task
+
+    with pytest.raises(DeviceError, match="it is gone"):
+        asyncio.run(pulled())
+    assert not serial_threads()
+
+
+def test_what_came_just_before_the_cable_was_pulled_is_handed_over():
+    """Bytes that were being gathered into a chunk are not thrown away with the line."""
+
+    class Failing:
+        wanted = True
+
+        def __init__(self):
+            self.reads = iter([b"one", b"two"])
+
+        def pause(self, _seconds):
+            pass
+
+        def read(self, _timeout_s):
+            return self.read_on()
+
+        def read_on(self):
+            if data := next(self.reads, b""):
+                return data
+            raise DeviceError("serial port x", expected="a line", found="it is gone")
+
+    chunks = []
+    stream = SerialStream(SerialSettings(port="x"), lambda data, _: chunks.append(data))
+    with pytest.raises(DeviceError, match="it is gone"):
+        stream._read(Failing())
+    assert b"".join(chunks) == b"onetwo"
+
+
+def test_a_fault_in_the_reading_thread_is_seen_by_its_supervisor(pty):
+    def broken(data, arrival_ns):
+        raise ZeroDivisionError
+
+    async def serve():
+        states = States()
+        task = asyncio.create_task(SerialStream(settings(pty), broken).session(states))
+        await asyncio.to_thread(wait_until, lambda: states == ["connected"])
+        pty.write(b"x")
+        await task
+
+    with pytest.raises(ZeroDivisionError):
+        asyncio.run(serve())
+    assert not serial_threads()
+
+
+def test_a_silent_line_is_said_and_so_is_its_return(pty, monkeypatch):
+    monkeypatch.setattr(port_thread, "SILENT_AFTER_S", 0.2)
+    monkeypatch.setattr(port_thread, "_WATCH_S", 0.02)
+    states = States()
+
+    def work():
+        wait_until(lambda: states == ["connected", "silent"])
+        pty.write(b"x")
+        wait_until(lambda: states[:3] == ["connected", "silent", "connected"])
+
+    asyncio.run(while_running(SerialStream(settings(pty), lambda *_: None).session, work, states))
+
+
+def test_a_pty_has_no_low_latency_mode_and_that_is_borne(pty):
+    port = OpenPort(settings(pty))
+    assert port.low_latency is False
+    port.close()
+
+
+class Display:
+    """A port with a polled display behind it, whose time passes only where a test says so."""
+
+    low_latency = True
+
+    def __init__(self, monkeypatch, answer):
+        self.wanted, self.now_ns, self._answer = True, 1_000_000_000, list(answer)
+        monkeypatch.setattr(serial, "stamp_ns", lambda: self.now_ns)
+
+    def write(self, _request):
+        self.now_ns += 1_000_000
+
+    def read(self, _timeout_s):
+        """Return the next piece of the answer, 60 ms after whatever came before it."""
+        self.now_ns += 60_000_000
+        return self._answer.pop(0) if self._answer else b""
+
+    def pause(self, _seconds):
+        self.wanted = False
+
+
+def test_an_answer_is_stamped_with_the_middle_between_request_and_answer(monkeypatch):
+    """A display has no time of its own: the value was latched between the request and the first byte of the answer."""
+    chunks = []
+    polled = PolledSerial(SerialSettings(port="x"), lambda *chunk: chunks.append(chunk), request=b"\x1bA0200\r", interval_s=0.1)
+    polled._poll(Display(monkeypatch, [b"\x02+00000", b"1234\r\n"]))
+    assert chunks == [(b"\x02+00000", 1_031_000_000), (b"1234\r\n", 1_031_000_000)]
+
+
+def test_an_answer_that_comes_too_late_is_not_taken_for_the_next(monkeypatch):
+    """Nothing within the time allowed, then the late answer, then silence: only then does the next request go out."""
+    chunks = []
+    display = Display(monkeypatch, [b"", b"0001\n", b"", b"0002\n", b""])
+    display.pause = lambda _seconds: setattr(display, "wanted", bool(display._answer))
+    polled = PolledSerial(SerialSettings(port="x"), lambda *chunk: chunks.append(chunk), request=b"?", interval_s=0.03)
+    polled._poll(display)
+    assert [data for data, _ in chunks] == [b"0002\n"]
+
+
+def test_work_that_returns_ends_the_session_too(pty):
+    async def serve():
+        await PortThread(settings(pty), lambda port: None).serve(States())
+
+    asyncio.run(serve())
+    assert not serial_threads()

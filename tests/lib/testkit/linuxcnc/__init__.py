@@ -1,0 +1,1 @@
+"""A real LinuxCNC, headless, with its laser beside it."""

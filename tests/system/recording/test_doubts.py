@@ -1,0 +1,113 @@
+"""One life of a finding, over real sockets and ptys: what is doubted keeps its pass open until it is driven again or accepted."""
+
+import json
+
+import pytest
+
+from testkit.cli import stepdiag
+from testkit.running.hall import daemon, hall, until
+from testkit.running.steady import on_a_steady_computer
+from testkit.running.verdict import nothing_silently_wrong
+
+pytestmark = pytest.mark.system
+
+QUICK = {
+    "handshake": True,
+    "dwell": 0.1,
+    "n": 1,
+    "laser_bench": "compensated = true\n",
+    "laser_survey": "compensated = true\n",
+    "exports": '[[export]]\ncontroller = "neutral"\nprofile = "neutral.toml"\n',
+}
+UNSIGNALLED = '[[fault]]\nkind = "stop-unsignalled"\nsetup = "npp"\nstop = 2\n'
+"""Modbus does not show the stop; it is taken from the laser's plateau, and doubted."""
+
+
+def drive_all(place, process):
+    place.start_setups(stop_after=len(place.setups))
+    return until(process, "survey-open")[-1]
+
+
+@on_a_steady_computer
+def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
+    """No result before; the same words in journal and status, before and after a restart; accepted with name and time, shown, replayed."""
+    options = {**QUICK, "exports": "", "handshake": False, "dwell": 5.0}
+    with hall(tmp_path, faults=UNSIGNALLED, **options) as place:
+        with daemon(place.survey) as process:
+            opened = drive_all(place, process)
+            assert opened["doubted"] == ["npp/1/2"]
+            live = stepdiag("status", place.survey).out
+        told = json.loads(stepdiag("status", place.survey, "--json").out)
+        assert "it waits for: doubted: npp/1/2" in live
+        assert "machine: connected" in live
+        assert not (place.round / "result.json").exists()
+        assert [(each["place"], each["code"]) for each in told["doubts"]] == [("npp/1/2", "stop-recovered")]
+        assert [each["state"] for each in told["findings"] if each["place"] == "npp/1/2"][-1] == "open"
+        refused = stepdiag("accept", place.survey, "ppp/1/2", "--reason", "why not")
+        assert refused.code == 2
+        assert "npp/1/2 (stop-recovered)" in refused.refusal
+        with daemon(place.survey) as process:
+            done = stepdiag("accept", place.survey, "npp/1/2", "--reason", "a hand on the cable", "--name", "Kim")
+            assert done.code == 0, done.refusal
+            assert until(process, "survey-complete")[-1]["exit_code"] == 0
+        result = json.loads((place.round / "result.json").read_text())
+        (found,) = [each for each in result["findings"] if each["code"] == "stop-recovered"]
+        assert (found["severity"], found["setup"], found["stop"]) == ("warning", "npp", 2)
+        assert "accepted by Kim at 2" in found["text"]
+        assert "a hand on the cable" in found["text"]
+        assert "a hand on the cable" in (place.round / "report.html").read_text()
+        assert json.loads(stepdiag("replay", place.round, "--json").out)["different"] == []
+    nothing_silently_wrong(place)
+
+
+def fault(**fields):
+    return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
+
+
+def drive_again(place):
+    """Write the survey file of a hall whose machine drives some setups twice: the plan names each once."""
+    text = place.survey.read_text()
+    named = ", ".join(f'"{setup}"' for setup in place.setups)
+    planned = ", ".join(f'"{setup}"' for setup in dict.fromkeys(place.setups))
+    place.survey.write_text(text.replace(f"setups = [{named}]", f"setups = [{planned}]"))
+
+
+@on_a_steady_computer
+def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again(tmp_path):
+    """Afterwards nothing of them hinders: result and files are there, what happened stands in the annex."""
+    faults = UNSIGNALLED + fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.05)
+    options = {**QUICK, "exports": "", "handshake": False, "dwell": 5.0, "setups": ("ppp", "npp", "pnp", "ppn", "ppp", "npp")}
+    with hall(tmp_path, faults=faults, **options) as place:
+        drive_again(place)
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "survey-complete")
+        book = nothing_silently_wrong(place)
+    assert {"beam-lost", "stop-recovered"} <= {each.get("code") for each in said}
+    assert book.doubts() == ()
+    result = json.loads((place.round / "result.json").read_text())
+    assert not {"beam-lost", "stop-recovered", "stop-lost"} & {each["code"] for each in result["findings"]}
+    assert not [each for each in result["findings"] if each["severity"] == "error"]
+    assert {"beam-lost", "stop-recovered"} <= {each["code"] for each in result["history"]}
+    assert "Annex: what happened while recording" in (place.round / "report.html").read_text()
+
+
+@on_a_steady_computer
+def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
+    """The same reason in journal, status and page; the readings are written; the next daemon goes on with it, and begins nothing new."""
+    (tmp_path / "angles.csv").write_text("axis,position_mm,EA_urad,EB_urad,EC_urad\nx,0,1,1,1\nx,100,nonsense,1,1\n")
+    options = {**QUICK, "exports": '[solver]\nangles = "angles.csv"\n', "setups": ("ppp", "npp")}
+    with hall(tmp_path, **options) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            opened = until(process, "survey-open")[-1]
+            live = stepdiag("status", place.survey).out
+        assert "angles.csv" in opened["reason"]
+        told = json.loads(stepdiag("status", place.survey, "--json").out)
+        assert told["unsolved"] in opened["reason"]
+        assert "nonsense" in told["unsolved"]
+        assert "every pass is in, and there is no result: angles.csv" in live.replace("\n", " ")
+        assert (place.round / "readings.csv").exists()
+        with daemon(place.survey) as process:
+            assert until(process, "survey-open")[-1]["reason"] == opened["reason"]
+        assert [each.name for each in (tmp_path / "hall").iterdir() if each.is_dir()] == ["0001"]

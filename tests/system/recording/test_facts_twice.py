@@ -1,0 +1,210 @@
+"""What was recorded twice must agree, or be named on its stop: over real processes, sockets and ptys."""
+
+import csv
+import json
+import re
+
+import pytest
+
+from testkit.cli import stepdiag
+from testkit.running.hall import daemon, hall, until
+from testkit.running.steady import on_a_steady_computer
+from testkit.running.verdict import nothing_silently_wrong
+
+pytestmark = pytest.mark.system
+
+COMPENSATED = {"laser_bench": "compensated = true\n", "laser_survey": "compensated = true\n"}
+
+
+def findings_of(said, code):
+    """Return what was said under a code."""
+    return [each["text"] for each in said if each["event"] == "finding" and each["code"] == code]
+
+
+@on_a_steady_computer
+def test_a_hand_written_program_is_measured_where_it_drives(tmp_path):
+    """Thirds of 200 and 100 mm written with one decimal: the readings stand at the positions commanded, and the difference is said."""
+    with hall(tmp_path, n=3, handshake=True, dwell=0.5, program="decimals = 1\n", **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "survey-complete")
+        assert said[-1]["exit_code"] == 0
+        nothing_silently_wrong(place)
+    rows = list(csv.DictReader((place.round / "readings.csv").read_text().splitlines()))
+    assert {row["y_mm"] for row in rows} == {"0", "66.7", "133.3", "200"}
+    assert "+33.3 um" in findings_of(said, "position-differs")[0]
+
+
+@on_a_steady_computer
+def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
+    """In the journal, in the result and in the report."""
+    signals = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n[plc.signals.setup]\naddress = 3\n'
+    with hall(tmp_path, n=1, dwell=6.0, signals=signals, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "survey-complete")
+        nothing_silently_wrong(place)
+        code, _, _ = stepdiag("report", place.round / "result.json", "--out", tmp_path / "report.html")
+    (text, *_) = findings_of(said, "position-unchecked")
+    result = json.loads((place.round / "result.json").read_text())
+    assert text in [each["text"] for each in result["findings"]]
+    assert code == 0
+    assert "every stop is taken to be where the plan has it" in (tmp_path / "report.html").read_text()
+
+
+def fault(**fields):
+    """Return a fault of the bench as its file has it."""
+    return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize(
+    ("code", "trouble"),
+    [
+        ("window-step", {"kind": "laser-jump", "value": 5.0, "delay_s": 0.3}),
+        ("laser-frozen", {"kind": "laser-frozen", "delay_s": 0.02, "duration_s": 0.55}),
+    ],
+)
+def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, trouble):
+    """A step inside the dwell, a frozen value: named on the stop, and the pass waits to be driven again."""
+    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=fault(setup="ppp", stop=2, **trouble), **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended")
+        book = nothing_silently_wrong(place)
+        told = stepdiag("status", place.survey).out
+    assert "stop 2 of 3" in findings_of(said, code)[0]
+    assert [(each.setup, each.pass_number, each.stop, each.code) for each in book.doubts()] == [("ppp", 1, 2, code)]
+    assert not book.complete()
+    assert "may be off" in told
+    assert "drive again from stop 1 on" in told
+
+
+STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n'
+COUNTED = STOPPED + "[plc.signals.setup]\naddress = 3\n[plc.signals.stop_count]\naddress = 1\n"
+
+
+CUBE = (200.0, 200.0, 200.0)
+DRIVEN_AGAIN = [
+    pytest.param(STOPPED, 4, {}, id="whole, stopped"),
+    pytest.param(COUNTED, 2, {}, id="from stop 2 on, stopped, setup, stop_count"),
+    pytest.param(STOPPED, 2, {"size": CUBE}, id="from stop 2 on, stopped, cube"),
+    pytest.param(COUNTED, 4, {"size": CUBE}, id="whole, stopped, setup, stop_count, cube"),
+]
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize(("signals", "back_by", "box"), DRIVEN_AGAIN)
+def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, back_by, box):
+    """Whole, or from a stop: the laser's unbroken count says where the machine is, and every reading is right."""
+    trouble = fault(kind="program-aborted", setup="ppp", stop=4, value=back_by, duration_s=10.0)
+    with hall(tmp_path, dwell=6.0, setups=("ppp",), signals=signals, faults=trouble, **box, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete, only.why_incomplete()
+    assert [len(only.measured[stop]) for stop in range(7)] == [1 + (4 - back_by <= stop <= 4) for stop in range(7)]
+    assert findings_of(said, "stop-again")
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize(
+    ("signals", "code", "trouble"),
+    [
+        (STOPPED, "between-stops", {"kind": "feed-hold", "stop": 4, "duration_s": 6.0}),
+        (COUNTED, "between-stops", {"kind": "feed-hold", "stop": 4, "duration_s": 6.0}),
+        (COUNTED, "count-stuck", {"kind": "count-stuck", "stop": 3}),
+    ],
+    ids=["feed hold, stopped", "feed hold, counted", "stuck counter"],
+)
+def test_the_laser_places_what_the_signals_do_not(tmp_path, signals, code, trouble):
+    """A standstill between two stops is none, a counter that stands still is named once; the pass is whole and right."""
+    with hall(tmp_path, dwell=6.0, setups=("ppp",), signals=signals, faults=fault(setup="ppp", **trouble), **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete, only.why_incomplete()
+    assert [len(entries) for entries in only.measured.values()] == [1] * 7
+    assert len(findings_of(said, code)) == 1
+
+
+@on_a_steady_computer
+def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_path):
+    """Whether the machine stood where it should a person says: the words are in journal and status."""
+    trouble = fault(kind="plc-alarm", setup="ppp", stop=2, phase="move", duration_s=0.2)
+    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "survey-open")
+        book = nothing_silently_wrong(place)
+        told = stepdiag("status", place.survey).out
+    (text,) = findings_of(said, "machine-alarm")
+    assert re.match(r"ppp out, stop 2 of 3: the machine reported an alarm at [0-9:]{8} UTC", text)
+    assert [(each.place, each.code) for each in book.doubts()] == [("ppp/1/2", "machine-alarm")]
+    assert "ppp/1/2 --reason" in told
+
+
+@on_a_steady_computer
+def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
+    """The program goes two stops back after the mirror was touched: three stops measured on both sides join the count."""
+    troubles = fault(kind="program-aborted", setup="ppp", stop=4, value=2.0, duration_s=10.0)
+    troubles += fault(kind="laser-jump", setup="ppp", stop=4, value=55.0, delay_s=0.9)
+    with hall(tmp_path, dwell=6.0, setups=("ppp",), faults=troubles, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete, only.why_incomplete()
+    assert "stop 2 of 6: measured again it reads +55.0 um otherwise" in findings_of(said, "reading-differs")[0]
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize("slip_um", [5.0, -200.0])
+def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
+    """Out against back: the pass is named, or both where either may be at fault; the survey waits."""
+    trouble = fault(kind="laser-jump", setup="ppp", pass_number=1, stop=4, phase="move", value=slip_um)
+    with hall(tmp_path, n=3, back=True, handshake=True, dwell=0.5, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            until(process, "pass-ended", kind="complete")
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    texts = findings_of(said, "count-slip")
+    assert any("ppp out, stop 4 of 9: count slip of" in text for text in texts), texts
+    assert next(each.size_um for each in book.doubts() if (each.pass_number, each.stop) == (1, 4)) == pytest.approx(slip_um, abs=1.0)
+    assert not book.complete()
+    assert {each.code for each in book.doubts()} == {"count-slip"}
+
+
+@on_a_steady_computer
+@pytest.mark.parametrize("handshake", [False, True], ids=["by time", "handshake"])
+def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
+    """Counter and position come 0.1 s after the stop signal: nothing is said, nothing is lost."""
+    paced = {"handshake": handshake, "dwell": 0.5 if handshake else 6.0}
+    with hall(tmp_path, n=2, setups=("ppp",), plc_bench="lag_s = 0.1\n", feed=6000.0, **paced, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete, only.why_incomplete()
+    assert not [each for each in said if each["event"] == "finding" and each["code"] != "laser-device"]
+
+
+@on_a_steady_computer
+def test_a_stop_signal_that_flickers(tmp_path):
+    """Away for 40 ms, 0.1 s into the dwell: the long part is measured, once."""
+    trouble = fault(kind="stop-flicker", setup="ppp", stop=2, delay_s=0.1, duration_s=0.04)
+    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+    (only,) = book.passes
+    assert only.complete
+    assert only.chosen()[2][0].window_to_ns - only.chosen()[2][0].window_from_ns > 0.3e9

@@ -1,0 +1,56 @@
+"""A machine that waits for ``captured`` is answered, or somebody is told why not; over real sockets and ptys."""
+
+import pytest
+
+from testkit.running.hall import daemon, hall, until
+from testkit.running.steady import on_a_steady_computer
+from testkit.running.verdict import nothing_silently_wrong
+
+pytestmark = pytest.mark.system
+
+PACED = {
+    "handshake": True,
+    "dwell": 0.1,
+    "n": 1,
+    "setups": ("ppp",),
+    "laser_bench": "compensated = true\n",
+    "laser_survey": "compensated = true\n",
+}
+
+
+@on_a_steady_computer
+def test_a_plc_that_is_silent_at_the_turn_leaves_nobody_waiting(tmp_path):
+    """The dwell that the daemon sees next is that of the return pass: another count, though nobody saw the machine move."""
+    silent = '[[fault]]\nkind = "plc-silent"\nsetup = "ppp"\npass_number = 2\nstop = -1\nphase = "move"\nduration_s = 2.0\n'
+    with hall(tmp_path, back=True, faults=silent, **PACED) as place, daemon(place.survey) as process:
+        place.start_setups(stop_after=1)
+        said = until(process, "survey-complete")
+        book = nothing_silently_wrong(place)
+    assert "link-silent" in {each["event"] for each in said}
+    assert [len(each.chosen()) for each in book.passes] == [4, 4]
+
+
+def machine_says(process, code):
+    """Return the finding with a code, once the daemon has said it."""
+    return until(process, "finding", code=code)[-1]
+
+
+@on_a_steady_computer
+def test_a_register_that_the_machine_does_not_take_is_named(tmp_path):
+    """The page shows in alarm colour what `message` says; the journal says it once, with the register."""
+    with hall(tmp_path, **PACED) as place:
+        place.survey.write_text(place.survey.read_text().replace("[plc.handshake]\n", "[plc.handshake]\naddress = 101\n"))
+        with daemon(place.survey) as process:
+            place.start_setups(stop_after=1)
+            assert "101" in machine_says(process, "handshake-refused")["text"]
+            waits = machine_says(process, "handshake-waits")
+    assert "stop_count 1 and 1 is written as captured: it does not take it" in waits["text"]
+
+
+@on_a_steady_computer
+def test_a_plc_that_starts_again_is_told_again(tmp_path):
+    """Its register is 0 again while it stands at the stop that was captured long ago."""
+    reboot = '[[fault]]\nkind = "plc-reboot"\nsetup = "ppp"\nstop = 1\ndelay_s = 0.1\nduration_s = 0.2\n'
+    with hall(tmp_path, faults=reboot, **PACED) as place, daemon(place.survey) as process:
+        place.start_setups(stop_after=1)
+        until(process, "survey-complete")

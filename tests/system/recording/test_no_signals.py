@@ -1,0 +1,173 @@
+"""A machine that says nothing: a person begins each setup, and the laser alone places and names the stops."""
+
+import json
+import os
+import signal
+import socket
+import time
+import urllib.error
+import urllib.request
+from urllib.parse import quote
+
+import numpy as np
+import pytest
+
+from stepdiag.daq.replay import begun_logs, replay
+from stepdiag.virtual.bench.building import alignment_of, build_box, build_machine
+from stepdiag.virtual.bench.config import read_config
+from stepdiag.virtual.drive.setups import simulate_pass
+from testkit.running.hall import daemon, hall, until
+from testkit.running.steady import on_a_steady_computer
+from testkit.running.survey_runs import stepdiag
+from testkit.running.verdict import nothing_silently_wrong
+
+pytestmark = pytest.mark.system
+
+FIXED = '[environment]\nsource = "fixed"\n'
+QUIET = {"silent": True, "patient": False, "laser_survey": FIXED}
+
+
+def free_port():
+    """Return a port that is free now."""
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        return server.getsockname()[1]
+
+
+def order(port, token, body):
+    """Send a command as the page does; return the status, 0 where nobody listens yet."""
+    headers = {"Authorization": f"Bearer {quote(token)}", "Content-Type": "application/json", "Origin": f"http://127.0.0.1:{port}"}
+    request = urllib.request.Request(f"http://127.0.0.1:{port}/command", json.dumps(body).encode(), headers)
+    try:
+        with urllib.request.urlopen(request, timeout=10.0) as answer:
+            return answer.status
+    except urllib.error.HTTPError as refused:
+        return refused.code
+    except OSError:
+        return 0
+
+
+def ordered(port, token, name, **arguments):
+    """Send a command as soon as somebody listens; it has to be taken."""
+    end = time.monotonic() + 60.0
+    while (status := order(port, token, {"name": name, "arguments": arguments})) == 0:
+        assert time.monotonic() < end, "nobody listens"
+        time.sleep(0.1)
+    assert status == 204
+
+
+def begin_and_start(place, setups):
+    """Begin each setup at the terminal, then start its program at the machine, until the last has ended."""
+    for setup in (*setups, ""):
+        while place.bench.next(300.0, "bench")["event"] not in ("waiting", "finished"):
+            pass
+        if setup:
+            code, _, said = stepdiag("begin", place.survey, setup)
+            assert code == 0, said
+            place.bench.say("start")
+
+
+def error_um(place):
+    """Return how far the readings are from what the machine truly did, rms in um."""
+    config = read_config(place.folder / "bench.toml")
+    machine, box = build_machine(config), build_box(config)
+    errors = []
+    for each in replay(begun_logs(place.round)).book.passes:
+        true = simulate_pass(machine, box, each.route.setup, each.number, alignment=alignment_of(config, each.route.setup))
+        chosen = each.chosen()
+        off = [(stop.reading_mm + offset - true.reading_mm[index]) * 1e3 for index, (stop, offset) in sorted(chosen.items())]
+        errors += list(np.array(off) - np.mean(off))
+    return float(np.sqrt(np.mean(np.square(errors))))
+
+
+@on_a_steady_computer
+def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
+    """The same machine, once with Modbus and once without: same stops, an error at most a tenth larger, replayed to the same bytes."""
+    found = {}
+    for way, options in (("modbus", {"laser_survey": FIXED}), ("none", QUIET)):
+        folder = tmp_path / way
+        folder.mkdir()
+        with hall(folder, back=True, **options) as place:
+            with daemon(place.survey, wait_for=("laser",)) as process:
+                if way == "none":
+                    begin_and_start(place, place.setups)
+                else:
+                    place.start_setups()
+                said = until(process, "survey-complete")
+            assert said[-1]["exit_code"] == 0, said[-1]
+            nothing_silently_wrong(place)
+            found[way] = error_um(place)
+            code, out, refusal = stepdiag("replay", place.round, "--out", folder / "again", "--json")
+            assert code == 0, refusal
+            assert json.loads(out)["different"] == []
+    assert found["none"] < 1.1 * found["modbus"] + 0.01
+    result = json.loads((place.round / "result.json").read_text())
+    assert "no-signals" in {each["code"] for each in result["findings"]}
+
+
+def test_a_killed_daemon_asks_for_the_pass_from_its_beginning(tmp_path):
+    with hall(tmp_path, setups=("ppp",), dwell=8.0, **QUIET) as place:
+        with daemon(place.survey, wait_for=("laser",)) as process:
+            assert place.bench.next(300.0, "bench")["event"] == "waiting"
+            assert stepdiag("begin", place.survey, "ppp")[0] == 0
+            place.bench.say("start")
+            until(process, "stop", stop=2)
+            os.kill(process.process.pid, signal.SIGKILL)
+            process.process.wait()
+        with daemon(place.survey, wait_for=("laser",)):
+            _, out, _ = stepdiag("status", place.survey)
+            assert "begin" in out
+        nothing_silently_wrong(place)
+
+
+def test_begin_says_why_it_cannot(tmp_path):
+    with hall(tmp_path, **QUIET) as place:
+        code, _, said = stepdiag("begin", place.survey, "ppp")
+        assert (code, "expected a daemon that records, found none" in said) == (2, True)
+        with daemon(place.survey, wait_for=("laser",)) as process:
+            assert stepdiag("begin", place.survey, "xyz")[0] == 2
+            assert stepdiag("begin", place.survey, "npp")[0] == 0
+            code, _, said = stepdiag("begin", place.survey, "pnp")
+            assert code == 3
+            assert "npp 0/6" in said
+            until(process, "begin-refused")
+        code, out, _ = stepdiag("check", place.survey, "--seconds", "1")
+        assert code == 0
+        assert "the machine says nothing" in out
+
+
+def test_a_machine_with_signals_is_not_begun_by_hand(tmp_path):
+    with hall(tmp_path) as place:
+        code, _, said = stepdiag("begin", place.survey, "ppp")
+    assert code == 2
+    assert 'plc.transport: expected "none"' in said
+
+
+def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
+    """By whoever has the token; the page says that somebody has to."""
+    port, token = free_port(), "a token of the tests"
+    with hall(tmp_path, page=True, page_port=port, **QUIET) as place:
+        file = tmp_path / "survey.token"
+        file.write_text(token)
+        file.chmod(0o600)
+        text = place.survey.read_text()
+        place.survey.write_text(text.replace("enabled = true\nport", 'enabled = true\ntoken_file = "survey.token"\nport'))
+        with daemon(place.survey, wait_for=("laser",)):
+            ordered(port, token, "choose-setup", setup="pnp")
+            ordered(port, token, "start")
+            end = time.monotonic() + 60.0
+            while "pnp 0/6" not in stepdiag("status", place.survey)[1]:
+                assert time.monotonic() < end, "pnp was not begun"
+
+
+def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
+    """The edges lie in the laser's own stream; both passes are named, counted, and right."""
+    telling = f"[laser.qudis]\nmarker = true\n{FIXED}"
+    options = {"laser": "qudis", "laser_bench": 'wire = "tcp"\n', "laser_survey": telling, "silent": True, "patient": False}
+    with hall(tmp_path, setups=("ppp",), back=True, **options) as place, daemon(place.survey, wait_for=("laser",)) as process:
+        assert place.bench.next(300.0, "bench")["event"] == "waiting"
+        assert stepdiag("begin", place.survey, "ppp")[0] == 0
+        place.bench.say("start")
+        said = until(process, "pass-ended", reason="ppp back: stop 6 has gone by")
+        assert not [each for each in said if each["event"] == "finding" and each["code"].startswith("count-")]
+        book = nothing_silently_wrong(place)
+        assert [len(each.chosen()) for each in book.passes] == [7, 7]

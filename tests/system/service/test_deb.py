@@ -1,0 +1,104 @@
+"""The Debian package: what is in it for both architectures, and a bare Debian that installs, uses and removes it."""
+
+import os
+import shutil
+import struct
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from testkit.exact.surveys import DATA
+from testkit.running.boot import CHECKOUT, as_root, built_wheel, debian_root
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
+
+MACHINES = {"amd64": 62, "arm64": 183}
+"""``e_machine`` of an ELF file (elf.h): EM_X86_64, EM_AARCH64."""
+
+
+HOST = subprocess.run(["dpkg", "--print-architecture"], capture_output=True, text=True, check=True).stdout.strip()
+
+
+@pytest.fixture(scope="module")
+def package(request, tmp_path_factory):
+    """A package of one architecture, built as `make deb` builds it: its architecture and its file."""
+    folder = tmp_path_factory.mktemp(request.param)
+    made = ["tools/deb", built_wheel(folder), request.param, folder]
+    done = subprocess.run([*map(str, made)], cwd=CHECKOUT, capture_output=True, text=True, timeout=500, check=False)
+    assert done.returncode == 0, done.stderr
+    return request.param, Path(done.stdout.strip())
+
+
+def fields(file):
+    said = subprocess.run(["dpkg-deb", "--field", file], capture_output=True, text=True, check=True).stdout
+    return dict(line.split(": ", 1) for line in said.splitlines() if not line.startswith(" "))
+
+
+@pytest.mark.parametrize("package", MACHINES, indirect=True)
+def test_a_package_says_what_it_is_and_holds_it(package, tmp_path):
+    """Every library of native code is of the package's architecture; everything is compiled; nothing of the builder's folders is in it."""
+    architecture, file = package
+    said = fields(file)
+    assert (said["Package"], said["Architecture"]) == ("stepdiag", architecture)
+    assert "python3.11" in said["Depends"]
+    subprocess.run(["dpkg-deb", "--extract", file, tmp_path], check=True)
+    packages = tmp_path / "opt/stepdiag/lib/python3.11/site-packages"
+    native = [path for path in packages.rglob("*.so*") if path.is_file()]
+    machines = {struct.unpack("<H", path.read_bytes()[18:20])[0] for path in native}
+    assert machines == {MACHINES[architecture]}
+    assert {"stepdiag", "numpy", "pymodbus", "mcap"} <= {path.name for path in packages.iterdir()}
+    assert (packages / "stepdiag/daq/service/__pycache__/daemon.cpython-311.pyc").exists()
+    assert (tmp_path / "opt/stepdiag/share/stepdiag/systemd/stepdiag@.service").exists()
+    assert "Apache" in (tmp_path / "usr/share/doc/stepdiag/copyright").read_text(encoding="utf-8")
+    texts = [path for folder in ("bin", "share") for path in (tmp_path / "opt/stepdiag" / folder).rglob("*") if path.is_file()]
+    assert not [path for path in texts if not path.is_symlink() and str(CHECKOUT).encode() in path.read_bytes()]
+
+
+@pytest.mark.parametrize("package", [HOST], indirect=True)
+def test_a_bare_debian_installs_it_uses_it_and_is_rid_of_it(package):
+    """From readings to a report, Tab completion, the files of a service; afterwards nothing is left but what was measured."""
+    _, file = package
+    root = debian_root()
+
+    def inside(*command, check=True):
+        return as_root("chroot", root, *command, check=check)
+
+    as_root("cp", file, root / "tmp/stepdiag.deb")
+    left = [path for name in ("system/stepdiag@*", "system/*.wants/stepdiag@*") for path in (root / "etc/systemd").glob(name)]
+    as_root("rm", "-rf", root / "opt/stepdiag", *left, root / "etc/udev/rules.d/90-stepdiag.rules")  # what the test of the boot has left
+    inside("dpkg", "--install", "/tmp/stepdiag.deb")
+    try:
+        before = set(inside("find", "/opt/stepdiag", "-name", "*.pyc").split())
+        assert inside("stepdiag", "--version").startswith("stepdiag ")
+        as_root("cp", DATA / "golden_stepdiag_rigidbody_FXYZ.csv", root / "tmp/readings.csv")
+        inside("stepdiag", "solve", "/tmp/readings.csv", "--out", "/tmp/result.json")
+        inside("stepdiag", "report", "/tmp/result.json", "--out", "/tmp/report.html")
+        assert "C0Y" in (root / "tmp/report.html").read_text(encoding="utf-8")
+        inside("mkdir", "--parents", "/etc/stepdiag")
+        inside("stepdiag", "init", "/etc/stepdiag/deb-test.toml")
+        unit = inside("stepdiag", "service", "install", "/etc/stepdiag/deb-test.toml", "--dry-run")
+        assert "ExecStart=/opt/stepdiag/bin/stepdiag" in unit
+        completion = "/usr/share/bash-completion/completions/stepdiag"
+        shell = f". {completion}; COMP_WORDS=(stepdiag exp); COMP_CWORD=1; _stepdiag; echo ${{COMPREPLY[@]}}"
+        assert inside("bash", "-c", shell).split() == ["export"]
+        assert set(inside("find", "/opt/stepdiag", "-name", "*.pyc").split()) == before, "everything was compiled already"
+    finally:
+        inside("dpkg", "--remove", "stepdiag")
+        left = [root / "tmp" / name for name in ("stepdiag.deb", "readings.csv", "result.json", "report.html")]
+        as_root("rm", "-rf", *left, root / "etc/stepdiag/deb-test.toml")
+    assert not (root / "opt/stepdiag").exists()
+    assert not (root / "usr/bin/stepdiag").is_symlink()
+
+
+def test_the_wheel_is_a_tool_of_its_own(tmp_path):
+    """`uv tool install`: a folder and a command, nothing else of the computer is touched."""
+    uv = CHECKOUT / ".tools" / "bin" / "uv"
+    uv = uv if uv.exists() else shutil.which("uv")
+    environment = {"UV_TOOL_DIR": str(tmp_path / "tools"), "UV_TOOL_BIN_DIR": str(tmp_path / "bin")}
+
+    command = [uv, "tool", "install", "--quiet", "--python", "python3.11", built_wheel(tmp_path)]
+    done = subprocess.run(list(map(str, command)), capture_output=True, text=True, timeout=300, check=False, env=os.environ | environment)
+    assert done.returncode == 0, done.stderr
+    said = subprocess.run([tmp_path / "bin/stepdiag", "--version"], capture_output=True, text=True, timeout=120, check=True).stdout
+    assert said.startswith("stepdiag ")

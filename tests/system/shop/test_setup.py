@@ -1,0 +1,140 @@
+"""``stepdiag setup`` as a person meets it: on a terminal, and by options alone; what it writes passes ``check``."""
+
+import codecs
+import os
+import pty
+import re
+import select
+import socket
+import subprocess
+import sys
+import time
+from contextlib import contextmanager
+
+import pytest
+
+from stepdiag.daq.survey.file import load_survey
+from testkit.cli import stepdiag as quickly
+from testkit.running.controls import s7_control
+from testkit.running.hall import hall
+from testkit.running.survey_runs import stepdiag
+
+pytestmark = pytest.mark.system
+
+VOLUME = ("--machine", "virtual", "--size", "300,200,100", "--increments", "2", "--compensation", "off")
+
+
+class Person:
+    """Sits at a terminal: waits for what is said, answers."""
+
+    def __init__(self, process, terminal):
+        self.process, self.seen, self._terminal = process, "", terminal
+        self._decode = codecs.getincrementaldecoder("utf-8")().decode
+
+    def answers(self, question, answer):
+        before = len(self.seen)
+        end = time.monotonic() + 120.0
+        while question not in self.seen[before:]:
+            assert time.monotonic() < end, self.seen
+            self._look()
+        os.write(self._terminal, f"{answer}\n".encode())
+
+    def leaves(self):
+        """Return the exit code once everything has been said."""
+        end = time.monotonic() + 120.0
+        while self.process.poll() is None:
+            assert time.monotonic() < end, self.seen
+            self._look()
+        self._look()
+        return self.process.returncode
+
+    def _look(self):
+        if select.select([self._terminal], [], [], 0.1)[0]:
+            try:
+                self.seen += self._decode(os.read(self._terminal, 65536))
+            except OSError:  # the other end is closed
+                time.sleep(0.05)
+
+
+@contextmanager
+def at_a_terminal(*arguments):
+    near, far = pty.openpty()
+    command = [sys.executable, "-m", "stepdiag", *map(str, arguments)]
+    process = subprocess.Popen(command, stdin=far, stdout=far, stderr=far, env=os.environ | {"COLUMNS": "160", "TERM": "dumb"})
+    os.close(far)
+    try:
+        yield Person(process, near)
+    finally:
+        process.kill()
+        process.wait()
+        os.close(near)
+
+
+def modbus_port(place):
+    return int(re.search(r"\[plc\]\nport = (\d+)", place.survey.read_text())[1])
+
+
+def laser_port(place):
+    return re.search(r'^port = "(.+)"', place.survey.read_text(), re.MULTILINE)[1]
+
+
+def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
+    """The laser is recognised, the control found by its protocol, a slip of the tongue is asked again."""
+    file = tmp_path / "mill.toml"
+    with hall(tmp_path) as place, at_a_terminal("setup", file, "--port", modbus_port(place), "--seconds", 6) as person:
+        person.answers("The laser's port", laser_port(place))
+        person.answers("Name or address of the control", "127.0.0.1")
+        person.answers("Which one", "modbus")
+        person.answers("as it is to stand in the report", "virtual")
+        person.answers("Edges of the volume", "large")
+        person.answers("expected three numbers", "300 200 100")
+        person.answers("low corner", "")
+        person.answers("Increments per axis", "2")
+        person.answers("Chain from workpiece", "")
+        person.answers("compensation while measuring", "off")
+        assert person.leaves() == 0, person.seen
+        assert "it is umd" in person.seen
+        assert "stop_count" in person.seen
+        survey = load_survey(file)
+        assert (survey.plc.transport, survey.box.size_mm, survey.identity.name) == ("tcp", (300.0, 200.0, 100.0), "mill")
+        code, out, said = stepdiag("check", file, "--seconds", "3")
+        assert code == 0, out + said
+
+
+def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_path):
+    """Somebody who does not know what his control speaks: the other two say why they do not. Nothing is overwritten."""
+    file = tmp_path / "mill.toml"
+    with hall(tmp_path) as place, s7_control(modbus_port(place)) as there:
+        options = ("--laser-port", laser_port(place), "--laser-format", "umd", "--host", "127.0.0.1", "--port", there.port)
+        code, out, said = stepdiag("setup", file, *options, *VOLUME)
+        assert code == 0, out + said
+        survey = load_survey(file)
+        assert (survey.plc.transport, survey.plc.tcp_port, survey.environment.source) == ("s7", there.port, "fixed")
+        assert re.search(r"modbus: .*expected", out)
+        assert re.search(r"heidenhain: .*expected", out)
+        written = file.read_bytes()
+        done = quickly("setup", file, *options, *VOLUME)
+        assert (done.code, file.read_bytes()) == (2, written)
+        assert "found one that exists" in done.refusal
+        code, out, said = stepdiag("check", file, "--seconds", "3")
+        assert code == 0, out + said
+
+
+def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
+    file = tmp_path / "mill.toml"
+    with socket.create_server(("127.0.0.1", 0)) as server:
+        closed = server.getsockname()[1]
+    code, _, said = stepdiag("setup", file, "--laser-port", f"socket://127.0.0.1:{closed}", "--host", "none", *VOLUME)
+    assert (code, file.exists()) == (4, False)
+    assert "nothing listens on this port" in said
+    done = quickly("setup", file, "--host", "none", *VOLUME)
+    assert (done.code, file.exists()) == (2, False)
+    assert "--laser-port" in done.refusal
+    for wrong in (("--size", "1,2"), ("--chain", "XYZ"), ("--increments", "0"), ("--control", "fanuc"), ("--compensation", "on")):
+        done = quickly("setup", file, "--laser-port", "/dev/x", "--laser-format", "umd", "--host", "none", *VOLUME, *wrong)
+        assert (done.code, file.exists()) == (2, False), done
+    code, out, _ = stepdiag("setup", file, "--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--host", "none", *VOLUME)
+    assert code == 4
+    survey = load_survey(file)
+    assert (survey.plc.silent, survey.environment.source) == (True, "fixed"), "the answers are kept, and what is missing is said"
+    assert "ERROR" in out
