@@ -36,6 +36,9 @@ TOGETHER = {
 }
 """Beginnings of the names of tests that one process runs."""
 
+FOLDERS = {"system": "tests/system/", "control": "tests/system/", "page": "tests/page/"}
+"""Where the tests of a mark stand: each group of tools/test reads its own folder alone."""
+
 
 class Together(LoadScopeScheduling):
     """Each test goes to whoever is free, but for those of `TOGETHER`."""
@@ -47,3 +50,11 @@ class Together(LoadScopeScheduling):
 @pytest.hookimpl(tryfirst=True, optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
     return Together(config, log) if config.getvalue("dist") == "loadgroup" else None
+
+
+def pytest_collection_modifyitems(items):
+    """Refuse a marked test outside the folder of its group: no group would run it."""
+    marked = ((item, folder) for item in items for mark, folder in FOLDERS.items() if item.get_closest_marker(mark))
+    lost = [item.nodeid for item, folder in marked if not item.nodeid.startswith(folder)]
+    if lost:
+        raise pytest.UsageError(f"these tests stand outside the folder of their group ({FOLDERS}) and would never run: {', '.join(lost)}")

@@ -4,7 +4,6 @@ import base64
 import csv
 import io
 import re
-import shutil
 from dataclasses import replace
 from datetime import date
 from hashlib import sha256
@@ -28,7 +27,6 @@ from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.drawings.space import lattice_mm, view_matrix
 from stepdiag.report.exported import Exported, ExportedFile
 from stepdiag.report.measured import layout_of, setup_figures
-from stepdiag.report.output import print_pdf, write_report
 from stepdiag.report.sections import conditions_table
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
@@ -284,16 +282,6 @@ def test_a_foreign_result_is_refused(tmp_path: Path, data: bytes) -> None:
     (tmp_path / "r.json").write_bytes(data)
     with pytest.raises(DataError):
         read_result(tmp_path / "r.json")
-
-
-@pytest.mark.page
-def test_the_report_prints_as_pdf(tmp_path: Path) -> None:
-    """Chromium prints it on A4 pages, offline."""
-    assert shutil.which("chromium"), "chromium is needed: apt-get install chromium"
-    document, *_ = write_report(build_report(made_up_result(), source="r"), tmp_path / "report.html")
-    pdf = print_pdf(document).read_bytes()
-    assert pdf.startswith(b"%PDF-")
-    assert re.search(rb"/MediaBox \[0 0 59[45][.\d]* 84[12]", pdf)
 
 
 def survey_facts(**more: str) -> dict[str, str]:
