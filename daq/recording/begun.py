@@ -1,6 +1,6 @@
 """What a person at a terminal tells a daemon whose machine has no signals: this setup is going to be driven now.
 
-One JSON object a line in ``begun.jsonl`` beside the lock, only ever appended to; a daemon heeds what is added while it runs.
+One JSON object a line in ``begun.jsonl`` beside the lock, only ever appended to; a daemon reads what is added while it runs.
 """
 
 import time

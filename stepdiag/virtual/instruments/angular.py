@@ -53,7 +53,7 @@ class AngleView:
 
 
 class Autocollimator(Counting):
-    """An Elcomat: silent until it is told `A`, then 25 lines a second (`stepdiag.virtual.instruments.talker.Talking`, `Heeding`)."""
+    """An Elcomat: silent until it is told `A`, then 25 lines a second (`stepdiag.virtual.instruments.talker.Talking`, `Responding`)."""
 
     def __init__(self, look: Look) -> None:
         super().__init__()
@@ -61,7 +61,7 @@ class Autocollimator(Counting):
         self._look = look
         self._streams = False
 
-    def heed(self, received: bytes) -> bytes:
+    def respond(self, received: bytes) -> bytes:
         """Take single letters."""
         for letter in received:
             self._streams = {ord("A"): True, ord("s"): False}.get(letter, self._streams)

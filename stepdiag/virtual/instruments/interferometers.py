@@ -108,7 +108,7 @@ class Lasertex:
         """Let samples pass."""
         self._samples += count
 
-    def heed(self, received: bytes) -> bytes:
+    def respond(self, received: bytes) -> bytes:
         """Take commands; return their acknowledgements."""
         self._received += received
         said = b""
@@ -184,7 +184,7 @@ class Qudis:
         """Let readings pass: they are counted."""
         self._index += count
 
-    def heed(self, received: bytes) -> bytes:
+    def respond(self, received: bytes) -> bytes:
         """Take settings and questions; return the answers."""
         self._received += received
         said = b""

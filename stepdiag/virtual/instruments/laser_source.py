@@ -143,11 +143,11 @@ class TalkingLaser(_Sampler):
 
 
 class CommandedLaser(TalkingLaser):
-    """A laser that sends once it is told to (`stepdiag.virtual.instruments.talker.Heeding`)."""
+    """A laser that sends once it is told to (`stepdiag.virtual.instruments.talker.Responding`)."""
 
     def __init__(self, device: Lasertex, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
         super().__init__(device, read, counter, clock=clock, faults=faults, latency_s=latency_s)
-        self.heed = device.heed
+        self.respond = device.respond
 
 
 class MarkedLaser(_Sampler):
@@ -156,7 +156,7 @@ class MarkedLaser(_Sampler):
     def __init__(self, device: Qudis, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
         super().__init__(read, counter, clock=clock, faults=faults, latency_s=latency_s)
         self._device = device
-        self.rate_hz, self.banner, self.skip, self.heed = device.rate_hz, device.banner, device.skip, device.heed
+        self.rate_hz, self.banner, self.skip, self.respond = device.rate_hz, device.banner, device.skip, device.respond
 
     def speak(self, wall_s: Array) -> bytes:
         """Return the telegrams of these readings."""

@@ -35,10 +35,10 @@ class Talking(Protocol):
 
 
 @runtime_checkable
-class Heeding(Protocol):
+class Responding(Protocol):
     """An instrument that sends by itself, and takes commands."""
 
-    def heed(self, received: bytes) -> bytes:
+    def respond(self, received: bytes) -> bytes:
         """Take what came; return what is to be said to it."""
         ...
 
@@ -127,8 +127,8 @@ class Talker:
                 sent += late
             if self._plugged_in(now):
                 self._line.write(device.banner())
-            if isinstance(device, Heeding) and (received := self._line.read(0.0)):
-                self._send(device.heed(received), now)
+            if isinstance(device, Responding) and (received := self._line.read(0.0)):
+                self._send(device.respond(received), now)
             if due > sent:
                 data = device.speak(np.arange(sent + 1, due + 1) / device.rate_hz)
                 sent = due
