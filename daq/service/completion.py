@@ -235,7 +235,7 @@ def _export_all(replayed: Replayed, result: Result, out: Path) -> tuple[tuple[Ex
             profile = parse_profile(_text(replayed, wanted.profile), wanted.profile, control, result.volume, tables)
             written.append(export(result, wanted.controller, profile, out_dir=folder, today=survey_date(replayed)))
         except (SafetyError, UsageError, DataError) as error:
-            refusals[wanted.controller] = str(error)
+            refusals[wanted.controller] = f"{error} [{error.code}]" if isinstance(error, SafetyError) else str(error)
             _leave_reason(folder, error)
     return tuple(written), refusals
 

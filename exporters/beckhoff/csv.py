@@ -54,9 +54,9 @@ def render(tables: Sequence[Table], decimals: int, notes: Sequence[str], squaren
     curves = {table.name: table for table in tables if table.multiplier is None}
     angles = {str(table.place[COLUMN]): table for table in tables if table.multiplier is not None}
     slopes_rad = {name: _slope_rad(curves[SHIFTS[name]], name) for name in squareness if SHIFTS[name] in curves}
-    where = f"{', '.join(slopes_rad)} as columns" if slopes_rad else "squareness is within the straightness components"
+    leaning = f"{', '.join(slopes_rad)} as columns" if slopes_rad else "squareness is within the straightness components"
     lines = [f"// {note}" for note in notes]
-    lines.append(f"{_MARK.decode('ascii')}{', angles in rad' if angles else ''}, ISO 230-1, actual minus commanded; {where}")
+    lines.append(f"{_MARK.decode('ascii')}{', angles in rad' if angles else ''}, ISO 230-1, actual minus commanded; {leaning}")
     if slopes_rad:
         lines += [_row(list(slopes_rad)), _row([fixed(value, RAD_DECIMALS) for value in slopes_rad.values()])]
     places = decimals + _FINER if slopes_rad else decimals

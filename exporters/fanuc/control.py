@@ -196,7 +196,7 @@ def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile],
             f"{profile.source}: machine.existing",
             code="template-lacks-parameters",
             expected="the machine's punched parameters with the numbers that these tables need",
-            found="no " + ", ".join(f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]),
+            found="none for number " + ", ".join(f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]),
             remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file too",
         )
 

@@ -98,7 +98,7 @@ def _listed(folder: Path) -> dict[str, str]:
     path = folder / SUMS
     if not path.is_file():
         expected = f"a folder that an export wrote, with its {SUMS}"
-        raise DataError(str(folder), expected=expected, found=f"no {SUMS}", remedy="name the files of the control one by one")
+        raise DataError(str(folder), expected=expected, found=f"no file {SUMS}", remedy="name the files of the control one by one")
     lines = as_text(read_bytes(path, largest=LARGEST_SETTINGS_BYTES), str(path)).splitlines()
     matches = [_LINE.fullmatch(line) for line in lines]
     wanted = {match["name"]: match["digest"] for match in matches if match is not None}

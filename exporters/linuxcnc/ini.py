@@ -51,7 +51,7 @@ def coordinates(joints: Joints, source: str) -> str:
     if numbers != list(range(len(numbers))) or not all(joints.get(letter) for letter in "XYZ"):
         raise UsageError(
             f"{source}: linuxcnc.joints",
-            expected="all joints of the machine, each once, from 0: { X = [0], Y = [1, 2], Z = [3], A = [4] }",
+            expected="all joints of the machine, each once, from 0, such as X = [0], Y = [1, 2], Z = [3], A = [4]",
             found=str({letter: list(each) for letter, each in joints.items()}),
         )
     return "".join(letters[number] for number in numbers)

@@ -178,7 +178,7 @@ def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile
                     f"{profile.source}: mitsubishi.first_data",
                     code="restore-overlaps",
                     expected="data numbers for new pairs that the machine's own list leaves free, so that it can be keyed back",
-                    found=f"{table.label} over {other.label}",
+                    found=f"{table.label} in the place of {other.label}",
                     remedy=f"first_data = {1 + max(_data_numbers(each)[-1] for each in own)}",
                 )
 

@@ -256,14 +256,14 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -
     if not open_findings:
         return
     first = min(open_findings, key=lambda item: item.severity != "error")
-    others = [f"{item.code}: {item.text}" for item in open_findings if item is not first]
+    others = [f"{item.text} [{item.code}]" for item in open_findings if item is not first]
     remedy = "mend the cause" if first.severity == "error" else f"mend the cause, or accept it by its name: {first.code}"
     raise SafetyError(
         where,
         code=first.code,
         expected="tables that pass the safety checks",
         found=first.text,
-        remedy=remedy + (f" (also refused: {'; '.join(others)})" if others else ""),
+        remedy=remedy + (f"; also refused: {'; '.join(others)}" if others else ""),
     )
 
 

@@ -145,7 +145,7 @@ def _require_noted(profile: Profile) -> None:
 
 
 def _differs(profile: Profile, expected: str, missing: Iterable[str], other: Iterable[str]) -> SafetyError:
-    found = [*(f"no {name}" for name in missing), *(f"another {name}" for name in other)]
+    found = [*(f"no file {name}" for name in missing), *(f"another file {name}" for name in other)]
     return SafetyError(
         f"{profile.source}: machine.existing",
         code="active-table-differs",

@@ -73,7 +73,8 @@ def columns_of(curves: Sequence[Curve], products: Sequence[Product], levers: Vec
     if missing:
         raise UsageError(
             f"{profile.source}: machine.functions", expected="all nine, for angles that are written with their levers",
-            found="no " + ", ".join(missing), remedy=f"leave {profile.machine.controller}.chain out to write some functions without angles",
+            found="nothing of " + ", ".join(missing),
+            remedy=f"leave {profile.machine.controller}.chain out to write some functions without angles",
         )  # fmt: skip
     middles = {product.by_axis: product.middle_mm for product in products}
     angles: list[Angle] = []

@@ -147,7 +147,7 @@ def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
         yield Sentence(key="load_none")
     for one in exports:
         if one.refused:
-            yield Sentence(key="load_refused", arguments={"control": one.controller})
+            yield Sentence(key="load_refused", arguments={"control": one.controller, "why": one.refused})
         elif one.untested:
             yield Sentence(key="load_untested", arguments={"control": one.controller, "kinds": ", ".join(one.untested)})
         else:

@@ -4,13 +4,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from stepdiag.texts import Language, catalogue, localised
+from stepdiag.texts.sentences import TOLD, translated
 
 SECTION = "conclusion"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sentence:
-    """``arguments`` are texts; a number is written with a decimal point and gets its comma where the language has one."""
+    """``arguments`` are texts; a number is written with a decimal point and gets its comma where the language has one.
+
+    What is a sentence itself, such as why an export was refused, is put into the language by the catalogue.
+    """
 
     key: str
     arguments: Mapping[str, str] = field(default_factory=dict)
@@ -19,5 +23,5 @@ class Sentence:
 def render(sentence: Sentence, language: Language) -> str:
     """Return the sentence in words. Raises KeyError for a key that the catalogue lacks."""
     words = catalogue(SECTION, language)
-    arguments = {name: localised(value, language) for name, value in sentence.arguments.items()}
+    arguments = {name: (translated if name in TOLD else localised)(value, language) for name, value in sentence.arguments.items()}
     return words[sentence.key].format(**arguments)

@@ -16,8 +16,10 @@ _LISTS = {"; ": "list_semicolon", ", ": "list_comma", " or ": "list_or", " and "
 """What stands between the parts of a list, and its word in the catalogue's section ``finding_place``."""
 _WHOLE = frozenset({"remedy", "those"})
 """Arguments that may be lists themselves."""
-_TOLD = frozenset({"what", "why", "said"})
+TOLD = frozenset({"what", "why", "said", "spot"})
 """Arguments that are sentences themselves, and must be known too."""
+_ONE_WORD = frozenset({"um", "limit", "count", "number", "first", "last"})
+"""Arguments that are one figure: a sentence in their place is another sentence, which begins like this one."""
 _REMEMBERED = 2048
 LONGEST = 4000
 """Characters of a sentence that is looked up; what is longer is none of the program's."""
@@ -44,7 +46,7 @@ class _Pattern:
             if end <= at or not text.startswith(literal, end):
                 return None
             value = text[at:end]
-            if found.setdefault(name, value) != value or ("; " in value and name not in _WHOLE):
+            if found.setdefault(name, value) != value or ("; " in value and name not in _WHOLE) or (" " in value and name in _ONE_WORD):
                 return None
             at = end + len(literal)
         return found if at == len(text) else None
@@ -89,7 +91,7 @@ def is_known(text: str) -> bool:
     found = _found(text)
     if found is None:
         return any(_parts(text, mark) for mark in _LISTS)
-    return all(is_known(value) for name, value in found[1].items() if name in _TOLD)
+    return all(is_known(value) for name, value in found[1].items() if name in TOLD)
 
 
 def _known(text: str, language: Language) -> str:

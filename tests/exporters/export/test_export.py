@@ -28,6 +28,7 @@ from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import MACHINES, profile_of
 from testkit.exact.results import VOLUME, made_result
+from testkit.german import in_german
 
 TODAY = date(2026, 6, 1)
 ERRORS = {"EXX": [0, 3, 8, 12, 20], "EYY": [0, -2, -5, -7, -9], "EYX": [0, 1.5, 2, 1, 0], "EXZ": [0, -2, 1, 2, 0]}
@@ -51,6 +52,7 @@ def refusal_of(result, profile, tmp_path, **options) -> SafetyError:
     with pytest.raises(SafetyError) as refusal:
         export(result, "siemens", profile, out_dir=tmp_path / "out", today=TODAY, **options)
     assert not (tmp_path / "out").exists()
+    in_german(refusal.value)
     return refusal.value
 
 
@@ -201,7 +203,7 @@ class TestSafetyChecks:
             ("axis-name-doubled", RESULT, {"Y": {"name": "AX1"}}),
             ("grid-not-integral", RESULT, {"X": {"step_mm": 60.0}}),
             ("reversal-twice", made_result(reversal={"EXX": [0, 2, 2, 2, 2]}), {"direction": "both", "X": {"backlash_um": 3.0}}),
-            ("data-quality", made_result(ERRORS, findings=(Finding(code="beam-lost", severity="error", text="stop 4"),)), {}),
+            ("data-quality", made_result(ERRORS, findings=(Finding(code="beam-lost", severity="error", text="the beam was lost"),)), {}),
         ],
     )
     def test_an_error_cannot_be_accepted(self, code, result, changes, tmp_path):
@@ -214,7 +216,8 @@ class TestSafetyChecks:
 
     def test_all_refusals_are_named_at_once(self, tmp_path):
         refusal = refusal_of(made_result({"EXX": [0, 30, 60, 90, 120]}), machine(units="inch"), tmp_path)
-        assert "units-not-metric" in str(refusal)
+        assert "the profile says inch [units-not-metric]" in str(refusal)
+        assert "das Profil sagt inch [units-not-metric]" in in_german(refusal)
 
 
 class TestChecksOnTables:

@@ -23,6 +23,7 @@ from stepdiag.solver.result.result import Quantity, Result
 from stepdiag.texts import LANGUAGES
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
+from testkit.german import is_english
 
 
 def predicted(rms: tuple[float, float, float], largest: tuple[float, float, float]) -> dict[str, Any]:
@@ -113,7 +114,11 @@ class TestWhatToLoad:
 
     def test_a_refused_export_says_so(self) -> None:
         """Nothing of it is loaded."""
-        found = conclude(made_up_result(), [Export(controller="fanuc", refused="slope")])
+        why = "p.toml: machine.name: expected 'A', the machine that was measured (survey.machine in r.json), found 'B' [other-machine]"
+        found = conclude(made_up_result(), [Export(controller="fanuc", refused=why)])
+        assert why in render(found.load[0], "en")
+        assert "gefunden 'B' [other-machine]" in render(found.load[0], "de")
+        assert not is_english(render(found.load[0], "de"))
         assert "refused" in render(found.load[0], "en")
         assert "fanuc" in render(found.next_step, "en")
 

@@ -6,17 +6,10 @@ import pytest
 
 from stepdiag.texts import catalogue, localised
 from stepdiag.texts.findings import advice_of, place_of, ranges, told
-from stepdiag.texts.sentences import is_known, translated
+from stepdiag.texts.sentences import TOLD, is_known, translated
+from testkit.german import is_english
 
-ENGLISH = re.compile(r"\b(the|and|of|was|were|stop|stops|pass|beam|count|with|not|this|from|again|drive|which|are|is)\b")
-"""Words that no German sentence has ("was" is German too: it stands here for English only where another one does)."""
 SENTENCES = catalogue("sentence", "en")
-
-
-def is_english(text: str) -> bool:
-    """Tell whether a text holds English words; file names, settings and "was" do not count."""
-    bare = re.sub(r"\S*[._=/]\w\S*|`[^`]*`", " ", text)
-    return bool(set(ENGLISH.findall(bare.lower())) - {"was"})
 
 
 @pytest.mark.parametrize("key", SENTENCES)
@@ -25,7 +18,7 @@ def test_every_sentence_reads_in_german(key: str) -> None:
     german = catalogue("sentence", "de")[key]
     names = re.findall(r"\{(\w+)\}", SENTENCES[key])
     assert sorted(set(names)) == sorted(set(re.findall(r"\{(\w+)\}", german)))
-    given = {name: "firmware 7" if name in {"what", "why", "said"} else f"X{index}" for index, name in enumerate(dict.fromkeys(names))}
+    given = {name: "firmware 7" if name in TOLD else f"X{index}" for index, name in enumerate(dict.fromkeys(names))}
     assert is_known(SENTENCES[key].format(**given))
     assert translated(SENTENCES[key].format(**given), "de") == german.format(
         **{name: value.replace("firmware", "Firmware") for name, value in given.items()}
