@@ -14,8 +14,8 @@ import numpy as np
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.angular import require_chain
-from stepdiag.exporters.tables.controller import Controller, Emptying, Multiplying, Plan
-from stepdiag.exporters.tables.curves import FUNCTIONS, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.controller import Controller, Emptying, Multiplying, Pairing, Plan
+from stepdiag.exporters.tables.curves import FUNCTIONS, KEPT, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
@@ -72,7 +72,7 @@ def _once(
     """Return one plan, with the curves that are ``kept`` and the ``products`` that stay as they are."""
     on = profile.machine.measured_with == "on"
     gone = [table for table in before if table.multiplier is not None and table.name not in products] if on else []
-    fit = fitted(result, profile.machine.functions, profile.machine.squareness_into, profile.zone, gone)
+    fit = fitted(result, _names(result, control, profile), profile.machine.squareness_into, profile.zone, gone)
     curves: Sequence[Curve] = merged(fit.curves, before, profile) if on else fit.curves
     if kept:
         curves = sorted((*curves, *kept.values()), key=lambda curve: FUNCTIONS.index(curve.name))
@@ -82,6 +82,15 @@ def _once(
         plan = replace(plan, tables=(*plan.tables, *control.emptied(profile.existing, plan.tables, settled)))
     case = Case(controller=control, profile=settled, result=result, curves=curves, tables=plan.tables, previous=before, today=today)
     return case, plan
+
+
+def _names(result: Result, control: Controller, profile: Profile) -> Sequence[str]:
+    """Return the functions to write, with those that the result knows and that this control cannot leave out."""
+    asked = profile.machine.functions
+    if not isinstance(control, Pairing):
+        return asked
+    paired = control.paired(asked, profile.machine.squareness_into)
+    return [name for name in paired if name in asked or ((found := result.errors.get(name)) is not None and found.value is not None)]
 
 
 def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
@@ -114,5 +123,5 @@ def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
         forward_um=-forward,
         reverse_um=-reverse if directional else None,
         u_um=np.full(grid.shape, np.nan),
-        parts=("the table in the control", *(slopes if old[0].law.ends == "extended" else ())),
+        parts=(KEPT, *(slopes if old[0].law.ends == "extended" else ())),
     )

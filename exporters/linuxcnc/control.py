@@ -7,7 +7,7 @@ in joint space after the kinematics. There is no table for straightness: what re
 """
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal
 
@@ -22,7 +22,7 @@ from stepdiag.exporters.linuxcnc.ini import Naming, axis_in, back, change, named
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.averaging import straightness_remark
 from stepdiag.exporters.tables.controller import Limits, Plan
-from stepdiag.exporters.tables.curves import POSITIONING, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.curves import FUNCTIONS, KEPT, POSITIONING, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.fit import straight_line_um_mm
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, quantised
@@ -97,8 +97,13 @@ class LinuxCnc:
                 own = absolute_tables(curve, profile, kind=SCREW, law=SCREW_LAW, quantum_um=quantum_um, place=place)
                 tables += _with_backlash(own, *_taken_over(curve.input_axis, active, profile))
             elif any(part in SQUARENESS_SLOPE for part in curve.parts):
-                tables.append(_matrix_table(curve, [other for other in curves if other.name == f"E{curve.input_axis}{curve.output_axis}"]))
+                tables.append(_matrix_table(curve, _partner(curve, curves)))
         return Plan(tables=tuple(tables), findings=tuple(straightness_remark(curves, "LinuxCNC")))
+
+    def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
+        """Return the functions with the partner of each that holds a squareness: a coefficient turns by the lines of both."""
+        partners = {f"E{name[2]}{name[1]}" for name in names if name in fold.values()}
+        return tuple(name for name in FUNCTIONS if name in partners or name in names)
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return ``screw_x.comp`` .. for the axes, ``squareness.hal``, and the lines for the INI file as a note."""
@@ -231,6 +236,12 @@ def _matrix_table(curve: Curve, partner: Sequence[Curve]) -> Table:
     slope = (straight_line_um_mm(curve) + sum(straight_line_um_mm(other) for other in partner)) * 1e-3
     ends = curve.position_mm[[0, -1]]
     return _coefficient_table(curve.output_axis, curve.input_axis, round(-slope, _COEFFICIENT_DECIMALS), ends)
+
+
+def _partner(curve: Curve, curves: Sequence[Curve]) -> list[Curve]:
+    """Return the other curve of a pair of axes, where the coefficient is to be found anew: an old one holds both of them already."""
+    pair = [each for each in curves if {each.input_axis, each.output_axis} == {curve.input_axis, curve.output_axis}]
+    return [] if any(KEPT in each.parts for each in pair) else [each for each in pair if each is not curve]
 
 
 def _coefficient_table(output_axis: str, input_axis: str, coefficient: float, ends: Vector) -> Table:

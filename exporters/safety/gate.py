@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.checks import Case, limit_findings
-from stepdiag.exporters.safety.judgement import judge
+from stepdiag.exporters.safety.judgement import judge, worst
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.errors import SafetyError
@@ -21,8 +21,6 @@ _NUMBER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?(\d+)(?:\.(\d*))?(?![A-Za-z0-9_.])
 _BARE_POINT = re.compile(r"(?<![0-9])\.\d|--\d|\+-\d|-\+\d")
 _DIGITS, _DECIMALS = 12, 9
 """Digits before and after the point: the identity of a control has twelve, a position in inches nine decimals."""
-_MISTAKEN = ("sign-turned", "axes-swapped", "input-output-swapped", "wrong-measuring-system", "beside-volume")
-"""Verdicts that no coarse grid explains."""
 _PAST = 3
 """Lines that a refusal names at most."""
 
@@ -50,7 +48,7 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
     profile = case.profile
     yield from limit_findings(case.controller, profile, case.result, read)
     judged = judge(case.result, read, standing, profile)
-    yield from (Finding(code=each.code, severity="error", text=each.text) for each in judged if each.code in _MISTAKEN)
+    yield from (Finding(code=each.code, severity="error", text=each.text) for each in worst(judged))
     for table in read:
         travel = profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
         if travel is None or table.law.ends == "extended":

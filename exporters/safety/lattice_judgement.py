@@ -25,9 +25,10 @@ _LAW = Law(sense="as-compensation")
 _QUANTUM_UM = 1e-3
 
 Moved = Callable[[Vector], Vector]
+Axes = tuple[Vector, Vector, Vector]
 
 
-def judge_lattice(result: Result, moved_um: Moved, axes_mm: tuple[Vector, Vector, Vector]) -> tuple[Judgement, ...]:
+def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judgement, ...]:
     """Return a judgement for every function and product of what a lattice with these ``axes_mm`` adds to what was active.
 
     Angles that nobody measured count with what is expected of them, as they do in a lattice.
@@ -40,9 +41,9 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: tuple[Vector, Vector
     return judge(known, tables, Standing(after=tables, new=tables), stand_in)
 
 
-def judge_field(result: Result, moved_um: Moved) -> Finding | None:
-    """Return what is wrong with a correction that has no tables, such as a lattice: turned in sign, scaled, or of something else."""
-    points = grid_mm(result.volume)
+def judge_field(result: Result, moved_um: Moved, axes_mm: Axes) -> Finding | None:
+    """Return what is wrong with a lattice as a whole, at its vertices in the volume: turned in sign, scaled, or of something else."""
+    points = _vertices_mm(result.volume, axes_mm)
     asked = -without_rigid_motion(result.volume, points, error_field_um(result, points))
     moved = without_rigid_motion(result.volume, points, moved_um(points))
     size, size_moved = rms(asked), rms(moved)
@@ -56,13 +57,22 @@ def judge_field(result: Result, moved_um: Moved) -> Finding | None:
     return Finding(code="lattice-scaled", severity="error", text=text)
 
 
-def _curve(name: str, moved_um: Moved, axes_mm: tuple[Vector, Vector, Vector], volume: Volume) -> Table:
-    """Return the mean of the movement of an output axis over the volume, along one axis of the lattice."""
+def _vertices_mm(volume: Volume, axes_mm: Axes) -> Vector:
+    """Return the vertices of a lattice in the volume and where its lines leave it, shape (n, 3): all that it can be asked to hold."""
+    inside = [np.unique(np.clip(axis, low, low + size)) for axis, low, size in zip(axes_mm, volume.origin_mm, volume.size_mm, strict=True)]
+    return np.stack(np.meshgrid(*inside, indexing="ij"), axis=-1).reshape(-1, 3)
+
+
+def _curve(name: str, moved_um: Moved, axes_mm: Axes, volume: Volume) -> Table:
+    """Return the mean of the movement of an output axis over the volume, at the vertices along one axis of the lattice.
+
+    Nothing more is asked of a lattice than of a table: the right value at its own points, whatever its spacing cannot hold between them.
+    """
     output, moving = (AXES.index(letter.lower()) for letter in name[1:])
     along = [np.linspace(low, low + size, NODES) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
-    along[moving] = np.linspace(axes_mm[moving][0], axes_mm[moving][-1], NODES)
-    points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1).reshape(-1, 3)
-    moved = moved_um(points)[:, output].reshape(NODES, NODES, NODES)
+    along[moving] = axes_mm[moving]
+    points = np.stack(np.meshgrid(*along, indexing="ij"), axis=-1)
+    moved = moved_um(points.reshape(-1, 3))[:, output].reshape(points.shape[:3])
     mean = np.mean(moved, axis=tuple({0, 1, 2} - {moving}))
     return _table(name, along[moving], mean - mean[0])
 

@@ -213,7 +213,7 @@ def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: i
     def added(points_mm: Vector) -> Vector:
         return held.correction_um(points_mm) - (active.correction_um(points_mm) if active is not None else 0.0)
 
-    fault = judge_field(result, added)
+    fault = judge_field(result, added, held.axes_mm)
     return Verification(
         controller=lattice.NAME,
         assumed=False,

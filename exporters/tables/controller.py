@@ -4,7 +4,7 @@ curves --plan--> tables --render--> files          (export)
 files  --parse-> tables --law-----> correction     (verify, merge, sign test)
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -62,6 +62,14 @@ class Multiplying(Protocol):
 
     def plan_products(self, curves: Sequence[Curve], products: Sequence[Product], profile: Profile) -> Plan:
         """Return the tables for the curves, and for the products as far as the profile wants them and the control has tables."""
+
+
+@runtime_checkable
+class Pairing(Protocol):
+    """A control whose squareness is one number for both functions of a pair of axes: neither is corrected without the other."""
+
+    def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
+        """Return functions with the partners of those that hold a squareness; ``fold`` says which do."""
 
 
 @runtime_checkable

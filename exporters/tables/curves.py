@@ -35,6 +35,9 @@ contract 1 (dX = -C0Y y, dX = +B0Z z, dY = -A0Z z), the second the same after a 
 
 FOLD_DEFAULT: Mapping[str, str] = MappingProxyType({"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"})
 
+KEPT = "the table in the control"
+"""The part of a curve that an old table holds, of a function that nobody asked for: it is written again as it was."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Curve:
