@@ -13,7 +13,7 @@ from stepdiag.solver.result.rounding import steady
 from stepdiag.texts import LANGUAGES, Language, catalogue
 
 FORMAT, FORMAT_VERSION = "stepdiag-conclusion", 1
-SECTIONS = ("reached", "wrong", "unknown", "basis", "load", "next_step")
+SECTIONS = ("reached", "wrong", "unknown", "load", "next_step", "basis")
 """The order in which a conclusion is read."""
 
 

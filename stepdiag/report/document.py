@@ -5,6 +5,7 @@ import hashlib
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from importlib.resources import files
 
 import jinja2
@@ -79,7 +80,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "squareness": sections.squareness_table(result, words),
         "scale": sections.scale_table(result, words),
         "lengths": sections.lengths_table(result, words),
-        "positioning": sections.positioning_table(standards, words),
+        "positioning": sections.positioning_table(standards, words, partial(translated, language=language)),
         "vdi": sections.vdi_table(standards, words),
         "head": sections.head_table(result, words),
         "fit": sections.fit_table(result),

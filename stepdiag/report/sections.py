@@ -1,6 +1,6 @@
 """The tables of the report: what each section says, as rows of plain text that the template escapes."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -160,10 +160,11 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     return Table(header=header, rows=[(axis, *(cells[name].get(axis, shown(None)) for name in names)) for axis in AXIS_LETTERS])
 
 
-def positioning_table(standards: object, words: Mapping[str, str]) -> Table | None:
+def positioning_table(standards: object, words: Mapping[str, str], said: Callable[[str], str] = str) -> Table | None:
     """Return the figures along the axes and along the diagonals, one row a setup, each with its U where that is known (k = 2).
 
-    ``standards`` is the entry of the result; columns that nothing is known of are left out.
+    ``standards`` is the entry of the result; columns that nothing is known of are left out; ``said`` puts the name of a
+    standard into the words' language.
     """
     entries = standards if isinstance(standards, dict) else {}
     first = {name: found[0] for name, found in entries.items() if isinstance(found, list) and found and isinstance(found[0], dict)}
@@ -171,7 +172,7 @@ def positioning_table(standards: object, words: Mapping[str, str]) -> Table | No
         name: symbol for name, symbol in POSITIONING_FIGURES.items() if any(_figure(facts, name) is not None for facts in first.values())
     }
     rows = [
-        (name, _standard(facts, words), shown(facts.get("runs")), *(_with_u(facts, figure) for figure in known))
+        (name, _standard(facts, words, said), shown(facts.get("runs")), *(_with_u(facts, figure) for figure in known))
         for name, facts in list(first.items())[:MOST_ROWS]
     ]
     return (
@@ -181,10 +182,10 @@ def positioning_table(standards: object, words: Mapping[str, str]) -> Table | No
     )
 
 
-def _standard(facts: Mapping[str, Any], words: Mapping[str, str]) -> str:
+def _standard(facts: Mapping[str, Any], words: Mapping[str, str], said: Callable[[str], str]) -> str:
     """Return the standard of a row, and of which lengths its figures are where that is said."""
     of = {"as measured": words["figures_as_measured"], "at 20 C": words["figures_at_20_c"]}.get(str(facts.get("lengths")), "")
-    return ", ".join(text for text in (shown(facts.get("standard")), of) if text)
+    return ", ".join(text for text in (said(shown(facts.get("standard"))), of) if text)
 
 
 VDI_FIGURES = {"P": "P", "Pa": "Pa", "U_max": "U max", "U_mean": "U̅", "Ps_max": "Ps max", "Ps_mean": "P̅s"}

@@ -98,6 +98,12 @@ def test_the_last_ten_seconds_are_drawn_at_full_rate(page: Page, daemon: Served)
     expect(page.locator("#scatter")).to_contain_text(re.compile(r"half a second: 0\.\d\d µm"))
 
 
+def test_marks_of_an_axis_are_written_with_the_decimals_they_need(page: Page) -> None:
+    """Marks every 2.5 s were written 3, 5, 8."""
+    marks = "[[-10, -7.5, -5], [0, 2], [0, 0.1], [0, 0.25], [400]]"
+    assert page.evaluate(f"import('/static/curves.js').then((curves) => {marks}.map(curves.places))") == [1, 0, 1, 2, 0]
+
+
 def test_a_chart_zooms_and_comes_back_by_key(page: Page, daemon: Served) -> None:
     """Dragging shows a part, Escape the whole; a new stop does not take the part away."""
     for stop in range(20):

@@ -127,6 +127,13 @@ def test_what_the_daemon_says_goes_out_in_every_language(tmp_path: Path) -> None
         "de": "Durchgang 1: Messpunkte 5, 6 fehlen: ab Messpunkt 4 wiederholen oder den ganzen Durchgang",
     }
     assert view["message"]["de"].startswith("nur noch 1,5 GB")
+    refused = "export for siemens refused: p.toml: axes.X.step_mm: expected a step that divides 400 mm into whole sections, "
+    refused += "found 60 mm (6.5 sections)"
+    assert now_view(snapshot(tmp_path, message=f"{refused}; the nearest that fits is 57.5 mm [grid-not-integral]"))["message"] == {
+        "en": f"{refused}; the nearest that fits is 57.5 mm [grid-not-integral]",
+        "de": "Export für siemens abgelehnt: p.toml: axes.X.step_mm: erwartet war ein Schritt, der 400 mm in ganze Abschnitte teilt, "
+        "gefunden 60 mm (6,5 Abschnitte); der nächste passende ist 57,5 mm [grid-not-integral]",
+    }
     assert view["findings"][0]["said"]["de"] == "npp hin, Messpunkt 5: der Strahl war verloren"
     assert json.dumps(msgspec.to_builtins(view))
 

@@ -147,4 +147,11 @@ const around = (_plot, low, high) => {
   const room = Math.max(0.08 * (to - from), 0.05);
   return [from - (from < 0 ? room : 0.2 * room), to + room];
 };
-const places = (marks) => (marks.length > 1 ? Math.max(0, -Math.floor(Math.log10(Math.abs(marks[1] - marks[0])) + 1e-9)) : 0);
+
+// Decimals that every mark of an axis needs: marks every 2.5 are not written 3, 5, 8.
+export function places(marks) {
+  const step = marks.length > 1 ? Math.abs(marks[1] - marks[0]) : 1;
+  let count = 0;
+  while (count < 6 && Math.abs(step * 10 ** count - Math.round(step * 10 ** count)) > 1e-6 * step * 10 ** count) count += 1;
+  return count;
+}

@@ -14,6 +14,8 @@ Vector = NDArray[np.float64]
 COVERAGE = 2.0
 """Coverage factor of every band drawn (ISO/TR 230-9: k = 2)."""
 WIDTH, HEIGHT = 460.0, 250.0
+SEEN = 1e-3
+"""Of the longest bar: what is shorter says nothing but the last digits of a computer. The table of the figure has it."""
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 12.0, 14.0, 38.0
 
 
@@ -150,14 +152,15 @@ def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: s
 
 
 def bar_chart(bars: Sequence[tuple[str, float]], *, label: str, unit: str) -> str:
-    """Return horizontal bars from zero, longest first as given, each with its name and value."""
-    row, left, reach = 20.0, 170.0, 210.0
+    """Return horizontal bars from zero, longest first as given, each with its name and value; a bar too short to be seen is left out."""
+    row, left, reach = 20.0, 190.0, 180.0
     longest = max((abs(value) for _, value in bars), default=0.0) or 1.0
+    drawn = [(name, value) for name, value in bars if abs(value) >= SEEN * longest] or bars[:1]
     content = []
-    for index, (name, value) in enumerate(bars):
+    for index, (name, value) in enumerate(drawn):
         top = index * row + 4
         length = reach * abs(value) / longest
         content.append(svg.text(name, left - 8, top + 11, class_="axis", text_anchor="end"))
         content.append(svg.element("rect", x=left, y=top, width=length, height=row - 7, class_="bar s0"))
         content.append(svg.text(f"{value:.3g} {unit}", left + length + 5, top + 11, class_="tick"))
-    return svg.drawing(WIDTH, row * len(bars) + 6, label, *content)
+    return svg.drawing(WIDTH, row * len(drawn) + 6, label, *content)
