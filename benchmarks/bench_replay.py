@@ -10,7 +10,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from benchmarks.stand import SURVEY
+from benchmarks.stand import SURVEY, peak_mb
 from benchmarks.table import Row
 from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.writer import LogHeader, LogWriter
@@ -101,11 +101,6 @@ def floor(log: Path) -> None:
         if isinstance(record, Message):
             for line in record.data.split(b"\\r\\n"):
                 line.split()
-
-
-def peak_mb() -> float:
-    """Return the most memory that was resident in this process; getrusage(2) would count its parent's before exec(2)."""
-    return int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) / 1024
 
 
 def main() -> None:

@@ -130,3 +130,8 @@ def logged(survey: Path) -> tuple[int, int, list[Chunk]]:
     chunks = [event for event in log.events() if isinstance(event, Chunk)]
     assert log.end is not None
     return path.stat().st_size, int(log.end.run_stop["lost_events"]), chunks
+
+
+def peak_mb() -> float:
+    """Return the most memory that was resident in this process; getrusage(2) would count its parent's before exec(2)."""
+    return int(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0]) / 1024

@@ -5,7 +5,6 @@ seconds of a dense numpy lstsq of the same readings and unknowns, all in one thr
 """
 
 import os
-import resource
 import subprocess
 import sys
 import time
@@ -14,6 +13,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.stand import peak_mb
 from benchmarks.table import Row
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, LINEAR_RUNS, Volume
 from stepdiag.solver.methods.solve import solve
@@ -78,7 +78,7 @@ def main() -> None:
     increments, repeats = map(int, sys.argv[1:])
     readings = survey(increments, repeats)
     ours = processor_s(lambda: solve(readings))
-    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024
+    memory = peak_mb()
     theirs = 0.0
     if increments <= LARGEST_DENSE:
         layout = lay_out(readings)

@@ -7,6 +7,8 @@ READINGS = "readings.csv"
 CONCLUSION = "conclusion.json"
 EXPORTS = "exports"
 PREDICTION = "prediction.json"
+REFUSED = "REFUSED.txt"
+"""Why there are no files for a control, in the folder where they would be."""
 
 
 def logs_in(folder: Path) -> list[Path]:

@@ -19,7 +19,7 @@ from stepdiag.daq.passes.held import held_conditions, with_held
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.passes.verdict import history, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
-from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, RESULT
+from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, REFUSED, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.bundle import active_in, compensation_findings, compensation_of, tables_for
@@ -35,8 +35,6 @@ from stepdiag.solver.model.angles import Angles, parse_angles
 from stepdiag.solver.readings.readings import Readings, render_readings
 from stepdiag.solver.result.result import Result, parse_result
 from stepdiag.solver.result.rounding import steady
-
-REFUSED = "REFUSED.txt"
 
 
 @dataclass(frozen=True, slots=True)

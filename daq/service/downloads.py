@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from stepdiag.daq.records.status import Download
-from stepdiag.daq.records.survey_folder import CONCLUSION, EXPORTS, READINGS, RESULT, logs_in
+from stepdiag.daq.records.survey_folder import CONCLUSION, EXPORTS, READINGS, REFUSED, RESULT, logs_in
 from stepdiag.exporters.files.sets import whole
 
 
@@ -47,11 +47,11 @@ def _bundles(exports: Path) -> Iterator[Download]:
 
 
 def _exported(folder: Path) -> list[Path]:
-    """Return the files of every whole set; of a folder that is none only what is text for people, such as why it was refused."""
+    """Return the files of every whole set; of a folder that is none only why it was refused: for some controls a .txt is what is loaded."""
     if not folder.is_dir():
         return []
     found: list[Path] = []
     for each in sorted(inner for inner in folder.iterdir() if inner.is_dir() and not inner.name.startswith(".")):
         files = sorted(path for path in each.iterdir() if path.is_file() and not path.name.startswith("."))
-        found += files if whole(each) else [path for path in files if path.suffix == ".txt"]
+        found += files if whole(each) else [path for path in files if path.name == REFUSED]
     return found

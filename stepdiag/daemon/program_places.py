@@ -4,6 +4,7 @@ A Python that pyenv or uv fetched stands in somebody's home, which the unit othe
 through links, and each folder on the way must be there inside the unit too.
 """
 
+import os
 import re
 import sys
 from collections.abc import Iterator
@@ -34,6 +35,7 @@ def at_its_places(unit: str, places: list[Path], *, reachable: bool = True) -> s
     """Return the packaged unit for a program at these places. Raises UsageError for one that the service's account could not run."""
     for place in places:
         _assert_plain(place)
+        _assert_no_home(place)
         if reachable:
             _assert_read_by_all(place)
     bound = f"BindReadOnlyPaths={' '.join(map(str, places))}"
@@ -50,12 +52,16 @@ def _is_own(place: Path) -> bool:
 
 
 def _homes_of(executable: Path) -> Iterator[Path]:
-    """Yield the installation of every link between an environment's Python and the one that runs: PLACE of PLACE/bin/python."""
+    """Yield the folder of every link between an environment's Python and the one that runs, and the installation of that one.
+
+    Of the way only the link's own folder is needed: ~/.local/bin, where uv puts one, and not what programs keep in ~/.local/share.
+    """
     for _ in range(LINKS):
-        yield executable.parent.parent
         if not executable.is_symlink():
+            yield executable.parent.parent
             return
-        executable = executable.parent / executable.readlink()
+        yield executable.parent
+        executable = Path(os.path.normpath(executable.parent.resolve() / executable.readlink()))
 
 
 def _assert_plain(place: Path) -> None:
@@ -63,6 +69,16 @@ def _assert_plain(place: Path) -> None:
         raise UsageError(
             "the program's place", expected="a path of letters, digits and ./@+-_ for a unit of systemd", found=repr(str(place)),
             remedy="install the wheel into /opt/stepdiag (docs/install.md)",
+        )  # fmt: skip
+
+
+def _assert_no_home(place: Path) -> None:
+    """A link to a Python that lies in a home itself would open all of that home to the service."""
+    if place == Path("/root") or place.parent == Path("/home") or place.parent == Path("/run/user") or place in HOMES:
+        raise UsageError(
+            "the program's place", expected="a folder of its own for the program and for each link to its Python",
+            found=f"the whole of {place}",
+            remedy="make the environment with the Python itself, or install to /opt/stepdiag (docs/install.md)",
         )  # fmt: skip
 
 

@@ -28,7 +28,7 @@ from stepdiag.page.broadcast import Broadcaster
 from stepdiag.page.bundle import bundle_of
 from stepdiag.page.messages import PageSettings, Picture
 from stepdiag.page.security import REPORT_POLICY, SEND_S, Access, Guard, address_of, refused
-from stepdiag.solver.errors import DeviceError
+from stepdiag.solver.errors import DeviceError, StepdiagError
 from stepdiag.texts.texts import LANGUAGES, catalogue
 
 STATIC = Path(str(files("stepdiag.page") / "static"))
@@ -202,7 +202,10 @@ async def _silent(_request: Request, why: Exception) -> Response:
 
 
 def _packed(found: Download) -> Response:
-    data = bundle_of(found.path, restore=found.kind == "restore")
+    try:
+        data = bundle_of(found.path, restore=found.kind == "restore")
+    except StepdiagError as why:
+        return refused(409, str(why))
     headers = {"Content-Disposition": f'attachment; filename="{found.name}"', "Cache-Control": "no-store"}
     return Response(data, media_type="application/zip", headers=headers)
 

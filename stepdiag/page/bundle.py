@@ -5,20 +5,21 @@ import zipfile
 from pathlib import Path
 
 from stepdiag.exporters.files.naming import is_restore
-from stepdiag.exporters.files.sets import SUMS
+from stepdiag.exporters.files.sets import SUMS, read_set, sums_of
 
 EPOCH = (1980, 1, 1, 0, 0, 0)
 """The oldest date that a zip can hold: the same files give the same bytes."""
 
 
 def bundle_of(folder: Path, *, restore: bool) -> bytes:
-    """Return the zip of an export's folder: its files without those that restore the control, or these alone."""
-    files = [path for path in sorted(folder.iterdir()) if path.is_file() and path.name != SUMS and is_restore(path.name) == restore]
-    listed = (folder / SUMS).read_text(encoding="ascii").splitlines() if (folder / SUMS).is_file() else []
-    kept = {path.name for path in files}
-    sums = "".join(f"{line}\n" for line in listed if line.partition("  ")[2] in kept)
+    """Return the zip of an export's folder: its files without those that restore the control, or these alone.
+
+    What is packed is what was compared with the list: a set that is altered while somebody fetches it is refused, with the SafetyError of
+    `read_set`.
+    """
+    files = [file for file in read_set(folder) if file.name != SUMS and is_restore(file.name) == restore]
     packed = io.BytesIO()
     with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
-        for name, data in [*((path.name, path.read_bytes()) for path in files), (SUMS, sums.encode("ascii"))]:
-            archive.writestr(zipfile.ZipInfo(name, EPOCH), data, zipfile.ZIP_DEFLATED)
+        for file in (*sorted(files, key=lambda file: file.name), sums_of(files)):
+            archive.writestr(zipfile.ZipInfo(file.name, EPOCH), file.data, zipfile.ZIP_DEFLATED)
     return packed.getvalue()

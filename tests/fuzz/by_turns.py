@@ -24,7 +24,8 @@ from pathlib import Path
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, and before numpy is loaded
 sys.path.insert(0, str(Path(__file__).parents[1] / "lib"))
 
-from testkit.hostile.doors import Door, doors, how_it_broke
+from testkit.hostile.door import Door, how_it_broke
+from testkit.hostile.doors import doors
 
 CPU_S = 30.0
 """For one command: three times what a file of hundreds of kilobytes may cost (tests/stepdiag/cli/test_cost_of_doors.py)."""

@@ -8,7 +8,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from testkit.hostile.doors import NEVER_DONE, doors, how_it_broke
+from testkit.hostile.door import how_it_broke
+from testkit.hostile.doors import NEVER_DONE, doors
 
 EXAMPLES = max(1, int(os.environ.get("STEPDIAG_FUZZ_EXAMPLES", "60")) // 60)
 DOORS = doors()

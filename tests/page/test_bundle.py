@@ -6,7 +6,6 @@ import zipfile
 from datetime import date
 from pathlib import Path
 
-from stepdiag.daq.service.downloads import downloads_of
 from stepdiag.exporters.export.export import export
 from stepdiag.page.bundle import bundle_of
 from testkit.exact.madeup import made_up_result
@@ -29,15 +28,3 @@ def test_load_and_restore_are_apart_and_their_sums_hold(tmp_path: Path) -> None:
         listed = dict(line.split("  ")[::-1] for line in files["SHA256SUMS"].decode().splitlines())
         assert listed == {name: hashlib.sha256(data).hexdigest() for name, data in files.items() if name != "SHA256SUMS"}
     assert bundle_of(folder, restore=False) == bundle_of(folder, restore=False)
-
-
-def test_a_set_that_was_altered_is_no_bundle(tmp_path: Path) -> None:
-    """The page offers whole sets only."""
-    folder = tmp_path / "exports" / "siemens"
-    export(made_up_result(scales=True), "siemens", None, step_mm=25.0, out_dir=folder, today=date(2026, 1, 1))
-    assert [(one.kind, one.name) for one in downloads_of(tmp_path) if one.group] == [
-        ("bundle", "siemens.zip"),
-        ("restore", "siemens-restore.zip"),
-    ]
-    next(folder.glob("*.INI")).write_text("altered")
-    assert [one for one in downloads_of(tmp_path) if one.group] == []

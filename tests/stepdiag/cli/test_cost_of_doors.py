@@ -10,7 +10,8 @@ from pathlib import Path
 import pytest
 
 from testkit.hostile.costly_logs import COSTLY
-from testkit.hostile.doors import LOG, MADE, Door, doors
+from testkit.hostile.door import LOG, MADE, Door
+from testkit.hostile.doors import doors
 
 CPU_S = 10
 MEMORY_BYTES = 500_000_000

@@ -31,6 +31,23 @@ def test_every_folder_on_the_way_to_the_python_is_named(homes: Path) -> None:
     assert list(map(str, places)) == ["share/cpython-3.11", "share/cpython-3.11.9", "venv"]
 
 
+def test_of_a_link_on_the_way_its_folder_alone_is_seen(homes: Path) -> None:
+    """~/.local/bin/python3.11, which uv makes; ~/.local/share holds what other programs keep, keys among it."""
+    (homes / "local/bin").mkdir(parents=True)
+    (homes / "local/share/keyrings").mkdir(parents=True)
+    (homes / "local/bin/python3.11").symlink_to("../../share/cpython-3.11/bin/python3.11")
+    (homes / "venv/bin/python").unlink()
+    (homes / "venv/bin/python").symlink_to(homes / "local/bin/python3.11")
+    places = [place.relative_to(homes) for place in places_of_program() if homes in place.parents]
+    assert list(map(str, places)) == ["local/bin", "share/cpython-3.11", "share/cpython-3.11.9", "venv"]
+
+
+@pytest.mark.parametrize("home", ["/root", "/home/a", "/run/user/1000", "/home"])
+def test_a_whole_home_is_no_place_of_the_program(home: str) -> None:
+    with pytest.raises(UsageError, match=f"the whole of {home}"):
+        at_its_places(UNIT, [Path(home)], reachable=False)
+
+
 def test_the_systems_python_is_seen_anyway(homes: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "base_prefix", "/usr")
     (homes / "venv/bin/python").unlink()

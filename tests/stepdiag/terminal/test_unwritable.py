@@ -9,7 +9,8 @@ import pytest
 
 from stepdiag.solver.errors import UsageError
 from stepdiag.terminal.exits import failed_writing_said
-from testkit.hostile.doors import NEVER_DONE, Door, doors
+from testkit.hostile.door import Door
+from testkit.hostile.doors import NEVER_DONE, doors
 
 REFUSED, OTHERWISE = 2, 70
 COMMANDS = {

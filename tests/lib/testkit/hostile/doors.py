@@ -1,11 +1,8 @@
 """Every file door of the command line: a command, the files that it is given, and the one of them that somebody else wrote."""
 
-import random
 import re
 import tempfile
-from collections.abc import Callable, Iterator
-from contextlib import chdir
-from dataclasses import dataclass, field, replace
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -15,11 +12,12 @@ from stepdiag.exporters.files.sets import SUMS
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from testkit.cli import Told, stepdiag
 from testkit.exact.machines import MACHINES, profile_text
 from testkit.exact.results import VOLUME
+from testkit.hostile.door import LOG, Door
+from testkit.hostile.doors_shop import shop_doors
 from testkit.hostile.foreign import ANGLES, CURVES, HEAD, HEAD_SAMPLES, READINGS, STAGE, targets
-from testkit.hostile.foreign_logs import SURVEY, contents, log_of, recorded, with_survey
+from testkit.hostile.foreign_logs import SURVEY, contents, recorded
 from testkit.hostile.foreign_tables import RESULT as TABLED
 from testkit.hostile.foreign_tables import Everything
 from testkit.hostile.one_field import wrong_csv, wrong_json, wrong_toml, wrong_words
@@ -27,7 +25,6 @@ from testkit.hostile.one_field import wrong_csv, wrong_json, wrong_toml, wrong_w
 RESULT = targets()["result"].seed.decode()
 RUN = "position_mm,off_um,on_um\n-200,0,0\n-100,0,-5\n0,1,-9\n100,1,-5\n200,0,0\n"
 CHAIN = "FXYZ"
-LOG = "0001.mcap"
 ENVIRONMENT = (
     "[environment]\nmaterial_temperature_c = 20.0\nair_temperature_c = 20.0\nair_pressure_hpa = 1013.25\nrelative_humidity_percent = 50.0\n"
 )
@@ -41,86 +38,23 @@ JUDGED = (
 )
 LETTERHEAD = 'company = "Works"\naddress = "Street 1\\nTown"\n'
 
-MADE: dict[str, Callable[[str], bytes]] = {
-    "survey": with_survey,
-    "contents": lambda text: log_of(text.encode()),
-    "survey of a cut log": lambda text: with_survey(text)[:-300],
-}
-"""What becomes of a text that stands for part of a log, under right checksums."""
-
 ACCEPTED = {"heidenhain": ("--accept", "column-widths-assumed")}
 
-LONGEST_SAID = 20_000
-"""Characters of a refusal."""
-
-NEVER_DONE = {"fourdof show": 3, "fourdof show, contents": 3, "verify fanuc set": 5}
-"""Doors whose right files end in a refusal by what they hold, after all of them was read: no run of the head, tables that make it worse."""
-
-Change = Callable[[str, random.Random], str]
-
-
-@dataclass(frozen=True)
-class Door:
-    """A command, the files it is given as text, the one of them that is wrong, and how. ``bytes_beside`` are right and no text.
-
-    A name of `MADE` stands for a log that is made of the text.
-    """
-
-    command: tuple[str, ...]
-    files: dict[str, str]
-    wrong: str
-    change: Change
-    bytes_beside: dict[str, bytes] = field(default_factory=dict)
-
-    def with_text(self, text: str) -> "Door":
-        """Return the same door with this text in place of the file that is wrong."""
-        return replace(self, files={**self.files, self.wrong: text})
-
-    def place(self, folder: Path) -> None:
-        """Write the files."""
-        for name, text in self.files.items():
-            if name in MADE:
-                (folder / LOG).write_bytes(MADE[name](text))
-                continue
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_text(text, encoding="utf-8", newline="")
-        for name, data in self.bytes_beside.items():
-            (folder / name).parent.mkdir(parents=True, exist_ok=True)
-            (folder / name).write_bytes(data)
-
-    def go_through(self, folder: Path) -> Told:
-        """Run the command where its files are."""
-        self.place(folder)
-        return self.go_through_placed(folder)
-
-    def go_through_placed(self, folder: Path) -> Told:
-        """Run the command in a folder that has its files."""
-        with chdir(folder):
-            return stepdiag(*self.command)
-
-
-def how_it_broke(door: Door, folder: Path) -> str:
-    """Go through a door; return where the command did not end as the contract says, empty where it did."""
-    told = door.go_through(folder)
-    left = [path.name for path in folder.rglob("*") if path.name.startswith(".") and path.is_file()]
-    wrong = {
-        f"exit code {told.code}": told.code not in {0, 2, 3, 5},
-        "a refusal without a reason": told.code != 0 and not told.refusal and not told.out,
-        f"a refusal of {len(told.refusal)} characters": len(told.refusal) >= LONGEST_SAID,
-        f"half written: {left}": bool(left),
-    }
-    return "; ".join(how for how, is_so in wrong.items() if is_so)
+NEVER_DONE = {"fourdof show": 3, "fourdof show, contents": 3}
+"""Doors whose right files end in a refusal by what they hold, after all of them was read: no run of the head."""
 
 
 @cache
 def doors() -> dict[str, Door]:
     """Return every door by name."""
-    return {**dict(_solving()), **dict(_results()), **dict(_surveys()), **dict(_head()), **dict(_controls())}
+    return {**dict(_solving()), **dict(_results()), **dict(_surveys()), **dict(_head()), **dict(_controls()), **dict(shop_doors())}
 
 
 def profile_for(name: str) -> str:
     """Return a profile whose tables run over the volume of the result."""
-    direction = MACHINES[name].directions[-1]
+    direction = MACHINES[name].directions[
+        0 if name == "fanuc" else -1
+    ]  # of both ways verify calls a table of this made up result too small
     return profile_text(name, steps_mm=(100.0, 100.0, 50.0), references_mm=(-200.0, 0.0, -100.0), direction=direction)
 
 

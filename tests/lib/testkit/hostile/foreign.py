@@ -4,6 +4,7 @@ A target does with the bytes all that the program would do: what a reader lets p
 """
 
 import asyncio
+import struct
 import tempfile
 from collections.abc import Callable, Mapping
 from contextlib import suppress
@@ -15,9 +16,14 @@ from starlette.requests import Request
 from stepdiag.comparing.compare import compare, trend
 from stepdiag.daemon.driving import sequence_of
 from stepdiag.daq.capture.capture import Capture
+from stepdiag.daq.formats.instruments.angles import ELCOMAT, WYLER, AnglesSettings
 from stepdiag.daq.formats.instruments.fourdof import FourdofSettings
+from stepdiag.daq.formats.instruments.framed import FramesSettings
+from stepdiag.daq.formats.instruments.ids3010 import Ids3010Settings
+from stepdiag.daq.formats.instruments.lasertex import LasertexDecoder, LasertexSettings
 from stepdiag.daq.formats.instruments.line import LineSettings
 from stepdiag.daq.formats.instruments.nd import NdSettings
+from stepdiag.daq.formats.instruments.qudis import QudisSettings
 from stepdiag.daq.formats.instruments.tqd import TqdSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import make_decoder
@@ -50,6 +56,7 @@ from stepdiag.solver.model.angles import parse_angles, render_angles
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.result.result import Result, parse_result
+from stepdiag.virtual.instruments.interferometers import Climate, Lasertex
 from testkit.exact.heads import head_file, survey_section
 from testkit.exact.results import made_result
 from testkit.exact.surveys import Bench
@@ -64,8 +71,26 @@ FORMATS = {
     "nd": NdSettings(),
     "fourdof": FourdofSettings(),
     "tqd": TqdSettings(),
+    "ids3010": Ids3010Settings(),
+    "lasertex": LasertexSettings(),
+    "qudis": QudisSettings(),
+    "frames": FramesSettings(sync="AA55", layout=("counter u16", "position i32", "beam f32", "status u8"), unit="nm"),
+    "elcomat": AnglesSettings(pattern=ELCOMAT, unit="arcsec"),
+    "wyler": AnglesSettings(pattern=WYLER, unit="mrad", request="P"),
 }
 STREAM = b"1500 1500 1000 3 9 1 8 100000\r\n1500 1499 1001 1 9 2 10 6000\r\n1500 0 1002 1 9 3 0 0\r\n+1.234 17 0.9\r\n+   12.3456 \r\n"
+LASER = Lasertex(lambda: Climate(air_c=20.0, material_c=20.0, pressure_hpa=1013.0, humidity_percent=50.0))
+LASER.respond(LasertexDecoder.greeting)
+HEIGHTS = np.linspace(0.0, 1.0, 8)
+STREAMS = {
+    "ids3010": b'{"jsonrpc": "2.0", "result": [0, 640, 500], "id": 2}\r\n{"jsonrpc": "2.0", "result": [0, 1, 1234567890, 3], "id": 1}\r\n',
+    "lasertex": LASER.encode(HEIGHTS, HEIGHTS > 0.2),
+    "frames": b"".join(b"\xaa\x55" + struct.pack("<HifB", number, 1000 * number, 0.9, 0) for number in range(8)),
+    "qudis": struct.pack("<7i", 24, 3, 0x0773, 0, 1, 0, 1) + struct.pack("<5i4I", 32, 4, 0x0F00, 7, 0, 5, 1 << 31, 9, 1 << 31),
+    "elcomat": b"3 013 1.234 -0.567\r3 011 1.235 -0.567\r",
+    "wyler": b"A 0.0123 mm/m\rA 0.0124 mm/m\r",
+}
+"""Of the formats that `STREAM` means nothing to."""
 MESSAGE = b'{"time":{"sec":1,"nsec":2},"t_mono_ns":"5","order":0,"skip":[0],"run":[1],"after_us":[0],"data":["x"]}'
 ANGLES = b"axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad\nx,0,0,0,0,0.1\nx,100,1,2,,0.1\nx,300,2,3,4,0.1\n"
 CURVES = b"position_mm,EYX_um,EBX_arcsec,ECX_urad\n0,0,0,0\n100,1.5,2,3\n200,-1,0.5,\n300,0,0,1\n"
@@ -86,7 +111,7 @@ OTHER_REGISTERS = {
 
 def targets() -> dict[str, Target]:
     """Return every target by name."""
-    found = {f"decoder {name}": Target(STREAM, _decoded(name)) for name in FORMATS}
+    found = {f"decoder {name}": Target(STREAMS.get(name, STREAM), _decoded(name)) for name in FORMATS}
     found["log message"] = Target(MESSAGE, _message)
     found["registers"] = Target(bytes(range(28)) * 2, refusing(_registers))
     found["readings"] = Target(READINGS, refusing(_readings), weight=0.3)
