@@ -108,7 +108,7 @@ def machine_of(case: Case, seed: int) -> Machine:
     return Machine(errors=errors, chain=case.chain, drift_um_h=drift, expansion_um_m_c=(11.7,) * 3, environment=hall)  # type: ignore[arg-type]
 
 
-def drive(case: Case, machine: Machine, seed: int) -> Readings:
+def drive(case: Case, machine: Machine, seed: int, box: Box = BOX) -> Readings:
     """Return the readings of four diagonals and three linear runs, mirror and beam leaning half a milliradian."""
     rng = np.random.default_rng(1000 + seed)
     parts, start_s = [], 0.0
@@ -119,7 +119,7 @@ def drive(case: Case, machine: Machine, seed: int) -> Readings:
         noise = NOISE_UM["linear" if linear else "diagonal"]
         for number in case.passes:
             taken = Conditions(noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s)
-            one = simulate_pass(machine, BOX, setup, number, alignment=how, conditions=taken)
+            one = simulate_pass(machine, box, setup, number, alignment=how, conditions=taken)
             parts.append((setup, number, one, noise))
             start_s = float(one.time_s[-1]) + 600.0
     return make_readings(

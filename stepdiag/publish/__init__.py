@@ -1,1 +1,5 @@
-"""What the shop's other programs hear of a survey: its state, findings and result, sent to a broker by a process of its own."""
+"""What the shop's other programs hear of a survey: its state, findings and results, by MQTT or OPC UA, from a process of its own.
+
+In: the folder of a survey, read and never changed. Out: messages to a broker, or a server that clients read. Needs the extra
+``stepdiag[mqtt]`` or ``stepdiag[opcua]``; imported by `cli` only, inside its functions.
+"""

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any, Literal
@@ -15,6 +16,7 @@ from stepdiag.daq.service.live import live_in
 from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.files.files import as_text, read_bytes
 from stepdiag.fleet.rows import rows_of
+from stepdiag.solver.errors import StepdiagError
 from stepdiag.solver.result.result import Result, parse_result
 
 VERSION = 1
@@ -36,7 +38,8 @@ class Online(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-
 
 
 class State(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-state"):
-    """How far the survey is. The links are states as in the daemon's journal, empty where no daemon records."""
+    """How far the survey is. The links are states as in the daemon's journal, empty where no daemon records; ``damage`` says why the last
+    result cannot be read, empty where it can or where there is none."""
 
     round: str
     recording: bool
@@ -45,6 +48,7 @@ class State(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-s
     message: str
     laser: str
     plc: str
+    damage: str = ""
 
 
 class Finding(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
@@ -106,27 +110,41 @@ def topic_of(message: Message | type[Message], survey: Survey, prefix: str) -> s
 
 
 class Watched:
-    """The folder of one survey: what is to be said of it now, the result read anew only where its file has changed."""
+    """The folder of one survey: what is to be said of it now, a result read anew only where its file has changed."""
 
     def __init__(self, survey: Survey, folder: Path) -> None:
         self._survey, self._folder = survey, folder
         self._machine, self._name = survey.identity.machine, survey.identity.name
-        self._seen: tuple[str, int, int] | None = None
-        self._said: tuple[Message, ...] = ()
+        self._read: dict[Path, tuple[tuple[int, int], tuple[Findings, ResultMessage]]] = {}
+
+    @property
+    def name(self) -> str:
+        """Return the survey's name."""
+        return self._name
 
     def online(self, *, online: bool) -> Online:
         """Return the first message, or the last."""
         return Online(online=online, machine=self._machine, survey=self._name)
 
-    def now(self) -> Iterator[Message]:
-        """Yield state, findings and result as they are now. Raises DataError for a result that is damaged."""
-        rounds = round_folders(self._folder)
-        last = rounds[-1] if rounds else None
-        yield self._state(last)
-        if last is not None and (last / RESULT).is_file():
-            yield from self._of_result(last / RESULT)
+    def now(self) -> tuple[Message, ...]:
+        """Return the state, findings and result where they can be read; the state names what is wrong with one that cannot."""
+        last, told, damage = None, None, ""
+        try:
+            rounds = round_folders(self._folder)
+            last = rounds[-1] if rounds else None
+            told = self._told_of(last) if last is not None else None
+        except (StepdiagError, OSError) as error:  # a file cut off by somebody's copy, a share that is away
+            damage = str(error)
+        return (self._state(last, damage), *(told or ()))
 
-    def _state(self, last: Path | None) -> State:
+    def history(self) -> Iterator[tuple[Findings, ResultMessage]]:
+        """Yield findings and result of every round, oldest first; what cannot be read is left out."""
+        for each in round_folders(self._folder):
+            with suppress(StepdiagError, OSError):
+                if (told := self._told_of(each)) is not None:
+                    yield told
+
+    def _state(self, last: Path | None, damage: str) -> State:
         live = live_in(self._folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it
         return State(
             machine=self._machine,
@@ -138,19 +156,24 @@ class Watched:
             message=live.message if live is not None else "",
             laser=live.laser.state if live is not None else "",
             plc=live.plc.state if live is not None else "",
+            damage=damage,
         )
 
-    def _of_result(self, path: Path) -> tuple[Message, ...]:
+    def _told_of(self, round_: Path) -> tuple[Findings, ResultMessage] | None:
+        path = round_ / RESULT
+        if not path.is_file():
+            return None
         stat = path.stat()
-        seen = (str(path), stat.st_mtime_ns, stat.st_size)
-        if seen != self._seen:
-            data = read_bytes(path)
-            result = parse_result(as_text(data, path.name), str(path))
-            self._said = self._messages(result, hashlib.sha256(data).hexdigest(), path.parent.name)
-            self._seen = seen
-        return self._said
+        seen = (stat.st_mtime_ns, stat.st_size)
+        known = self._read.get(path)
+        if known is None or known[0] != seen:
+            name = f"{round_.name}/{RESULT}"
+            data = read_bytes(path, name)
+            known = (seen, self._messages(parse_result(as_text(data, name), name), hashlib.sha256(data).hexdigest(), round_.name))
+            self._read[path] = known
+        return known[1]
 
-    def _messages(self, result: Result, digest: str, round_: str) -> tuple[Message, ...]:
+    def _messages(self, result: Result, digest: str, round_: str) -> tuple[Findings, ResultMessage]:
         facts = result.extra.get("survey")
         facts = facts if isinstance(facts, dict) else {}
         findings = tuple(msgspec.convert(asdict(each), Finding) for each in result.findings)

@@ -5,7 +5,6 @@ runs in a process of its own and knows nothing of this one.
 """
 
 import asyncio
-import signal
 import ssl
 from collections.abc import Callable
 from contextlib import suppress
@@ -18,7 +17,8 @@ import structlog
 from paho.mqtt.reasoncodes import ReasonCode
 
 from stepdiag.daq.survey.models import Survey
-from stepdiag.publish.messages import Message, Watched, topic_of
+from stepdiag.publish.messages import Message, State, Watched, topic_of
+from stepdiag.publish.stopping import stopped_by_signal
 from stepdiag.solver.errors import DataError, DeviceError, UsageError
 
 REFUSALS = {"Unsupported protocol version", "Client identifier not valid", "Bad user name or password", "Not authorized", "Banned"}
@@ -60,12 +60,10 @@ class _Publisher:
         self._topic: Callable[[Message], str] = lambda message: topic_of(message, survey, prefix)
         self._tls = _context(broker)
         self._stop = asyncio.Event()
-        self._trouble = ""
+        self._damage = ""
 
     async def run(self, *, once: bool) -> None:
-        loop = asyncio.get_running_loop()
-        for name in (signal.SIGTERM, signal.SIGINT):
-            loop.add_signal_handler(name, self._stop.set)
+        self._stop = stopped_by_signal()
         wait_s = 1.0
         while not self._stop.is_set():
             try:
@@ -92,8 +90,11 @@ class _Publisher:
         """Send what is new, look again after a while; a connection that is lost raises at once, not with the next message."""
         sent: dict[str, bytes] = {}
         if once:
-            for message in self._watched.now():  # what cannot be read ends the program: nobody looks again
+            state, *others = self._watched.now()
+            for message in (state, *others):
                 await self._put(client, message, sent)
+            if isinstance(state, State) and state.damage:  # nobody looks again
+                raise DataError(self._watched.name, expected="a result that can be read", found=state.damage)
             self._stop.set()
             return
         await self._put(client, self._watched.online(online=True), sent)
@@ -112,15 +113,11 @@ class _Publisher:
             await asyncio.gather(lost, stopped, return_exceptions=True)
 
     async def _send_new(self, client: aiomqtt.Client, sent: dict[str, bytes]) -> None:
-        try:
-            messages = list(self._watched.now())
-        except (DataError, OSError) as error:  # a result that is being looked at by somebody else's tool, a share that is away
-            if str(error) != self._trouble:
-                self._trouble = str(error)
-                _log.warning("survey-unreadable", reason=self._trouble)
-            return
-        self._trouble = ""
-        for message in messages:
+        for message in self._watched.now():
+            if isinstance(message, State) and message.damage != self._damage:
+                self._damage = message.damage
+                if self._damage:
+                    _log.warning("survey-unreadable", reason=self._damage)
             await self._put(client, message, sent)
 
     async def _put(self, client: aiomqtt.Client, message: Message, sent: dict[str, bytes]) -> None:

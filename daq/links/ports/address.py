@@ -12,7 +12,7 @@ from typing import Literal
 from stepdiag.solver.errors import UsageError
 
 _SCHEME = re.compile(r"(?P<scheme>[A-Za-z][A-Za-z0-9+.-]*)://(?P<rest>.*)\Z", re.DOTALL)
-_PLACE = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%a-z]+)\]|(?P<host>[A-Za-z0-9][A-Za-z0-9._-]{0,252})):(?P<port>[0-9]{1,5})/?\Z")
+_PLACE = re.compile(r"(?:\[(?P<six>[0-9A-Fa-f:.%a-z]+)\]|(?P<host>[A-Za-z0-9][A-Za-z0-9._-]{0,252}))(?::(?P<port>[0-9]{1,5}))?\Z")
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,11 +32,19 @@ def network_line(name: str, field: str = "port") -> NetworkLine | None:
     found = _SCHEME.match(name)
     if found is None:
         return None
-    scheme, place = found["scheme"].lower(), _PLACE.match(found["rest"])
-    port = int(place["port"]) if place is not None else 0
-    if scheme not in ("socket", "rfc2217") or place is None or not 0 < port < 65536:
+    scheme, place = found["scheme"].lower(), host_and_port(found["rest"].removesuffix("/"))
+    if scheme not in ("socket", "rfc2217") or place is None:
         raise UsageError(
             field, expected="a serial port, socket://host:port or rfc2217://host:port", found=repr(name),
             remedy="the host as a name or an address ([::1] in brackets), then the TCP port of the terminal server's line",
         )  # fmt: skip
-    return NetworkLine("socket" if scheme == "socket" else "rfc2217", place["six"] or place["host"], port)
+    return NetworkLine("socket" if scheme == "socket" else "rfc2217", *place)
+
+
+def host_and_port(text: str, usual_port: int = 0) -> tuple[str, int] | None:
+    """Return host and port of HOST:PORT or [ADDRESS]:PORT, the port left out where there is a usual one; None for anything else."""
+    place = _PLACE.match(text)
+    if place is None:
+        return None
+    port = usual_port if place["port"] is None else int(place["port"])
+    return (place["six"] or place["host"], port) if 0 < port < 65536 else None

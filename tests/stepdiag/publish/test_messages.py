@@ -8,7 +8,6 @@ import pytest
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.messages import Findings, Message, ResultMessage, State, Watched, schemas, topic_of
-from stepdiag.solver.errors import DataError
 from stepdiag.solver.result.result import parse_result
 from testkit.cli import stepdiag
 from testkit.hostile.foreign import targets
@@ -65,11 +64,25 @@ def test_a_result_is_read_anew_when_its_file_is_another(watched: Watched, tmp_pa
     before = list(watched.now())
     path = tmp_path / "0002" / "result.json"
     path.write_bytes(path.read_bytes() + b"\n")
-    assert next(watched.now()) == before[0]
+    assert watched.now()[0] == before[0]
     assert list(watched.now())[2] != before[2]
+
+
+def test_a_damaged_result_is_named_and_holds_nothing_else_back(watched: Watched, tmp_path: Path) -> None:
+    """The state is said all the same; what is sent once ends the program, since nobody looks again."""
+    path = tmp_path / "0002" / "result.json"
+    whole = path.read_bytes()
+    (tmp_path / "0001" / "result.json").write_bytes(whole)
     path.write_text("{", encoding="utf-8")
-    with pytest.raises(DataError):
-        list(watched.now())
+    (state,) = watched.now()
+    assert isinstance(state, State)
+    assert (state.round, state.complete) == ("0002", True)
+    assert "0002/result.json" in state.damage
+    assert [said.round for _, said in watched.history()] == ["0001"], "an older result is read all the same"
+    path.write_bytes(whole)
+    mended, *told = watched.now()
+    assert isinstance(mended, State)
+    assert (mended.damage, len(told)) == ("", 2)
 
 
 def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
@@ -80,6 +93,20 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
     ("options", "words"),
     [
         ((), "HOST"),
+        (("--broker", "a", "--opcua", "b"), "found both"),
+        (("--opcua", "127.0.0.1"), "no certificate, no key"),
+        (("--opcua", "127.0.0.1", "--certificate", "x.pem"), "a certificate, no key"),
+        (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "k"), "--key"),
+        (("--opcua", "127.0.0.1", "--certificate", "nowhere.pem", "--key", "p"), "nowhere.pem"),
+        (("--opcua", "127.0.0.1", "--certificate", "s.toml", "--key", "p"), "a certificate, or its key"),
+        (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "open"), "chmod 600"),
+        (("--opcua", "127.0.0.1", "--certificate", "x.pem", "--key", "p", "--plain"), "found both"),
+        (("--opcua", "127.0.0.1:0", "--plain"), "HOST:PORT"),
+        (("--opcua", "::1", "--plain"), "[ADDRESS]:PORT"),
+        (("--opcua", "127.0.0.1", "--plain", "--once"), "without --once"),
+        (("--opcua", "127.0.0.1", "--plain", "--user", "u"), "a password for the user"),
+        (("--opcua", "192.0.2.1", "--plain", "--user", "u", "--password-file", "p"), "encryption, since a password is sent"),
+        (("--broker", "a", "--certificate", "x.pem"), "without --certificate"),
         (("--broker", "a b"), "HOST:PORT"),
         (("--broker", "a:99999"), "HOST:PORT"),
         (("--broker", "a:x"), "HOST:PORT"),
@@ -88,7 +115,7 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
         (("--broker", "[::1]:1883:1"), "HOST:PORT"),
         (("--broker", "[fd00::1]:1883", "--plain", "--password-file", "p"), "broker fd00::1:"),
         (("--broker", "a", "--topic", "a/#"), "a topic without"),
-        (("--broker", "a", "--plain", "--password-file", "p"), "TLS, since a password is sent"),
+        (("--broker", "a", "--plain", "--password-file", "p"), "encryption, since a password is sent"),
         (("--broker", "a", "--password-file", "p"), "a user for the password"),
         (("--broker", "a", "--plain", "--ca", "x.pem"), "--ca or --plain"),
         (("--broker", "a", "--password-file", "open"), "chmod 600"),
@@ -97,6 +124,7 @@ def test_a_name_cannot_part_a_topic(survey: Survey) -> None:
 )
 def test_what_cannot_be_meant_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], words: str) -> None:
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("stepdiag.daemon.journal.configure", lambda: None)  # it lasts: other tests would write to this one's terminal
     Path("s.toml").write_text(ALONE, encoding="utf-8")
     Path("p").touch(0o600)
     Path("p").write_text("secret", encoding="utf-8")

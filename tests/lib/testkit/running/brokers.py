@@ -28,10 +28,15 @@ class Place:
         return self.folder / "broker.crt"
 
 
+def free_port():
+    """Return a port of this computer on which nobody listens."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return free.getsockname()[1]
+
+
 def prepared(folder):
     """Make certificate, password and settings of a broker; return where it will be."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        port = free.getsockname()[1]
+    port = free_port()
     _run(
         "openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-subj", "/CN=localhost",
         "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1", "-keyout", folder / "broker.key", "-out", folder / "broker.crt",

@@ -1,0 +1,269 @@
+"""`stepdiag publish --opcua` and a client of OPC UA: what it can browse, read, call and hear of a survey, and what it may not do."""
+
+import asyncio
+import json
+import subprocess
+import sys
+import time
+
+import pytest
+from asyncua import Client, ua
+from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
+from asyncua.ua.ua_binary import extensionobject_to_binary
+
+from testkit.fleets import finished_survey
+from testkit.hostile.foreign_logs import SURVEY
+from testkit.running.brokers import PATIENCE_S, free_port
+
+pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
+
+MODEL = "http://opcfoundation.org/UA/Machinery/Result/"
+NOW = ua.Variant(0, ua.VariantType.Int32)
+MACHINE = "Mill 7/ä"
+USER, PASSWORD = "mes", "not-to-be-guessed"
+
+
+def prepared(folder):
+    """Return the survey file of a finished survey in a folder."""
+    finished_survey(folder / "bench")
+    file = folder / "mill.toml"
+    file.write_text(SURVEY[: SURVEY.index("[[export]]")].replace('machine = "virtual"', f'machine = "{MACHINE}"'))
+    return file
+
+
+class Serving:
+    """A server that runs."""
+
+    def __init__(self, survey, *options):
+        self.url = f"opc.tcp://127.0.0.1:{free_port()}/stepdiag"
+        self._log = survey.parent / f"opcua-{time.monotonic_ns()}.log"
+        address = self.url.removeprefix("opc.tcp://").removesuffix("/stepdiag")
+        command = [sys.executable, "-m", "stepdiag", "publish", survey, "--opcua", address, "--every", "0.2", *options]
+        with self._log.open("wb") as out:
+            self.process = subprocess.Popen([*map(str, command)], stdout=out, stderr=out)
+
+    def __enter__(self):
+        end = time.monotonic() + PATIENCE_S
+        while "opcua-serves" not in self.said:
+            assert self.process.poll() is None, self.said
+            assert time.monotonic() < end, self.said
+            time.sleep(0.1)
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.process.terminate()
+        self.process.wait(PATIENCE_S)
+
+    @property
+    def said(self):
+        return self._log.read_text()
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory):
+    return prepared(tmp_path_factory.mktemp("survey"))
+
+
+@pytest.fixture(scope="module")
+def serving(survey):
+    with Serving(survey, "--plain") as running:
+        yield running
+
+
+def asked(serving, work):
+    """Return what ``work`` finds as a client that knows nothing but the standard's names."""
+
+    async def run():
+        async with Client(serving.url, timeout=PATIENCE_S) as client:
+            await client.load_data_type_definitions()
+            index = await client.get_namespace_index(MODEL)
+            own = await client.get_namespace_index("urn:stepdiag:publish")
+            machine = await client.nodes.objects.get_child(ua.QualifiedName(MACHINE, own))
+            return await work(client, index, own, machine, await machine.get_child(f"{index}:ResultManagement"))
+
+    return asyncio.run(asyncio.wait_for(run(), 4 * PATIENCE_S))
+
+
+async def until(look, wanted):
+    """Return what ``look`` gives once it is as wanted."""
+    async with asyncio.timeout(PATIENCE_S):
+        while True:
+            found = await look()
+            if wanted(found):
+                return found
+            await asyncio.sleep(0.1)
+
+
+def test_results_are_read_by_variable_and_by_method(serving, survey):
+    async def work(_client, index, _own, _machine, management):
+        kind = await management.read_type_definition()
+        variable = (await (await management.get_child(f"{index}:Results")).get_children())[-1]
+        handle, latest, error = await management.call_method(f"{index}:GetLatestResult", NOW)
+        name = latest.ResultMetaData.ResultId
+        by_id = await management.call_method(f"{index}:GetResultById", ua.Variant(name, ua.VariantType.String), NOW)
+        part = await variable.get_child([f"{index}:ResultMetaData", f"{index}:ResultId"])
+        release = [
+            await management.call_method(f"{index}:ReleaseResultHandle", ua.Variant(handle, ua.VariantType.UInt32)) for _ in range(2)
+        ]
+        return (
+            kind,
+            await variable.read_type_definition(),
+            latest,
+            error,
+            by_id,
+            await part.read_value(),
+            await variable.read_value(),
+            release,
+        )
+
+    kind, of_variable, latest, error, by_id, part, value, release = asked(serving, work)
+    assert (kind.Identifier, of_variable.Identifier, error, by_id[2]) == (1004, 2001, 0, 0), "the published ids"
+    meta = latest.ResultMetaData
+    assert (meta.PartId, meta.JobId, meta.IsPartial, meta.HasTransferableDataOnFile) == (MACHINE, "bench", False, False)
+    assert meta.CreationTime == meta.ProcessingTimes.EndTime >= meta.ProcessingTimes.StartTime
+    assert part == meta.ResultId
+    assert by_id[1] == latest == value
+    said, findings = (json.loads(each.Value) for each in latest.ResultContent)
+    assert said["schema"] == "stepdiag-result"
+    assert said["sha256"].startswith(meta.ResultId.rpartition("/")[2])
+    assert {row["quantity"] for row in said["rows"]} >= {"EXX", "volumetric-rms"}
+    found = json.loads((survey.parent / "bench/0001/result.json").read_text())["findings"]
+    assert [each["code"] for each in findings["findings"]] == [each["code"] for each in found]
+    assert release == [0, -1], "a handle is released once"
+
+
+def test_the_meta_data_are_on_the_wire_as_an_extension_object(serving):
+    """OPC 40001-101 lets subtypes stand there; a client with the published nodeset decodes it so."""
+
+    async def work(_client, index, _own, _machine, management):
+        return index, (await management.call_method(f"{index}:GetLatestResult", NOW))[1]
+
+    index, latest = asked(serving, work)
+    wire = extensionobject_to_binary(latest)
+    node = lambda number: bytes((1, index)) + number.to_bytes(2, "little")  # noqa: E731
+    assert wire.startswith(node(5008) + b"\1"), "Default Binary of ResultDataType"
+    assert wire[9:].startswith(node(5005) + b"\1"), "Default Binary of ResultMetaDataType, within"
+
+
+def test_an_unknown_result_is_an_error_and_no_result(serving):
+    async def work(_client, index, _own, _machine, management):
+        return await management.call_method(f"{index}:GetResultById", ua.Variant("nobody's", ua.VariantType.String), NOW)
+
+    handle, _, error = asked(serving, work)
+    assert handle == 0
+    assert error < 0
+
+
+def test_state_and_findings_are_variables(serving):
+    async def work(_client, _index, own, machine, _management):
+        state = await machine.get_child(f"{own}:State")
+        values = {(await each.read_browse_name()).Name: await each.read_value() for each in await state.get_children()}
+        return values, await (await machine.get_child(f"{own}:Findings")).read_value()
+
+    state, findings = asked(serving, work)
+    assert (state["Round"], state["Complete"], state["Recording"], state["Damage"]) == ("0001", True, False, "")
+    assert all(json.loads(each)["code"] for each in findings)
+
+
+def test_nobody_changes_anything(serving):
+    async def work(_client, index, own, machine, management):
+        variable = (await (await management.get_child(f"{index}:Results")).get_children())[-1]
+        refused = []
+        for attempt in (machine.add_object(own, "evil"), variable.write_value(None), variable.delete()):
+            try:
+                await attempt
+            except ua.UaError as error:
+                refused.append(type(error).__name__)
+        return refused
+
+    assert asked(serving, work) == ["BadUserAccessDenied"] * 3
+
+
+def test_a_new_result_is_an_event_a_damaged_one_a_word_in_the_state(serving, survey):
+    path = survey.parent / "bench/0001/result.json"
+    whole = path.read_bytes()
+
+    class Ears:
+        def __init__(self):
+            self.heard = []
+
+        def event_notification(self, event):
+            self.heard.append(event)
+
+    async def work(client, index, own, machine, management):
+        ears = Ears()
+        subscription = await client.create_subscription(50, ears)
+        kind = await client.nodes.base_event_type.get_child(f"{index}:ResultReadyEventType")
+        (ours,) = await kind.get_children(refs=ua.ObjectIds.HasSubtype)
+        await subscription.subscribe_events(management, evtypes=[ours])
+        damage = await machine.get_child([f"{own}:State", f"{own}:Damage"])
+        results = await management.get_child(f"{index}:Results")
+        before = (await management.call_method(f"{index}:GetLatestResult", NOW))[1]
+        count = len(await results.get_children())
+        await asyncio.to_thread(path.write_bytes, b"{")
+        words = await until(damage.read_value, bool)
+        kept = (await management.call_method(f"{index}:GetLatestResult", NOW))[1]
+        await asyncio.to_thread(path.write_bytes, whole + b"\n")
+        await until(damage.read_value, lambda found: not found)
+        (event, *more) = await until(lambda: asyncio.sleep(0, ears.heard), bool)
+        latest = (await management.call_method(f"{index}:GetLatestResult", NOW))[1]
+        count = len(await results.get_children()) - count
+        return before, words, kept, event, more, latest, count
+
+    before, words, kept, event, more, latest, count = asked(serving, work)
+    assert "0001/result.json" in words
+    assert kept == before, "what was offered before stays"
+    assert more == []
+    fields = event.get_event_props_as_fields_dict()
+    assert fields["Result/ResultMetaData/ResultId"].Value == latest.ResultMetaData.ResultId != before.ResultMetaData.ResultId
+    assert fields["Result"].Value == latest
+    assert count == 1, "the one before stays"
+
+
+def test_with_a_certificate_all_is_encrypted_and_only_the_user_comes_in(survey):
+    for name in ("server", "client"):
+        certificate(survey.parent, name)
+    secret = survey.parent / "mes.password"
+    secret.touch(0o600)
+    secret.write_text(PASSWORD)
+
+    async def come(user, password, *, secure=True):
+        client = Client(serving.url, timeout=PATIENCE_S)
+        client.application_uri = "urn:client"
+        if secure:
+            files = [survey.parent / each for each in ("client.pem", "client.key.pem", "server.pem")]
+            await client.set_security(SecurityPolicyBasic256Sha256, *files[:2], server_certificate=files[2])
+        client.set_user(user)
+        client.set_password(password)
+        async with client:
+            return await client.get_namespace_array()
+
+    options = ("--certificate", survey.parent / "server.pem", "--key", "server.key.pem", "--user", USER, "--password-file", secret.name)
+    with Serving(survey, *options) as serving:
+        assert MODEL in asyncio.run(come(USER, PASSWORD))
+        for refused in (come(USER, "wrong"), come("nobody", PASSWORD), come(USER, PASSWORD, secure=False)):
+            with pytest.raises((ua.UaError, OSError)):
+                asyncio.run(refused)
+        assert serving.process.poll() is None
+    assert serving.process.returncode == 0, "SIGTERM ends it in good order"
+    assert PASSWORD not in serving.said
+
+
+def certificate(folder, name):
+    subprocess.run(
+        [
+            "openssl", "req", "-x509", "-newkey", "rsa:2048", "-nodes", "-days", "30", "-subj", f"/CN={name}", "-keyout", f"{name}.key.pem",
+            "-addext", f"subjectAltName=URI:urn:{name},IP:127.0.0.1", "-out", f"{name}.pem",
+        ],
+        cwd=folder, capture_output=True, check=True, timeout=PATIENCE_S,
+    )  # fmt: skip
+    (folder / f"{name}.key.pem").chmod(0o600)
+
+
+def test_a_port_that_is_taken_is_said(survey, serving):
+    command = [sys.executable, "-m", "stepdiag", "publish", survey, "--plain", "--opcua", serving.url.split("/")[2]]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert done.returncode == 4, done.stderr
+    assert "a free port" in " ".join(done.stderr.split())
+    assert "Traceback" not in done.stderr
