@@ -51,8 +51,8 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
     yield from (Finding(code=each.code, severity="error", text=each.text) for each in worst(judged))
     for table in read:
         travel = profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
-        if travel is None or table.law.ends == "extended":
-            continue
+        if travel is None or table.law.ends == "extended" or not table.value_um.any():
+            continue  # zeros move nothing wherever they stand: they take an old table out
         step = float(table.position_mm[1] - table.position_mm[0])
         if table.position_mm[0] < travel[0] - step or table.position_mm[-1] > travel[1] + step:
             first, last = table.position_mm[[0, -1]]

@@ -337,6 +337,18 @@ class TestActiveTables:
         assert 7 in [table.place["table"] for table in made.tables if table.name == "EYX" and not table.value_um.any()]
         assert left_um(old, tmp_path / "out") == pytest.approx(left_um(b"", tmp_path / "out"), abs=1e-6)
 
+    def test_an_old_table_that_reached_beyond_the_travel_is_emptied_too(self, tmp_path):
+        """Zeros move nothing wherever they stand, and what they take out would act beside the new table."""
+        far = (CEC % {b"n": 7, b"from": 1, b"to": 2}).replace(b"STEP[7]=400", b"STEP[7]=1000").replace(b"MIN[7]=-200", b"MIN[7]=-2000")
+        far = far.replace(b"MAX[7]=200", b"MAX[7]=0").replace(b"$AN_CEC[7,1]=0.002\n", b"$AN_CEC[7,1]=0.002\n$AN_CEC[7,2]=0.003\n")
+        old = OLD_TABLE.replace(b"\nM17\n", b"\n") + far
+        own = machine()
+        axes = own.axes | {"X": msgspec.structs.replace(own.axes["X"], travel_mm=(-200.0, 200.0))}
+        profile = replace(own, axes=axes, existing=(ControlFile(name="ALL.INI", data=old),))
+        made = export(RESULT, "siemens", profile, out_dir=tmp_path / "out", today=TODAY, accept=["table-shrinks"])
+        assert 7 in [table.place["table"] for table in made.tables if table.name == "EYX" and not table.value_um.any()]
+        assert left_um(old, tmp_path / "out") == pytest.approx(left_um(b"", tmp_path / "out"), abs=1e-6)
+
     def test_an_axis_that_goes_from_one_kind_of_table_to_another_keeps_no_old_one(self, tmp_path):
         """Two directions go into CEC tables: the old EEC of X would act beside them, whatever becomes of the EEC of other axes."""
         both = made_result({"EXX": [0, 5, 10, 15, 20], "EYY": [0, 1, 2, 3, 4]}, reversal={"EXX": [3, 3, 3, 3, 3]})

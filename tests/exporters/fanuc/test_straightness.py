@@ -10,6 +10,7 @@ from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.fanuc.straightness import SETS
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.verify import grid_points_mm
+from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import total_correction_um
@@ -106,6 +107,41 @@ def test_an_option_that_the_file_does_not_show_is_refused() -> None:
     with pytest.raises(SafetyError) as refused:
         written(profile(sets=0), drawn())
     assert refused.value.code == "template-lacks-parameters"
+
+
+def codes(of: Profile, functions: list[str]) -> set[str]:
+    return {finding.code for finding in FANUC.plan(fitted(drawn(), functions).curves, of).findings}
+
+
+def test_numbers_that_no_manual_stated_are_a_remark_of_every_export_that_rests_on_them() -> None:
+    """Not where the profile brings the numbers from the machine's own manual, and not where nothing is written into them."""
+    of = profile()
+    assert "straightness-recalled" in codes(of, FUNCTIONS)
+    assert "straightness-recalled" not in codes(of, ["EXX", "EYY", "EZZ"])
+    assert "straightness-recalled" not in codes(profile(option=False), FUNCTIONS)
+    stated = msgspec.structs.replace(of.options, straightness={"EXY": SETS[0], "EXZ": SETS[1], "EYZ": SETS[2]})
+    assert "straightness-recalled" not in codes(replace(of, options=stated), FUNCTIONS)
+
+
+def test_straightness_in_the_file_beside_a_profile_that_says_there_is_none() -> None:
+    """Sets with values act beside whatever is written; sets that are all zero do nothing."""
+    assert "straightness-in-file" not in codes(profile(option=False), FUNCTIONS)
+    _, _, files = written(profile(), drawn())
+    held = replace(profile(option=False), existing=files)
+    assert "straightness-in-file" in codes(held, FUNCTIONS)
+    assert "straightness-in-file" not in codes(replace(profile(), existing=files), FUNCTIONS)
+
+
+def test_straight_lines_need_the_pitch_points_that_nobody_sets() -> None:
+    """Y is left alone and its pitch points stand at another interval in the machine's file: four points of Y would lie elsewhere."""
+    of = profile()
+    pitch, sets = of.existing
+    elsewhere = replace(pitch, data=pitch.data.replace(b"N03624Q1A1P0.0A2P0.0A3P0.0", b"N03624Q1A1P25.0A2P30.0A3P12.5"))
+    with pytest.raises(SafetyError) as refused:
+        codes(replace(of, existing=(elsewhere, sets)), ["EXX", "EZZ", "EXY"])
+    assert refused.value.code == "pitch-points-unset"
+    assert "EYY beside EXY" in str(refused.value)
+    codes(replace(of, existing=(elsewhere, sets)), ["EXX", "EYY", "EZZ", "EXY"])
 
 
 def test_without_the_option_it_stays_in_the_report() -> None:
