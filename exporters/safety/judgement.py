@@ -214,9 +214,12 @@ def _turns(wanted: _Wanted, after: Sequence[Table], before: Sequence[Table], vol
 
 
 def _acts_with(one: Table, other: Table) -> bool:
-    """Return whether ``one`` counts for the judgement of ``other``: the same function, and of a curve what products do along its axis."""
+    """Return whether ``one`` counts for the judgement of ``other``: the same function, and of a curve what products do along its axis.
+
+    Products of one function and lever count together, wherever they stand: a new one may do the work of an old one under other numbers.
+    """
     if other.multiplier is not None:
-        return one.multiplier is not None and one.name == other.name and one.place == other.place
+        return one.multiplier is not None and one.name == other.name and one.multiplier.axis == other.multiplier.axis
     if one.multiplier is None:
         return one.name == other.name
     return one.output_axis == other.output_axis and other.input_axis in (one.input_axis, one.multiplier.axis)
