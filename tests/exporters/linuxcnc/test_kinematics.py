@@ -1,7 +1,7 @@
 """The kinematics component: built from what the export writes, it moves the joints as the lattice says and refuses what is not whole.
 
 The component is compiled with LinuxCNC's own headers and loaded into this process; ``halstub.c`` stands in for HAL. What the real control
-does with it is in ``tests/system/test_linuxcnc_control.py``.
+does with it is in ``tests/system/control``.
 """
 
 import ctypes

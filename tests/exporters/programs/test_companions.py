@@ -1,6 +1,6 @@
 """What is written for LinuxCNC beside the programs: the HAL component speaks Modbus as its docstring says, whatever is sent to it.
 
-The component is loaded with stand-ins for the control's two Python modules; `tests/system/test_linuxcnc_control.py` has the real ones.
+The component is loaded with stand-ins for the control's two Python modules; `tests/system/control` has the real ones.
 """
 
 import importlib.util

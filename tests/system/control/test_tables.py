@@ -1,0 +1,77 @@
+"""A real control applies COMP_FILEs as the exporter's law says: signs, rows, ends, and the BACKLASH that they switch off."""
+
+from dataclasses import replace
+
+import msgspec
+import numpy as np
+import pytest
+
+from stepdiag.exporters.linuxcnc.control import LinuxCnc
+from stepdiag.exporters.programs import Sequence, nc_programs, passes_of
+from stepdiag.exporters.tables.curves import curves_of
+from stepdiag.exporters.tables.tables import total_correction_um
+from stepdiag.solver.geometry.volume import Volume
+from testkit.exact.machines import profile_of
+from testkit.exact.results import made_result
+from testkit.linuxcnc.rig import linuxcnc
+from testkit.linuxcnc.standing import stands
+
+pytestmark = [pytest.mark.system, pytest.mark.control]
+
+VOLUME = Volume(origin_mm=(-200.0, -100.0, -150.0), size_mm=(400.0, 200.0, 150.0), increments=2)
+SWIFT = Sequence(name="rig", volume=VOLUME, feed_mm_min=90000.0, dwell_s=0.1, overrun_mm=5.0)
+LINES = ("linear-x", "linear-y", "linear-z")
+BACKLASH_UM = 8.0
+
+
+def test_the_control_applies_the_files_as_the_law_says() -> None:
+    """Motors are moved by what `correction_um` says, forward and in reverse: signs, interpolation between rows, held ends."""
+    errors = {"EXX": [0.0, 9.0, -20.0], "EYY": [3.0, 1.0, 8.0], "EZZ": [0.0, -5.0, 6.0]}
+    profile = profile_of("linuxcnc", VOLUME, sections=8, direction="both")
+    result = made_result(errors, reversal={"EXX": [6.0] * 3, "EZZ": [-4.0, -2.0, 0.0]}, volume=VOLUME)
+    controller = LinuxCnc()
+    plan = controller.plan(curves_of(result, ["EXX", "EYY", "EZZ"]), profile)
+    files = [file for file in controller.render(plan.tables, profile) if file.role == "data"]
+    tables = controller.parse(files, profile)
+    sequence = replace(SWIFT, setups=("ppn",), volume=replace(VOLUME, size_mm=(390.0, 195.0, 150.0)))
+    program = nc_programs(sequence, "linuxcnc")[0].data
+    travel = np.array([1, 1, -1])
+    with linuxcnc({file.name[-6].upper(): file.data for file in files}) as control:
+        driven = stands(control, program)
+    outward = passes_of(sequence, "ppn")[0]
+    for number, state in enumerate(driven):
+        way = travel if number < len(outward.stops) else -travel
+        point = np.array([state.commanded_mm])
+        law = [
+            total_correction_um([t for t in tables if t.input_axis == axis], point, int(sign)).sum()
+            for axis, sign in zip("XYZ", way, strict=True)
+        ]
+        moved_um = (np.array(state.motor_mm) - np.array(state.commanded_mm)) * 1000.0
+        np.testing.assert_allclose(moved_um, law, rtol=0, atol=1e-3)
+
+
+def test_a_comp_file_holds_the_backlash_that_it_switches_off() -> None:
+    """What the motor gives between approach in + and approach in - is BACKLASH without a table, and the same with one, to 0.1 um.
+
+    X has our file, Y a file of zeros, Z none: the control itself forgets its BACKLASH where a COMP_FILE is, so Y has none of it left.
+    """
+    errors = {"EXX": [0.0, 9.0, -7.0]}
+    profile = profile_of("linuxcnc", VOLUME, sections=8)
+    axes = {letter: msgspec.structs.replace(axis, backlash_um=BACKLASH_UM) for letter, axis in profile.axes.items()}
+    profile = replace(profile, axes=axes)
+    controller = LinuxCnc()
+    tables = controller.plan(curves_of(made_result(errors, volume=VOLUME), ["EXX"]), profile).tables
+    (file,) = (file for file in controller.render(tables, profile) if file.role == "data")
+    zeros = b"-200 -200 -200\n200 200 200\n"
+    moved = {}
+    with linuxcnc({"X": file.data, "Y": zeros}, backlash_mm=dict.fromkeys("XYZ", BACKLASH_UM / 1000.0)) as control:
+        for axis, program in enumerate(nc_programs(replace(SWIFT, setups=LINES), "linuxcnc")):
+            driven = stands(control, program.data)
+            moved["XYZ"[axis]] = np.array([(state.motor_mm[axis] - state.commanded_mm[axis]) * 1000.0 for state in driven])
+    there = VOLUME.increments + 1
+    forward, reverse = {name: um[:there] for name, um in moved.items()}, {name: um[there:][::-1] for name, um in moved.items()}
+    np.testing.assert_allclose(forward["Z"][1:-1] - reverse["Z"][1:-1], BACKLASH_UM, atol=0.1)
+    np.testing.assert_allclose(forward["Y"][1:-1] - reverse["Y"][1:-1], 0.0, atol=0.1)
+    np.testing.assert_allclose(forward["X"][1:-1] - reverse["X"][1:-1], BACKLASH_UM, atol=0.1)
+    middle = (forward["X"][1:-1] + reverse["X"][1:-1]) / 2.0
+    np.testing.assert_allclose(middle, -np.array(errors["EXX"][1:-1]), atol=0.1)
