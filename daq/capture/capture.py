@@ -4,6 +4,7 @@ A capture belongs to one log and starts with it, from nothing but the survey and
 log is the same code on the same input, and gives the same stops to the last bit.
 """
 
+import math
 from dataclasses import replace
 from typing import Literal
 
@@ -23,7 +24,7 @@ from stepdiag.daq.capture.standing.standstill import Standstills
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
-from stepdiag.daq.survey.file import head_decoder, laser_decoder
+from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 from stepdiag.solver.findings import Finding
@@ -43,11 +44,10 @@ class Capture:
 
     def __init__(self, survey: Survey, start: CaptureStart) -> None:
         self._survey = survey
-        self.laser = StreamBuffer(laser_decoder(survey))
-        self.head = StreamBuffer(head_decoder(survey)) if survey.head is not None else None
-        self._streams: dict[Stream, StreamBuffer] = {"laser": self.laser}
-        if self.head is not None:
-            self._streams["head"] = self.head
+        self._streams: dict[Stream, StreamBuffer] = {stream: StreamBuffer(decoder) for stream, decoder in decoders(survey).items()}
+        self.laser = self._streams["laser"]
+        self.head = self._streams.get("head")
+        self.air = self._streams.get("air", self.laser)
         self.signals: Signals | None = None
         self.tracker = DwellTracker()
         self.ended: Ended | None = None
@@ -257,7 +257,7 @@ class Capture:
             self._end(found.kind, found.reason, outcomes)
         if not isinstance(found, Walk) or self.ended:
             return
-        felt = with_air(self._survey, dwell.signals, self.laser)
+        felt = with_air(self._survey, dwell.signals, self.air, dwell.to_ns, silent=math.nan)
         judged = self._conditions.judge(felt, (dwell.from_ns + self._wall_offset_ns) * 1e-9)
         taken: list[Outcome] = []
         self._taker.take(found, self._finder.turn, replace(dwell, signals=judged.signals), self._placing(dwell.signals), taken)

@@ -7,16 +7,21 @@ and the stop is doubted where the reading depends on it. A reading is taken in a
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from typing import Protocol
 
 import msgspec
 
+from stepdiag.daq.formats.instruments.air import told_by
 from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.survey.formats import air_pattern
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
 from stepdiag.solver.standards.air import HALL
 
 BELIEVED_STOPS = 5
 """A value that has jumped is believed when so many stops in a row agree on it; that it has jumped stays a doubt."""
+STALE_NS = 60_000_000_000
+"""What a sensor told longer ago is not its present reading: it has fallen silent."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,6 +49,15 @@ class Credible(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
 
 
+class Teller(Protocol):
+    """Who tells of air and material."""
+
+    @property
+    def told(self) -> Mapping[str, float]:
+        """What it told last, by the names of the signals."""
+        ...
+
+
 Remark = tuple[str, str]
 """A finding's code and its words."""
 
@@ -58,11 +72,28 @@ class Judged:
     doubted: list[Remark] = field(default_factory=list)
 
 
-def with_air(survey: Survey, signals: Signals, laser: StreamBuffer) -> Signals:
-    """Return the signals with what the laser's own sensors told, where the survey takes air and material from them."""
-    if survey.environment.source != "laser":
-        return signals
-    return replace(signals, **{name: value for name, value in laser.told.items() if name in COURSES})  # type: ignore[arg-type]
+def with_air(survey: Survey, signals: Signals, sensor: StreamBuffer, now_ns: int, *, silent: float | None = None) -> Signals:
+    """Return the signals with what the sensor, or the laser's own sensors, told, where the survey takes air and material from them.
+
+    ``silent`` stands for what it should tell and has not for `STALE_NS`: None, or NaN for who judges it (`Conditions`).
+    """
+    told = told_names(survey, sensor)
+    fresh = sensor.told_since(now_ns - STALE_NS)
+    return replace(signals, **{name: fresh.get(name, silent) for name in told}) if told else signals  # type: ignore[arg-type]
+
+
+def told_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
+    """Return the conditions that a sensor's pattern says it tells, or that the laser has told so far; none where neither is asked."""
+    if survey.air_sensor is not None:
+        return told_by(air_pattern(survey.air_sensor))
+    return tuple(name for name in sensor.told if name in COURSES) if survey.environment.source == "laser" else ()
+
+
+def told_before(survey: Survey, sensor: StreamBuffer, now_ns: int, wall_offset_ns: int) -> dict[str, Credible]:
+    """Return what a sensor told before a log began, as values to hold where nothing was believed yet."""
+    fresh = sensor.told_since(now_ns - STALE_NS)
+    time_s = (now_ns + wall_offset_ns) * 1e-9
+    return {n: Credible(value=fresh[n], time_s=time_s) for n in told_names(survey, sensor) if n in fresh and _possible(n, fresh[n])}
 
 
 class Conditions:
@@ -87,6 +118,9 @@ class Conditions:
 
     def _believe(self, name: str, value: float, time_s: float, judged: Judged) -> float | None:
         """Return the value that counts: as it is, the last credible one, or None where there is none."""
+        last = self._credible.get(name)
+        if math.isnan(value) and last is not None and time_s - last.time_s < STALE_NS * 1e-9:
+            return last.value  # told before this log began
         code = self._wrong(name, value, time_s)
         if code == "sensor-jump" and self._agreed(name, value):
             judged.doubted.append((code, f"{self._found(name, value, time_s)}, at {BELIEVED_STOPS} stops in a row: it is believed now"))
@@ -105,6 +139,8 @@ class Conditions:
 
     def _wrong(self, name: str, value: float, time_s: float) -> str:
         """Return the finding's code of a value that is not believed; empty for one that is."""
+        if math.isnan(value):
+            return "sensor-silent"
         if not _possible(name, value):
             return "sensor-implausible"
         last = self._credible.get(name)
@@ -124,8 +160,10 @@ class Conditions:
         """Return the doubt where the reading depends on what nobody has measured."""
         if name in self._credible or name not in self._needed:
             return []
+        unit, stated = COURSES[name].unit, getattr(self._environment, name)
+        read = f"{name} is not told" if math.isnan(value) else f"{name} reads {value:g} {unit}"
         text = (
-            f"{name} reads {value:g} {COURSES[name].unit}, and {getattr(self._environment, name):g} {COURSES[name].unit} of [environment] "
+            f"{read}, and {stated:g} {unit} of [environment] "
             'counts in its place: set it and source = "fixed" there, or solve with --environment FILE'
         )
         return [("air-unknown", text)]
@@ -138,9 +176,15 @@ class Conditions:
         return f"{name} reads {value:g} {unit} after {last.value:g} {unit}, {time_s - last.time_s:.0f} s ago"
 
     def _in_words(self, name: str, value: float, time_s: float) -> str:
-        found, unit, last = self._found(name, value, time_s), COURSES[name].unit, self._credible.get(name)
+        unit, last = COURSES[name].unit, self._credible.get(name)
+        stated = getattr(self._environment, name)
+        if math.isnan(value):
+            remedy = "check the sensor's cable and power, or solve with --environment FILE"
+            if last is None:
+                return f"{name} has not been told yet: {stated:g} {unit} of [environment] is used; {remedy}"
+            return f"{name} has not been told for a minute: {last.value:g} {unit} is held; {remedy}"
+        found = self._found(name, value, time_s)
         if last is None:
-            stated = getattr(self._environment, name)
             return f"{found}: {stated:g} {unit} of [environment] is used; check the sensor, its register and its scale"
         u = self._reach(name, time_s) / math.sqrt(3.0)
         return f"{found}: {last.value:g} {unit} is held, u = {u:.2g} {unit}; check the sensor, or solve with --environment FILE"

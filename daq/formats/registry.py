@@ -1,5 +1,6 @@
 """Wire formats by name."""
 
+from stepdiag.daq.formats.instruments.air import AirDecoder, AirSettings, AskedAirDecoder
 from stepdiag.daq.formats.instruments.angles import AnglesDecoder, AnglesSettings, AskedAnglesDecoder
 from stepdiag.daq.formats.instruments.fourdof import FourdofDecoder, FourdofSettings
 from stepdiag.daq.formats.instruments.framed import FramesDecoder, FramesSettings
@@ -24,10 +25,12 @@ FormatSettings = (
     | FourdofSettings
     | TqdSettings
     | AnglesSettings
+    | AirSettings
 )
 
 LASER_FORMATS = ("umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis")
 HEAD_FORMATS = ("fourdof", "tqd", "elcomat", "wyler")
+AIR_FORMATS = ("ptu300", "line")
 
 
 def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: C901, PLR0911 - one a format
@@ -58,5 +61,7 @@ def make_decoder(name: str, settings: FormatSettings) -> Decoder:  # noqa: C901,
             return AnglesDecoder(settings)
         case "wyler", AnglesSettings():
             return AskedAnglesDecoder(settings)
+        case _, AirSettings() if name in AIR_FORMATS:
+            return AskedAirDecoder(settings) if settings.request else AirDecoder(settings)
     known = ", ".join((*LASER_FORMATS, *HEAD_FORMATS))
     raise UsageError("survey: format", expected=f"one of {known} with its own settings", found=f"{name!r} with {type(settings).__name__}")

@@ -1,4 +1,4 @@
-"""A log's laser or head at full rate: every sample decoded again from the raw bytes, with its time, in columns."""
+"""A log's laser, head or sensor of air at full rate: every sample decoded again from the raw bytes, with its time, in columns."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from stepdiag.daq.log.contents import Log
 from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.formats import head_decoder, laser_decoder
+from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.timing.stream import StreamBuffer
 from stepdiag.solver.errors import DataError, UsageError
 
@@ -21,7 +21,7 @@ COLUMNS = ("time_ns", "mono_ns", "counter", "position_mm", "beam", "flags")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Decoded:
-    """Samples in the order of their arrival; every column has shape (count,), ``channels`` (count, k) for a 4-DOF head.
+    """Samples in the order of their arrival; every column has shape (count,), ``channels`` (count, k) for a 4-DOF head or a sensor.
 
     ``time_ns`` is nanoseconds since 1970, ``mono_ns`` the host's monotonic clock: both from the sample clock, not from the arrivals.
     """
@@ -48,10 +48,10 @@ def decoded(log: Log, stream: Stream = "laser") -> Iterator[Decoded]:
     Raises UsageError for a stream that its survey does not have, DataError where the log holds not one sample of it.
     """
     survey = parse_survey(log.header.survey_text, f"{log.path.name}: survey.toml")
-    if stream == "head" and survey.head is None:
-        raise UsageError("--stream", expected="laser: this survey has no 4-DOF head", found=stream)
-    decoder = laser_decoder(survey) if stream == "laser" else head_decoder(survey)
-    buffer, begun_ns, any_yet = StreamBuffer(decoder), None, False
+    made = decoders(survey)
+    if stream not in made:
+        raise UsageError("--stream", expected=f"{' or '.join(made)}: this survey has no other stream", found=stream)
+    buffer, begun_ns, any_yet = StreamBuffer(made[stream]), None, False
     for event in log.events():
         match event:
             case Chunk() if event.stream == stream:

@@ -100,9 +100,9 @@ _SCENE = {"deletions": {"type": "array", "items": _DELETION}, "entities": {"type
 """What we use of foxglove.SceneUpdate (docs.foxglove.dev, message schemas)."""
 _FOXGLOVE_LOG = {"timestamp": TIME, "level": INTEGER, "message": TEXT, "name": TEXT, "file": TEXT, "line": INTEGER}
 
-RAW_TOPICS: dict[Stream, str] = {"laser": "/laser/raw", "head": "/head/raw"}
+RAW_TOPICS: dict[Stream, str] = {"laser": "/laser/raw", "head": "/head/raw", "air": "/air/raw"}
 BLOCK_TOPIC = "/machine/raw"
-LINK_TOPICS: dict[Link, str] = {"laser": "/link/laser", "head": "/link/head", "machine": "/link/machine"}
+LINK_TOPICS: dict[Link, str] = {"laser": "/link/laser", "head": "/link/head", "air": "/link/air", "machine": "/link/machine"}
 LOSS_TOPIC = "/recorder/loss"
 SAMPLE_TOPIC = "/laser/sample"
 SIGNALS_TOPIC = "/machine/state"
@@ -111,7 +111,7 @@ PHASE_TOPIC = "/sync/state"
 FINDING_TOPIC = "/sync/finding"
 LOG_TOPIC = "/log"
 VOLUME_TOPIC = "/volume"
-DECODED_TOPICS: dict[Stream, str] = {"laser": "/laser/decoded", "head": "/head/decoded"}
+DECODED_TOPICS: dict[Stream, str] = {"laser": "/laser/decoded", "head": "/head/decoded", "air": "/air/decoded"}
 """Every sample, in the files that ``stepdiag decode`` writes; a log itself holds the bytes."""
 
 CHANNELS: tuple[Channel, ...] = (

@@ -12,7 +12,7 @@ import msgspec
 
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.conditions import with_air
+from stepdiag.daq.capture.conditions import told_before, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.capture.standing.dwell import same_stop
@@ -24,8 +24,8 @@ from stepdiag.daq.log.writer import ExitStatus, LogHeader
 from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.verdicts import Verdicts
-from stepdiag.daq.records.events import Chunk, Event, ModbusBlock
-from stepdiag.daq.survey.file import laser_decoder
+from stepdiag.daq.records.events import Chunk, Event, ModbusBlock, Stream
+from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
@@ -112,7 +112,7 @@ class Session:
         self._begun = ""
         self._passes_left = 0
         self._noted_sample_ns = self._noted_signals_ns = 0
-        self._idle_laser = StreamBuffer(laser_decoder(survey))
+        self._idle = _idle_streams(survey)
         self.capture: Capture | None = None
         self._samples = 0
         self.strip = Strip()
@@ -229,12 +229,12 @@ class Session:
 
     def laser_samples(self) -> Samples | None:
         """Return the newest batch of the laser, recorded or not; None before the first."""
-        return self._idle_laser.last if self.capture is None else self.capture.laser.last
+        return self._idle["laser"].last if self.capture is None else self.capture.laser.last
 
     def _wait(self, event: Event) -> None:
         self._remember(event)
-        if isinstance(event, Chunk) and event.stream == "laser":
-            self._idle_laser.feed(event.data, event.arrival_ns)
+        if isinstance(event, Chunk) and event.stream in self._idle:
+            self._idle[event.stream].feed(event.data, event.arrival_ns)
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
             if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):
@@ -242,8 +242,12 @@ class Session:
             if self._begins(signals):
                 self._begin_log(time_of(event))
 
+    def _idle_air(self) -> StreamBuffer:
+        """Return the stream that tells of air and material between two logs, where the survey takes them from one."""
+        return self._idle.get("air", self._idle["laser"])
+
     def _decode(self, block: ModbusBlock) -> Signals:
-        self.signals = with_air(self.survey, self._idle_decoder.decode(block), self._idle_laser)
+        self.signals = with_air(self.survey, self._idle_decoder.decode(block), self._idle_air(), block.recv_ns)
         return self.signals
 
     def _begins(self, signals: Signals) -> bool:
@@ -282,8 +286,10 @@ class Session:
         events, self._before, self._before_bytes = list(self._before), deque(), 0
         offset = self._wall_offset_ns()
         self._stops_offset_ns = offset if self._stops_offset_ns is None else self._stops_offset_ns
-        breaks = _last_of_each((*self._breaks, *self._idle_laser.breaks))
+        breaks = _last_of_each((*self._breaks, *self._idle["laser"].breaks))
         start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks)
+        told = told_before(self.survey, self._idle_air(), now_ns, self._stops_offset_ns)
+        start = msgspec.structs.replace(start, credible=told | start.credible)
         setup = self.book.next_setup() or "more"
         header = LogHeader(
             survey_text=self._text,
@@ -302,7 +308,7 @@ class Session:
         for outcome in capture.feed(event):
             self._heed(outcome)
         if capture.signals is not None:
-            self.signals = with_air(self.survey, capture.signals, capture.laser)
+            self.signals = with_air(self.survey, capture.signals, capture.air, time_of(event))
         self._note(capture, event)
         if capture.ended is not None:
             self._standing = capture.standing
@@ -337,7 +343,7 @@ class Session:
         self._sink.end(status, reason)
         self._breaks = self.capture.left_over() if self.capture is not None else ()
         self.capture = None
-        self._idle_laser = StreamBuffer(laser_decoder(self.survey))
+        self._idle = _idle_streams(self.survey)
 
     def _heed(self, outcome: Outcome) -> None:
         if isinstance(outcome, CapturedStop):
@@ -380,6 +386,11 @@ class Session:
         if capture.signals is not None and isinstance(event, ModbusBlock) and now - self._noted_signals_ns >= SIGNALS_NOTE_NS:
             self._noted_signals_ns = now
             self._sink.note(signals_note(now, capture.signals))
+
+
+def _idle_streams(survey: Survey) -> dict[Stream, StreamBuffer]:
+    """Return what is listened to between two logs."""
+    return {stream: StreamBuffer(decoder) for stream, decoder in decoders(survey).items() if stream != "head"}
 
 
 def _last_of_each(breaks: tuple[Break, ...]) -> tuple[Break, ...]:

@@ -20,12 +20,13 @@ from stepdiag.daq.links.ports.serial import OnChunk, SerialStream, instrument_li
 from stepdiag.daq.links.reconnect import Reconnector, Report
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.records.status import LinkState, LinkStatus
-from stepdiag.daq.survey.file import head_decoder, laser_decoder
+from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Plc, SerialSection, Survey
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Decoder
 
 Consume = Callable[[Event], None]
+Statuses = tuple[LinkStatus, LinkStatus, LinkStatus | None, LinkStatus | None]
 WAKE_NS = 30_000_000
 """A chunk that comes so long after the last ones were collected wakes the loop."""
 SLICE_NS = 100_000_000
@@ -35,7 +36,9 @@ MOST_WAITING_BYTES = 4_000_000
 
 
 class SurveyLinks:
-    """Laser, machine and, where there is one, the 4-DOF head. ``consume`` is called in the event loop, in the order of arrival.
+    """Laser, machine and, where there are such, the 4-DOF head and the sensor of air.
+
+    ``consume`` is called in the event loop, in the order of arrival.
 
     ``on_written`` hears of what was written to the machine: why it was refused, or nothing where it took it.
     """
@@ -53,9 +56,11 @@ class SurveyLinks:
         self._arrived_bytes = self._lost_chunks = self._lost_bytes = 0
         self._failed: asyncio.Future[None] = self._loop.create_future()
         self._streams: list[SerialStream] = []
-        self._lines = {"laser": self._line("laser", survey.laser, laser_decoder(survey))}
-        if survey.head is not None:
-            self._lines["head"] = self._line("head", survey.head, head_decoder(survey))
+        sections = _sections(survey)
+        made = decoders(survey).items()
+        self._lines: dict[str, Reconnector] = {
+            name: self._line(name, section, decoder) for name, decoder in made if (section := sections[name]) is not None
+        }
         if not survey.plc.silent:
             self._poller = self._machine(on_written)
             self._lines["machine"] = Reconnector("machine", self._poller.session, self._reporter("machine"))
@@ -108,9 +113,10 @@ class SurveyLinks:
         """Yield the links whose worker is no more."""
         return (task.get_name() for task in self._tasks if task.done())
 
-    def statuses(self) -> tuple[LinkStatus, LinkStatus, LinkStatus | None]:
-        """Return the state of laser, machine and head."""
-        return self._status("laser"), self._status("machine"), self._status("head") if "head" in self._lines else None
+    def statuses(self) -> Statuses:
+        """Return the state of laser, machine, head and sensor of air."""
+        head, air = (self._status(name) if name in self._lines else None for name in ("head", "air"))
+        return self._status("laser"), self._status("machine"), head, air
 
     def _status(self, name: str) -> LinkStatus:
         if name not in self._lines:
@@ -196,10 +202,15 @@ def machine_settings(plc: Plc) -> MachineSettings:
     )
 
 
+def _sections(survey: Survey) -> dict[str, SerialSection | None]:
+    """Return how the line of every stream is set."""
+    return {"laser": survey.laser, "head": survey.head, "air": survey.air_sensor}
+
+
 def _address(survey: Survey, name: str) -> str:
     if name == "machine":
         return machine_settings(survey.plc).address
-    section: SerialSection | None = survey.laser if name == "laser" else survey.head
+    section = _sections(survey)[name]
     if section is None:
         return ""
     return section.port if network_line(section.port) is not None else f"{section.port}, {section.baud} baud"

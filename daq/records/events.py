@@ -14,9 +14,9 @@ from msgspec import Meta
 
 from stepdiag.daq.records.status import LinkState
 
-Stream = Literal["laser", "head"]
-"""A stream of bytes: the laser, or the 4-DOF head beside it."""
-Link = Literal["laser", "head", "machine"]
+Stream = Literal["laser", "head", "air"]
+"""A stream of bytes: the laser, the 4-DOF head beside it, or the sensor of air and material."""
+Link = Literal["laser", "head", "air", "machine"]
 """What can be connected or lost: a stream, or the machine's Modbus."""
 _TABLE = r"^(?:coil|discrete|holding|input|db[1-9][0-9]{0,4}|[BMIO])\Z"
 Table = Annotated[

@@ -146,6 +146,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     plc: LinkStatus
     head: LinkStatus | None
     """The 4-DOF head, where one is configured."""
+    air: LinkStatus | None = None
+    """The sensor of air and material, where one is configured."""
     air_temperature_c: float | None
     air_pressure_hpa: float | None
     relative_humidity_percent: float | None

@@ -25,6 +25,7 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
     laser: LinkStatus
     plc: LinkStatus
     head: LinkStatus | None = None
+    air: LinkStatus | None = None
 
 
 def write_live(folder: Path, status: LiveStatus) -> None:

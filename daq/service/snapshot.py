@@ -10,7 +10,8 @@ from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.session import Session
-from stepdiag.daq.records.status import LinkStatus, Phase, PredictionStatus, SetupStatus, Snapshot, StripStatus
+from stepdiag.daq.recording.survey_links import Statuses
+from stepdiag.daq.records.status import Phase, PredictionStatus, SetupStatus, Snapshot, StripStatus
 from stepdiag.daq.service.finding_list import finding_list
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.daq.service.time_left import seconds_left
@@ -24,14 +25,14 @@ def snapshot(
     *,
     sequence: int,
     phase: Phase,
-    links: tuple[LinkStatus, LinkStatus, LinkStatus | None],
+    links: Statuses,
     result_ready: bool,
     prediction: PredictionStatus | None = None,
     programs: Mapping[str, str] | None = None,
     message: str = "",
 ) -> Snapshot:
-    """Return what the daemon knows at this moment; ``links`` are laser, machine and 4-DOF head."""
-    laser, plc, head = links
+    """Return what the daemon knows at this moment; ``links`` are laser, machine, 4-DOF head and sensor of air."""
+    laser, plc, head, air = links
     survey, signals = session.survey, session.signals or Signals()
     setup, stop, count, axis = expected_stop(session)
     reading, beam, lost = _reading(session)
@@ -61,6 +62,7 @@ def snapshot(
         laser=laser,
         plc=plc,
         head=head,
+        air=air,
         air_temperature_c=signals.air_temperature_c,
         air_pressure_hpa=signals.air_pressure_hpa,
         relative_humidity_percent=signals.relative_humidity_percent,

@@ -98,8 +98,9 @@ class DaemonStatusSource:
 
     def live(self) -> LiveStatus:
         """Return what `status` shows of a daemon that runs."""
-        laser, plc, head = self._at_work.survey_links.statuses()
-        return LiveStatus(time_s=time.time(), waits_for=self.waits_for(), message=_message(self._at_work), laser=laser, plc=plc, head=head)
+        laser, plc, head, air = self._at_work.survey_links.statuses()
+        said = {"waits_for": self.waits_for(), "message": _message(self._at_work)}
+        return LiveStatus(time_s=time.time(), **said, laser=laser, plc=plc, head=head, air=air)
 
     def snapshot(self) -> Snapshot:
         """Return the present state."""
@@ -118,7 +119,7 @@ class DaemonStatusSource:
     def figures(self) -> Figures:
         """Return what the daemon counts and measures of itself, now."""
         working = self._at_work
-        names = ("laser", "machine", "head")
+        names = ("laser", "machine", "head", "air")
         health, session = working.recorder.health, working.session
         return Figures(
             tally=working.tally,

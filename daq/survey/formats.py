@@ -4,6 +4,7 @@ from typing import Any
 
 import msgspec
 
+from stepdiag.daq.formats.instruments.air import PTU300, AirSettings
 from stepdiag.daq.formats.instruments.angles import ELCOMAT, WYLER, AnglesSettings
 from stepdiag.daq.formats.instruments.fourdof import FourdofSettings
 from stepdiag.daq.formats.instruments.framed import FramesSettings
@@ -15,7 +16,8 @@ from stepdiag.daq.formats.instruments.qudis import QudisSettings
 from stepdiag.daq.formats.instruments.tqd import TqdSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import FormatSettings, make_decoder
-from stepdiag.daq.survey.models import FramesSection, Head, Laser, LineSection, Survey
+from stepdiag.daq.records.events import Stream
+from stepdiag.daq.survey.models import AirSensor, FramesSection, Head, Laser, LineSection, Survey
 from stepdiag.daq.timing.samples import Decoder
 
 
@@ -29,6 +31,23 @@ def head_decoder(survey: Survey) -> Decoder:
     if survey.head is None:
         raise ValueError("a survey without [head] has no stream of a head")
     return make_decoder(survey.head.format, head_settings(survey.head))
+
+
+def air_decoder(survey: Survey) -> Decoder:
+    """Return a fresh decoder of the stream of the sensor of air and material; the survey has one."""
+    if survey.air_sensor is None:
+        raise ValueError("a survey without [environment.sensor] has no stream of one")
+    return make_decoder(survey.air_sensor.format, air_settings(survey.air_sensor))
+
+
+def decoders(survey: Survey) -> dict[Stream, Decoder]:
+    """Return a fresh decoder of every stream that the survey has, the laser's first."""
+    found: dict[Stream, Decoder] = {"laser": laser_decoder(survey)}
+    if survey.head is not None:
+        found["head"] = head_decoder(survey)
+    if survey.air_sensor is not None:
+        found["air"] = air_decoder(survey)
+    return found
 
 
 def laser_settings(laser: Laser, *, air: bool = False) -> FormatSettings:
@@ -98,6 +117,24 @@ def head_settings(head: Head) -> FormatSettings:
         full_sum=frames.full_sum,
         beam_threshold=frames.beam_threshold,
         latency_s=head.latency_s,
+    )
+
+
+def air_pattern(sensor: AirSensor) -> str:
+    """Return what its lines look like."""
+    return sensor.pattern or (PTU300 if sensor.format == "ptu300" else "")
+
+
+def air_settings(sensor: AirSensor) -> AirSettings:
+    """Return how the sensor of air and material is read: a PTU300 is asked as it comes from the maker."""
+    return AirSettings(
+        pattern=air_pattern(sensor),
+        temperature_unit=sensor.temperature_unit,
+        pressure_unit=sensor.pressure_unit,
+        request=sensor.request or ("SEND\r" if sensor.format == "ptu300" else ""),
+        greeting=sensor.greeting,
+        poll_s=sensor.poll_s,
+        terminator=sensor.terminator,
     )
 
 

@@ -335,8 +335,22 @@ class StopRules(msgspec.Struct, frozen=True, kw_only=True):
     max_scatter_um: Positive = 2.0
 
 
+class AirSensor(SerialSection, frozen=True, kw_only=True):
+    """A sensor of air and material on a line of its own."""
+
+    format: Literal["ptu300", "line"] = "line"
+    pattern: str = ""
+    temperature_unit: Literal["C", "F", "K"] = "C"
+    pressure_unit: Literal["hPa", "mbar", "kPa", "Pa", "bar", "mmHg", "inHg"] = "hPa"
+    request: str = ""
+    greeting: str = ""
+    poll_s: Annotated[float, Meta(ge=0.1, le=5)] = 2.0
+    terminator: Literal["\n", "\r"] = "\n"
+
+
 class Environment(msgspec.Struct, frozen=True, kw_only=True):
-    source: Literal["plc", "laser", "fixed"] = "plc"
+    source: Literal["plc", "laser", "sensor", "fixed"] = "plc"
+    sensor: AirSensor | None = None
     air_temperature_c: Annotated[float, Meta(ge=-20, le=60)] = 20.0
     air_pressure_hpa: Annotated[float, Meta(ge=500, le=1200)] = 1013.25
     relative_humidity_percent: Annotated[float, Meta(ge=0, le=100)] = 50.0
@@ -438,6 +452,11 @@ class Survey(msgspec.Struct, frozen=True, kw_only=True):
     def volume(self) -> Volume:
         """Return the volume as the solver knows it."""
         return Volume(origin_mm=self.box.origin_mm, size_mm=self.box.size_mm, increments=self.box.increments)
+
+    @property
+    def air_sensor(self) -> AirSensor | None:
+        """Return the sensor of air and material, where they are taken from one of their own."""
+        return self.environment.sensor if self.environment.source == "sensor" else None
 
     @property
     def axis_order(self) -> str:

@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterator
 from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
 from stepdiag.daq.links.ports.address import network_line
-from stepdiag.daq.survey.formats import laser_settings
+from stepdiag.daq.survey.formats import air_settings, laser_settings
 from stepdiag.daq.survey.models import Head, LineSection, Plc, Survey
 from stepdiag.exporters.files.settings import refuse, unknown_key
 from stepdiag.solver.errors import UsageError
@@ -32,7 +32,7 @@ _BITS_PER_CHARACTER = 11
 
 def check(survey: Survey, source: str) -> None:
     """Raise UsageError for the first contradiction in the file, in the order of its sections."""
-    for rule in (_volume, _plan, _machine, _laser, _head, _plc, _dwell, _page):
+    for rule in (_volume, _plan, _machine, _laser, _head, _air, _plc, _dwell, _page):
         for refusal in rule(survey, source):
             raise refusal
 
@@ -111,8 +111,12 @@ def _settings(survey: Survey, source: str) -> Iterator[UsageError]:
     try:
         laser_settings(survey.laser)
     except UsageError as refusal:
-        where = refusal.where.replace("survey:", f"{source}:", 1)
-        yield UsageError(where, expected=refusal.expected, found=refusal.found, remedy=refusal.remedy)
+        yield _in_the_name_of(source, refusal)
+
+
+def _in_the_name_of(source: str, refusal: UsageError) -> UsageError:
+    where = refusal.where.replace("survey:", f"{source}:", 1)
+    return UsageError(where, expected=refusal.expected, found=refusal.found, remedy=refusal.remedy)
 
 
 def _line(line: LineSection, source: str) -> Iterator[UsageError]:
@@ -136,6 +140,8 @@ def _head(survey: Survey, source: str) -> Iterator[UsageError]:
     ports = {"laser.port": survey.laser.port}
     if survey.head is not None:
         ports["head.port"] = survey.head.port
+    if survey.air_sensor is not None:
+        ports["environment.sensor.port"] = survey.air_sensor.port
     if survey.plc.transport == "rtu":
         ports["plc.serial_port"] = survey.plc.serial_port
     for field, port in ports.items():
@@ -150,6 +156,22 @@ def _head(survey: Survey, source: str) -> Iterator[UsageError]:
         if {run.beam[1], run.detector_x[1], run.detector_y[1]} != set(AXES):
             found = [run.beam, run.detector_x, run.detector_y]
             yield refuse(source, f"head.{axis}", "beam, detector_x and detector_y along three different axes", found)
+
+
+def _air(survey: Survey, source: str) -> Iterator[UsageError]:
+    sensor = survey.air_sensor
+    if survey.environment.source == "sensor" and sensor is None:
+        remedy = "add [environment.sensor] with its port and what its lines look like"
+        yield refuse(source, "environment.sensor", 'a table for source = "sensor"', None, remedy)
+    if sensor is None:
+        return
+    if sensor.format == "line" and not sensor.pattern:
+        yield refuse(source, "environment.sensor.pattern", 'the pattern of a line for format = "line"', sensor.pattern)
+        return
+    try:
+        air_settings(sensor)
+    except UsageError as refusal:
+        yield _in_the_name_of(source, refusal)
 
 
 def _port(field: str, port: str, source: str) -> Iterator[UsageError]:
@@ -210,7 +232,7 @@ def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
     if plc.handshake.enabled:
         yield refuse(source, "plc.handshake.enabled", f"false, {none}", True)
     if survey.environment.source == "plc":
-        remedy = 'or "laser", where its own sensors tell'
+        remedy = 'or "laser", where its own sensors tell, or "sensor"'
         yield refuse(source, "environment.source", '"fixed" with transport = "none": nobody tells air and material', "plc", remedy)
     for index, setup in enumerate(survey.plan.setups):
         if setup in FOURDOF_RUNS:

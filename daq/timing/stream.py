@@ -72,6 +72,7 @@ class StreamBuffer:
         self._batches: deque[tuple[Samples, SampleClock]] = deque()
         self._notices: dict[str, Notice] = {}
         self._told: dict[str, float] = {}
+        self._told_ns: dict[str, int] = {}
         self._kept = 0
         self._broken = False
         self._ever_good = False
@@ -112,6 +113,11 @@ class StreamBuffer:
         """Return what the instrument itself told last of air and material, by the names of the signals."""
         self._settle()
         return self._told
+
+    def told_since(self, time_ns: int) -> Mapping[str, float]:
+        """Return what of that it told after a time."""
+        self._settle()
+        return {name: value for name, value in self._told.items() if self._told_ns[name] >= time_ns}
 
     @property
     def last(self) -> Samples | None:
@@ -230,6 +236,7 @@ class StreamBuffer:
             self._garbage += 1
         elif notice.code == "environment" and notice.value is not None:
             self._told[notice.text] = notice.value
+            self._told_ns[notice.text] = arrival_ns
 
     def _new_clock(self, rate_hz: float | None) -> SampleClock:
         """Return the clock of a new segment; batches already in keep the one they were timed by."""

@@ -7,11 +7,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stepdiag.daq.capture.conditions import told_names
 from stepdiag.daq.formats.signals import SIGNAL_NAMES, SignalDecoder, Signals
-from stepdiag.daq.recording.survey_links import SurveyLinks
+from stepdiag.daq.recording.survey_links import Statuses, SurveyLinks
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock
-from stepdiag.daq.records.status import LinkStatus
-from stepdiag.daq.survey.file import head_decoder, laser_decoder
+from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag, Samples
 from stepdiag.solver.errors import DataError
@@ -130,24 +130,20 @@ class MachineSeen:
 
 
 class Observation:
-    """Laser, machine and, where there is one, the 4-DOF head, as they show themselves."""
+    """Laser, machine and, where there are such, the 4-DOF head and the sensor of air, as they show themselves."""
 
     def __init__(self, survey: Survey) -> None:
         self.survey = survey
-        self.laser = StreamSeen(LinkSeen("laser"), laser_decoder(survey))
-        self.head = None if survey.head is None else StreamSeen(LinkSeen("head"), head_decoder(survey))
+        self.streams = tuple(StreamSeen(LinkSeen(name), decoder) for name, decoder in decoders(survey).items())
+        self.laser = self.streams[0]
+        self.sensor = next((stream for stream in self.streams if stream.link.name == "air"), self.laser)
         self.machine = MachineSeen(LinkSeen("machine"), SignalDecoder(survey.plc.signals, survey.plc.parsed()))
         self.seconds = 0.0
 
     @property
-    def streams(self) -> tuple[StreamSeen, ...]:
-        """Return the serial instruments."""
-        return (self.laser,) if self.head is None else (self.laser, self.head)
-
-    @property
     def air(self) -> frozenset[str]:
-        """Return the signals of air and material that the laser tells and the survey takes from it."""
-        return frozenset(self.laser.told if self.survey.environment.source == "laser" else ())
+        """Return the signals of air and material that the laser or a sensor tells and the survey takes from it."""
+        return frozenset(told_names(self.survey, self.sensor))
 
     @property
     def links(self) -> tuple[LinkSeen, ...]:
@@ -166,9 +162,9 @@ class Observation:
                 if stream.link.name == event.link and event.state == "lost":
                     stream.decoder.resync()
 
-    def named(self, laser: LinkStatus, machine: LinkStatus, head: LinkStatus | None) -> None:
+    def named(self, statuses: Statuses) -> None:
         """Take the addresses of the links."""
-        addresses = {"laser": laser, "machine": machine, "head": head}
+        addresses = dict(zip(("laser", "machine", "head", "air"), statuses, strict=True))
         for link in self.links:
             status = addresses[link.name]
             link.address = status.address if status is not None else ""
@@ -180,7 +176,7 @@ async def watch(observation: Observation, seconds: float, show: Callable[[], Non
     Nothing is ever written to the machine. Raises only for a fault of this program.
     """
     survey_links = SurveyLinks(observation.survey, observation.take)
-    observation.named(*survey_links.statuses())
+    observation.named(survey_links.statuses())
     loop = asyncio.get_running_loop()
     began = loop.time()
     keeping = asyncio.create_task(survey_links.run(), name="links")

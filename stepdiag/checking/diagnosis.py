@@ -44,9 +44,10 @@ _FLAG_WORDS = {
 
 
 def diagnose(seen: Observation) -> tuple[Finding, ...]:
-    """Return everything that is to be said, in the order compensation, laser, head, machine."""
+    """Return everything that is to be said, in the order compensation, laser, head, sensor of air, machine."""
     found = list(compensation_findings(seen.survey))
     found += [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
+    found += _told(seen) if seen.sensor.samples else ()
     silent = seen.survey.plc.silent
     found += unchecked(seen.survey) if silent else _machine(seen.machine, seen.survey.plc, seen.seconds, seen.air)
     if seen.laser.samples:
@@ -65,6 +66,18 @@ def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
         yield from _instrument(stream, seconds)
     if stream.byte_count:
         yield from _lasting(stream.link)
+
+
+def _told(seen: Observation) -> Iterator[Finding]:
+    """Yield what is wrong with what the laser or a sensor tells of air and material."""
+    for name in sorted(seen.air):
+        value = seen.sensor.told.get(name)
+        if value is None:
+            text = f"the sensor does not tell {name}, which its pattern names: look at its display and at environment.sensor.pattern"
+            yield _finding("sensor-silent", "error", text)
+        elif not HALL[name][0] < value <= HALL[name][1]:
+            text = f"{name} reads {value:g}, which no hall has ({HALL[name][0]:g} to {HALL[name][1]:g}): check the sensor and its units"
+            yield _finding("sensor-implausible", "warning", text)
 
 
 def _senseless(stream: StreamSeen) -> str:

@@ -33,7 +33,8 @@ def _add_stream(table: Table, stream: StreamSeen) -> None:
     rate = "-" if stream.rate_hz is None else f"{stream.rate_hz:.1f} / s"
     flags = ", ".join(flag.name.lower().replace("_", " ") for flag in stream.last_flags if flag.name) or "good" * bool(stream.samples)
     table.add_row("  reading", f"{stream.samples} samples, {rate}", _number(stream.position_mm, 6, " mm"), "")
-    table.add_row("  beam", Text(flags), beam, "")
+    if stream.link.name != "air":
+        table.add_row("  beam", Text(flags), beam, "")
     table.add_row("  garbage", f"{stream.byte_count} bytes in all", str(stream.counts["garbage"]), "")
     for name, value in stream.told.items():
         table.add_row(f"  {name}", "its own sensor", _number(value, DECIMALS.get(name, 2)), "")

@@ -7,7 +7,7 @@ FIELDS = ("lattice", "etalon")
 PROGRAMS = ("siemens", "fanuc", "heidenhain", "linuxcnc")
 """The controls that programs are written for."""
 LANGUAGES = ("en", "de")
-STREAMS = ("laser", "head")
+STREAMS = ("laser", "head", "air")
 DECODED = ("csv", "parquet", "mcap")
 
 

@@ -118,7 +118,7 @@ def _live(found: "Standing") -> list[str]:
     """Return what the daemon hears and waits for, as lines; none where none runs."""
     if found.live is None:
         return []
-    links = {"laser": found.live.laser, "machine": found.live.plc, "head": found.live.head}
+    links = {"laser": found.live.laser, "machine": found.live.plc, "head": found.live.head, "air": found.live.air}
     told = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
     return [*told, f"it waits for: {found.live.waits_for}", *filter(None, (found.live.message,))]
 

@@ -145,7 +145,8 @@ def _devices(survey: Survey) -> Iterator[str]:
     plc = survey.plc
     if plc.transport in ("tcp", "s7", "lsv2"):
         yield plc.host
-    ports = [survey.laser.port, survey.head.port if survey.head is not None else "", plc.serial_port * (plc.transport == "rtu")]
+    instruments = [each.port for each in (survey.laser, survey.head, survey.air_sensor) if each is not None]
+    ports = [*instruments, plc.serial_port * (plc.transport == "rtu")]
     yield from (line.host for line in map(network_line, ports) if line is not None)
 
 

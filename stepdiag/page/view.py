@@ -53,7 +53,7 @@ def now_view(now: Snapshot) -> dict[str, Any]:
     head = headline(now)
     return {
         **plain,
-        **{link: _link(getattr(now, link)) for link in ("laser", "plc", "head")},
+        **{link: _link(getattr(now, link)) for link in ("laser", "plc", "head", "air")},
         "message": in_every_language(now.message),
         "stage": head.stage,
         "alarm": head.alarm,

@@ -4,7 +4,7 @@ import { node, put } from "./draw.js";
 import { say, shown, told } from "./words.js";
 
 const WEAK = 0.4; // as in stepdiag/page/stage.py
-const LINKS = ["laser", "plc", "head"];
+const LINKS = ["laser", "plc", "head", "air"];
 
 let linked = "";
 

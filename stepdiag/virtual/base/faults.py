@@ -3,6 +3,7 @@
     laser     beam-lost, laser-reset, laser-jump (value um), laser-frozen, laser-silent, laser-unplug, laser-garbage (value bytes),
               laser-baud
     head      head-blocked, head-silent, head-unplug, head-garbage (value bytes), head-baud
+    air       air-silent, air-unplug, air-garbage (value bytes), air-baud
     PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen, plc-reboot, plc-sensor (text name, value),
               stop-flicker, plc-alarm
     program   stop-skipped, stop-unsignalled, count-missed, count-doubled, count-stuck (to the end of its pass),
@@ -41,6 +42,10 @@ FaultKind = Literal[
     "head-unplug",
     "head-garbage",
     "head-baud",
+    "air-silent",
+    "air-unplug",
+    "air-garbage",
+    "air-baud",
     "plc-silent",
     "plc-late",
     "plc-exception",

@@ -28,7 +28,8 @@ from stepdiag.virtual.instruments.angular import AngleView, Autocollimator, Leve
 from stepdiag.virtual.instruments.interferometers import Climate
 from stepdiag.virtual.instruments.lasers import Flags
 from stepdiag.virtual.instruments.readout import HeadView, Readout
-from stepdiag.virtual.instruments.talker import HEAD_CABLE, LASER_CABLE, Answering, Talker, Talking
+from stepdiag.virtual.instruments.talker import AIR_CABLE, HEAD_CABLE, LASER_CABLE, Answering, Talker, Talking
+from stepdiag.virtual.instruments.weather import Logger, Transmitter
 from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.physics.machine import Machine
 from stepdiag.virtual.plc.attention import Attention
@@ -76,10 +77,11 @@ class VirtualBench:
         self._add_plc(directory)
         self._add_laser(directory)
         self._add_head(directory)
+        self._add_air(directory)
 
     @property
     def addresses(self) -> dict[str, str | int]:
-        """Return where the devices are: ``plc_host`` and ``plc_port`` or ``plc_link``, ``laser_link``, ``head_link``."""
+        """Return where the devices are: ``plc_host`` and ``plc_port`` or ``plc_link``, ``laser_link``, ``head_link``, ``air_link``."""
         return dict(self._addresses)
 
     def start(self) -> None:
@@ -192,6 +194,15 @@ class VirtualBench:
         self._addresses["head_link"] = str(line.link)
         device = self._angular(part) if part.format in ("elcomat", "wyler") else self._four_dof(part)
         self._workers.append(Talker(line, device, HEAD_CABLE, clock=self._clock, faults=self._faults, chunk_s=_HEAD_CHUNK_S))
+
+    def _add_air(self, directory: Path) -> None:
+        part = self.config.air
+        if part is None:
+            return
+        line = TcpLine() if part.wire == "tcp" else SerialLine(directory / part.link)
+        self._addresses["air_link"] = line.name
+        device = Transmitter(self._climate) if part.format == "ptu300" else Logger(self._climate)
+        self._workers.append(Talker(line, device, AIR_CABLE, clock=self._clock, faults=self._faults, chunk_s=_HEAD_CHUNK_S))
 
     def _angular(self, part: HeadPart) -> Talking | Answering:
         stand = self.config.alignment.stand

@@ -148,6 +148,14 @@ class HeadPart(_Part, frozen=True):
     bending_period_s: float = 60.0
 
 
+class AirPart(_Part, frozen=True):
+    """A sensor of air and material: a PTU300 that is asked, or a logger that speaks by itself, on a pty or a TCP port."""
+
+    format: Literal["ptu300", "logger"] = "ptu300"
+    wire: Literal["serial", "tcp"] = "serial"
+    link: str = "air"
+
+
 class PlcPart(_Part, frozen=True):
     """The PLC: TCP on ``port`` (0: any free one) or RTU on the pty ``link``.
 
@@ -184,6 +192,7 @@ class BenchConfig(_Part, frozen=True):
     alignment: AlignmentPart = AlignmentPart()
     laser: LaserPart | None = LaserPart()
     head: HeadPart | None = None
+    air: AirPart | None = None
     plc: PlcPart | None = PlcPart()
     compensation: tuple[CompensationPart, ...] = ()
     fault: tuple[Fault, ...] = ()

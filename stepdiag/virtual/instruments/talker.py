@@ -71,6 +71,7 @@ class CableFaults:
 
 LASER_CABLE = CableFaults("laser-unplug", "laser-silent", "laser-garbage", "laser-baud")
 HEAD_CABLE = CableFaults("head-unplug", "head-silent", "head-garbage", "head-baud")
+AIR_CABLE = CableFaults("air-unplug", "air-silent", "air-garbage", "air-baud")
 
 
 class Talker:

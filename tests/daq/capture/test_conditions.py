@@ -1,10 +1,14 @@
 """Air and material that no hall can have, and values that jump: held, named, doubted; never believed in silence."""
 
+import math
+
 import pytest
 
-from stepdiag.daq.capture.conditions import BELIEVED_STOPS, Conditions
+from stepdiag.daq.capture.conditions import BELIEVED_STOPS, STALE_NS, Conditions, with_air
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.file import parse_survey
+from stepdiag.daq.survey.formats import air_decoder
+from stepdiag.daq.timing.stream import StreamBuffer
 from testkit.timeline import survey_text
 
 GOOD = {"material_temperature_c": 20.1, "air_temperature_c": 21.5, "air_pressure_hpa": 1013.2, "relative_humidity_percent": 45.5}
@@ -76,3 +80,37 @@ def test_a_jump_that_lasts_is_believed_in_the_end_and_doubted():
 def test_a_hall_that_warms_slowly_is_followed():
     warming = [{"air_temperature_c": 20.0 + 0.1 * minute} for minute in range(100)]
     assert not any(judged.held for judged in judge(*warming, every_s=60.0))
+
+
+SENSOR = (
+    f'{UNCOMPENSATED}[environment]\nsource = "sensor"\n[environment.sensor]\nport = "/dev/air"\nformat = "line"\n'
+    "pattern = '(?P<air_temperature_c>.+)'\n"
+)
+
+
+def test_a_sensor_that_falls_silent_is_held_within_a_minute_and_named_after_it():
+    """NaN is what stands for a sensor that tells nothing; a measurement before the log began is one like any other."""
+    _, soon, late, again, back = judge({}, *[{"air_temperature_c": math.nan}] * 3, {}, text=SENSOR, every_s=35.0)
+    assert (soon.signals.air_temperature_c, soon.held, soon.said) == (GOOD["air_temperature_c"], (), [])
+    assert (late.signals.air_temperature_c, late.held) == (GOOD["air_temperature_c"], ("air_temperature_c",))
+    assert [code for code, _ in late.said] == ["sensor-silent"]
+    assert (again.held, again.said) == (("air_temperature_c",), [])
+    assert (back.held, back.said) == ((), [])
+
+
+def test_a_sensor_that_never_spoke_is_a_doubt():
+    (judged,) = judge({"air_temperature_c": math.nan}, text=SENSOR)
+    assert judged.signals.air_temperature_c is None
+    assert [code for code, _ in judged.doubted] == ["air-unknown"]
+    assert "has not been told yet" in judged.said[0][1]
+
+
+def test_only_what_the_pattern_names_is_the_sensors():
+    survey = parse_survey(SENSOR, "survey.toml")
+    stream = StreamBuffer(air_decoder(survey))
+    stream.feed(b"cut\n22.5\n", 1_000)
+    signals = Signals(**{**GOOD, "air_temperature_c": 3.0})
+    assert with_air(survey, signals, stream, 2_000) == Signals(**{**GOOD, "air_temperature_c": 22.5})
+    stale = with_air(survey, signals, stream, 2_000 + STALE_NS, silent=math.nan)
+    assert math.isnan(stale.air_temperature_c)
+    assert stale.air_pressure_hpa == GOOD["air_pressure_hpa"]

@@ -94,7 +94,7 @@ def test_what_cannot_be_decoded_is_refused_and_leaves_nothing(log: Path, tmp_pat
         assert stepdiag("decode", *arguments).code == code, arguments
     assert sorted(path.name for path in tmp_path.iterdir()) == ["0002.mcap", "there.csv"]
     assert there.read_text(encoding="utf-8") == "mine"
-    with pytest.raises(UsageError, match="4-DOF head"):
+    with pytest.raises(UsageError, match="no other stream"):
         list(decoded(open_log(log), "head"))
     with pytest.raises(DataError, match="samples of the laser"):
         list(decoded(open_log(empty)))

@@ -83,12 +83,13 @@ port = {page_port}
 
 @dataclass
 class Hall:
-    """Where everything is: the folder, the bench process and its options."""
+    """Where everything is: the folder, the bench process, its options, and what it said when it was ready."""
 
     folder: Path
     bench: Talker
     survey: Path
     setups: tuple
+    ready: dict
 
     @property
     def round(self):
@@ -181,7 +182,7 @@ def hall(
             ),
             encoding="utf-8",
         )
-        yield Hall(folder, bench, survey, setups)
+        yield Hall(folder, bench, survey, setups, ready)
 
 
 def go_first(process):

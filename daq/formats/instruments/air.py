@@ -1,0 +1,134 @@
+"""Air and material from a sensor of their own: one text line a measurement, described by its configuration.
+
+Vaisala PTU300 as it comes: it answers `SEND` with pressure, temperature and humidity (``P= 1013.2 hPa T= 31.1 'C RH= 38.3 %RH``; PTU300
+User Manual p. 103), perhaps behind a prompt and its own echo. While it speaks by itself (`RUN`) its lines are the same. **Recalled:** a
+quantity that cannot be measured is shown by asterisks.
+"""
+
+import math
+from dataclasses import dataclass
+from functools import cache
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.daq.formats.framing.batch import Batch
+from stepdiag.daq.formats.framing.checks import require
+from stepdiag.daq.formats.framing.lines import LineBuffer, quote
+from stepdiag.daq.formats.instruments.line import line_pattern
+from stepdiag.daq.timing.samples import Flag, Notice, Samples
+
+TOLD = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
+"""What a line may tell: the names of the pattern's groups, and the order of the channels."""
+PTU300 = (
+    r"[>\s]*P\s*=\s*(?P<air_pressure_hpa>[-+.0-9*]+)\s*hPa\s+T\s*=\s*(?P<air_temperature_c>[-+.0-9*]+)\s*'C"
+    r"\s+RH\s*=\s*(?P<relative_humidity_percent>[-+.0-9*]+)\s*%RH\s*"
+)
+TemperatureUnit = Literal["C", "F", "K"]
+PressureUnit = Literal["hPa", "mbar", "kPa", "Pa", "bar", "mmHg", "inHg"]
+HPA = {"hPa": 1.0, "mbar": 1.0, "kPa": 10.0, "Pa": 0.01, "bar": 1000.0, "mmHg": 1.33322387415, "inHg": 33.8638866667}
+_LINE_CAP = 500
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AirSettings:
+    """What a line looks like.
+
+    ``pattern`` matches the whole of it, with one or more of the groups `TOLD`. ``greeting`` is sent once, ``request`` every ``poll_s``
+    seconds; a sensor that speaks by itself has none.
+    """
+
+    pattern: str
+    temperature_unit: TemperatureUnit = "C"
+    pressure_unit: PressureUnit = "hPa"
+    request: str = ""
+    greeting: str = ""
+    poll_s: float = 2.0
+    terminator: Literal["\n", "\r"] = "\n"
+
+    def __post_init__(self) -> None:
+        groups = line_pattern(self.pattern, "survey: environment.sensor.pattern").groupindex
+        wanted = "a named group such as (?P<air_temperature_c>...)"
+        require(bool(groups), "environment.sensor.pattern", wanted, self.pattern)
+        require(set(groups) <= set(TOLD), "environment.sensor.pattern", f"no other groups than {', '.join(TOLD)}", sorted(groups))
+        require((self.request + self.greeting).isascii(), "environment.sensor.request", "plain ASCII", self.request)
+
+
+@cache
+def told_by(pattern: str) -> tuple[str, ...]:
+    """Return what a line of this pattern tells, in the order of `TOLD`."""
+    groups = line_pattern(pattern, "survey: environment.sensor.pattern").groupindex
+    return tuple(name for name in TOLD if name in groups)
+
+
+class AirDecoder:
+    """Decoder of a sensor that speaks by itself (`daq.timing.samples.Decoder`).
+
+    A measurement is one sample without position; ``channels`` has shape (count, 4) in the order of `TOLD`, NaN for what was not told. Each
+    number is also an ``environment`` notice. What is neither a measurement nor the echo of a request is a garbage notice.
+    """
+
+    gaps_visible = False
+    nominal_rate_hz: float | None = None
+    latency_s = 0.0
+
+    def __init__(self, settings: AirSettings) -> None:
+        self._settings = settings
+        self._pattern = line_pattern(settings.pattern, "survey: environment.sensor.pattern")
+        self._end = settings.terminator.encode()
+        self._echo = settings.request.strip().encode("ascii").lower()
+        self._lines = LineBuffer(_LINE_CAP, self._end)
+        self._cut = not settings.request
+        self._number = 0
+        self.greeting = settings.greeting.encode("ascii")
+
+    def resync(self) -> None:
+        """Forget the half line; the next one may be cut in front and still look whole."""
+        self._lines = LineBuffer(_LINE_CAP, self._end)
+        self._cut = not self._settings.request
+
+    def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
+        """Return the measurements that ``chunk`` completes, one sample each."""
+        batch = Batch()
+        for line in self._lines.feed(chunk).split(self._end)[:-1]:
+            if self._cut:
+                self._cut = False
+            elif line.strip(b"> \t\r\n\0").lower() not in (b"", self._echo):
+                self._add(line, batch)
+        return batch.samples(arrival_ns)
+
+    def _add(self, line: bytes, batch: Batch) -> None:
+        found = self._pattern.fullmatch(line.decode("latin-1").strip("\r\n\0"))
+        if found is None:
+            batch.notices.append(Notice(code="garbage", index=batch.count, text=f"a line that does not match: {quote(line)}"))
+            return
+        groups = found.groupdict()
+        values = np.array([self._value(name, groups.get(name)) for name in TOLD])
+        known = np.isfinite(values)
+        for name, value in zip(np.array(TOLD)[known].tolist(), values[known].tolist(), strict=True):
+            batch.notices.append(Notice(code="environment", index=batch.count, text=name, value=value))
+        flags = np.array([0 if known.any() else Flag.DEVICE_ERROR], dtype=np.uint16)
+        batch.add(np.array([self._number]), np.array([np.nan]), flags, channels=values[None, :])
+        self._number += 1
+
+    def _value(self, name: str, text: str | None) -> float:
+        """Return the number in our unit, NaN for one that is none."""
+        try:
+            number = float(text) if text is not None else math.nan
+        except ValueError:
+            return math.nan
+        if name == "air_pressure_hpa":
+            return number * HPA[self._settings.pressure_unit]
+        if name == "relative_humidity_percent" or self._settings.temperature_unit == "C":
+            return number
+        return number - 273.15 if self._settings.temperature_unit == "K" else (number - 32.0) / 1.8
+
+
+class AskedAirDecoder(AirDecoder):
+    """Decoder of one that answers requests (`daq.timing.samples.PolledDecoder`)."""
+
+    def __init__(self, settings: AirSettings) -> None:
+        super().__init__(settings)
+        self.request = settings.request.encode("ascii")
+        self.poll_interval_s = settings.poll_s
+        self.nominal_rate_hz = 1.0 / settings.poll_s

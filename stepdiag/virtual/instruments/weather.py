@@ -1,0 +1,44 @@
+"""Sensors of air and material on a line of their own: a transmitter that is asked, and a logger that speaks by itself."""
+
+from stepdiag.virtual.instruments.counting import Counting
+from stepdiag.virtual.instruments.interferometers import AskClimate
+from stepdiag.virtual.physics.error_functions import Array
+
+
+class Transmitter:
+    """A PTU300 with echo and prompt: one line to each ``SEND`` (`stepdiag.virtual.instruments.talker.Answering`)."""
+
+    def __init__(self, climate: AskClimate) -> None:
+        self._climate = climate
+        self._held = b""
+
+    def requests(self, received: bytes) -> list[bytes]:
+        """Return the commands that are whole."""
+        *whole, self._held = (self._held + received).split(b"\r")
+        return whole
+
+    def answer(self, request: bytes, wall_s: float) -> bytes:  # noqa: ARG002 - the air of now
+        """Return the echo, the values and a prompt."""
+        if request.strip().upper() != b"SEND":
+            return request + b"\r\nUnknown command\r\n>"
+        now = self._climate()
+        values = f"P= {now.pressure_hpa:7.2f} hPa T={now.air_c:6.2f} 'C RH={now.humidity_percent:6.2f} %RH"
+        return request + b"\r\n" + values.encode("ascii") + b"\r\n>"
+
+    def watch(self, wall_s: float) -> None:
+        """Do nothing: nobody misses what it measured meanwhile."""
+
+
+class Logger(Counting):
+    """A logger: four lines a second of temperature, pressure in kPa, humidity and a probe on the machine (`Talking`)."""
+
+    def __init__(self, climate: AskClimate) -> None:
+        super().__init__()
+        self.rate_hz = 4.0
+        self._climate = climate
+
+    def speak(self, wall_s: Array) -> bytes:
+        """Return one line a sample."""
+        now = self._climate()
+        line = f"{now.air_c:+.2f};{now.pressure_hpa / 10.0:.4f};{now.humidity_percent:.1f};{now.material_c:+.3f}\r\n"
+        return line.encode("ascii") * len(wall_s)
