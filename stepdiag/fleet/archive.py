@@ -17,7 +17,7 @@ from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.exporters.files.files import read_text
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import INDEX, LISTED, Place, Store
-from stepdiag.fleet.tables import PLACE, from_parquet, table_of, to_parquet
+from stepdiag.fleet.tables import PLACE, from_parquet, points_of, table_of, to_parquet
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.result.result import parse_result
 
@@ -80,7 +80,7 @@ def add(folder: Path, store: Store) -> Added:
 
 
 def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
-    """Make the index anew where more than ``most_loose`` surveys stand beside it; return how many rows it holds, 0 where it was left alone.
+    """Make the index anew where more than ``most_loose`` surveys stand beside it; return how many points it holds, 0 where it stays.
 
     Of two writers at once the last one's index stays; what it lacks is read from the surveys' own tables.
     """
@@ -90,9 +90,9 @@ def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
     gone = held - {place.folder for place in places}
     if len(loose) <= most_loose and not gone:
         return 0
-    tables = [_with_place(from_parquet(store.read(place.table), place.table), place) for place in loose]
+    points = points_of([(from_parquet(store.read(place.table), place.table), place.folder) for place in loose])
     kept = [] if known is None else [known.filter(pc.invert(pc.is_in(known[PLACE], pa.array(sorted(gone), pa.string()))))]
-    table = pa.concat_tables([*kept, *tables]).unify_dictionaries()
+    table = pa.concat_tables([*kept, points]).unify_dictionaries()
     store.write(INDEX, to_parquet(table))
     return int(table.num_rows)
 
@@ -106,11 +106,6 @@ def _indexed(store: Store) -> tuple[pa.Table | None, set[str]]:
     except DataError:
         return None, set()
     return table, set(pc.unique(table[PLACE]).to_pylist())
-
-
-def _with_place(table: pa.Table, place: Place) -> pa.Table:
-    words = pa.DictionaryArray.from_arrays(pa.array([0] * table.num_rows, pa.int32()), pa.array([place.folder]))
-    return table.append_column(PLACE, words)
 
 
 def _name_of(logs: Sequence[Path]) -> str:

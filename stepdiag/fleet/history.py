@@ -1,28 +1,21 @@
-"""What a store says of its machines over time: one DuckDB query over the index and over the surveys that are not in it yet."""
+"""What a store says of its machines over time: one DuckDB query over the index of points and over the surveys that are not in it yet."""
 
 import json
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
-from itertools import groupby
+from itertools import pairwise
 from typing import Any, NamedTuple
 
 import duckdb
+import numpy as np
 import pyarrow as pa
 
 from stepdiag.fleet.store import INDEX, Place, Store
-from stepdiag.fleet.tables import PLACE, from_parquet, require_ours
+from stepdiag.fleet.tables import PLACE, from_parquet, points_of, require_ours
 from stepdiag.solver.errors import DataError
 
-# A function stands for itself by its range, with the uncertainty of the difference of its extremes; a number is itself.
-_QUERY = """
-SELECT machine, quantity, any_value(unit) AS unit, survey, time, any_value(event) AS event, any_value(conditions) AS conditions,
-       any_value(software) AS software,
-       CASE WHEN count(position_mm) > 0 THEN max(value) - min(value) ELSE any_value(value) END AS value,
-       CASE WHEN count(position_mm) > 0 THEN sqrt(pow(arg_max(u, value), 2) + pow(arg_min(u, value), 2)) ELSE any_value(u) END AS u
-FROM ({sources}) WHERE ($machine = '' OR machine = $machine)
-GROUP BY machine, quantity, survey, time ORDER BY machine, quantity, time, survey
-"""
+_QUERY = "SELECT * EXCLUDE (place) FROM ({sources}) ORDER BY machine, quantity, time, survey"
 
 
 class Point(NamedTuple):
@@ -60,12 +53,12 @@ def series_in(store: Store, machine: str = "", software: str = "") -> list[Serie
     with duckdb.connect() as connection:
         connection.execute("SET TimeZone = 'UTC'")
         sources = _sources(connection, store, wanted)
-        columns = connection.execute(_QUERY.format(sources=sources), {"machine": machine}).fetchnumpy()
+        columns = connection.execute(_QUERY.format(sources=sources)).fetchnumpy()
     return list(_grouped(columns))
 
 
 def _sources(connection: duckdb.DuckDBPyConnection, store: Store, wanted: Sequence[Place]) -> str:
-    """Register what is read, and return it as SQL: the index where it holds some of what is wanted, the rest table by table."""
+    """Register what is read, and return it as SQL: the index where it holds some of what is wanted, the rest from its own tables."""
     folders = {place.folder for place in wanted}
     held: set[str] = set()
     found = []
@@ -79,28 +72,30 @@ def _sources(connection: duckdb.DuckDBPyConnection, store: Store, wanted: Sequen
         rows = connection.execute("SELECT DISTINCT place FROM everything").fetchall()
         held = folders & {row[0] for row in rows}
         connection.register("chosen", pa.table({PLACE: sorted(held)}, schema=pa.schema([(PLACE, pa.string())])))
-        found.append("SELECT * EXCLUDE (place) FROM everything SEMI JOIN chosen USING (place)")
-    loose = [from_parquet(store.read(place.table), place.table) for place in wanted if place.folder not in held]
+        found.append("SELECT * FROM everything SEMI JOIN chosen USING (place)")
+    loose = [(from_parquet(store.read(place.table), place.table), place.folder) for place in wanted if place.folder not in held]
     if loose:
-        connection.register("loose", pa.concat_tables(loose).unify_dictionaries())
+        connection.register("loose", points_of(loose))
         found.append("SELECT * FROM loose")
     return " UNION ALL ".join(found)
 
 
 def _grouped(columns: dict[str, Any]) -> Iterator[Series]:
-    names = ("machine", "quantity", "unit", "survey", "time", "event", "conditions", "software", "value", "u")
-    times = columns["time"].astype("datetime64[us]").astype("int64")
-    lists = {name: (times if name == "time" else _filled(columns[name])).tolist() for name in names}
-    rows = zip(*(lists[name] for name in names), strict=True)
-    known = {words: _active(words) for words in set(lists["conditions"])}
-    moments = {time: datetime.fromtimestamp(time / 1e6, UTC) for time in set(lists["time"])}
-    for (machine, quantity), each in groupby(rows, key=lambda row: (row[0], row[1])):
-        group = list(each)
-        points = tuple(
-            Point(moments[time], survey, value, u, event, known[conditions], software)
-            for _, _, _, survey, time, event, conditions, software, value, u in group
-        )  # fmt: skip
-        yield Series(machine=machine, quantity=quantity, unit=group[0][2], points=points)
+    """Yield the series of columns that are in their order; column by column, since there are hundreds of thousands of points."""
+    machine, quantity = columns["machine"], columns["quantity"]
+    times = columns["time"].astype("datetime64[us]").astype("int64").tolist()
+    moments = {time: datetime.fromtimestamp(time / 1e6, UTC) for time in set(times)}
+    told = {name: _filled(columns[name]).tolist() for name in ("survey", "value", "u", "event", "conditions", "software", "unit")}
+    known = {words: _active(words) for words in set(told["conditions"])}
+    points = list(
+        map(
+            Point, map(moments.__getitem__, times), told["survey"], told["value"], told["u"], told["event"],
+            map(known.__getitem__, told["conditions"]), told["software"],
+        )
+    )  # fmt: skip
+    begins = np.flatnonzero((machine[1:] != machine[:-1]) | (quantity[1:] != quantity[:-1])) + 1
+    for begin, end in pairwise([0, *begins.tolist(), len(points)]):
+        yield Series(machine=machine[begin], quantity=quantity[begin], unit=told["unit"][begin], points=tuple(points[begin:end]))
 
 
 def _filled(column: Any) -> Any:

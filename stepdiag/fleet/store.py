@@ -4,7 +4,7 @@
     machine=<id>/year=<y>/<survey>/...             the files of a survey, and their hashes in archived.json
     machine=<id>/year=<y>/<survey>.parquet         its numbers; written last: without it a survey is not there
     machine=<id>/year=<y>/<survey>@<software>/...  solved anew; with its <survey>@<software>.parquet
-    index.parquet                                  the numbers of many surveys in one file, for speed; made again at any time
+    points.parquet                                 what each quantity came to in each survey, in one file, for speed; made again at any time
 
 Two writers at once do not meet: they write under names of their own, and rename. Names of machines are percent-encoded.
 """
@@ -25,7 +25,7 @@ from fsspec.implementations.local import LocalFileSystem
 from stepdiag.solver.errors import DataError, UsageError
 
 FORMAT, VERSION = "stepdiag-store", 1
-MARK, INDEX, LISTED = "stepdiag-store.json", "index.parquet", "archived.json"
+MARK, INDEX, LISTED = "stepdiag-store.json", "points.parquet", "archived.json"
 TABLE_SUFFIX = ".parquet"
 LARGEST_JSON_BYTES = 16_000_000
 

@@ -1,10 +1,15 @@
-"""The rows of one result as a Parquet file: long format, texts that repeat stored once, zstd."""
+"""The rows of one result as a Parquet file, and the points of many: long format, texts that repeat stored once, zstd.
+
+A point is what a quantity comes to in one survey. A function stands for itself by its range, with the uncertainty of the difference of its
+extremes; a number is itself.
+"""
 
 import io
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import fields
 
+import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 
@@ -24,7 +29,20 @@ SCHEMA = pa.schema(
 COLUMNS = tuple(SCHEMA.names)
 _WORDS = [field.name for field in SCHEMA if field.type == _WORD]
 PLACE = "place"
-"""The column behind ours in an index: the folder of the survey that a row is of."""
+"""The column behind the others of a point: the folder of the survey that it is of."""
+POINTS = pa.schema(
+    [SCHEMA.field(name) for name in ("machine", "quantity", "unit", "survey", "time", "event", "conditions", "software", "value", "u")]
+)
+INDEX_SCHEMA = POINTS.append(pa.field(PLACE, _WORD))
+_WORDS_OF_POINTS = [field.name for field in INDEX_SCHEMA if field.type == _WORD]
+_POINTS_QUERY = """
+SELECT machine, quantity, any_value(unit) AS unit, survey, time, any_value(event) AS event, any_value(conditions) AS conditions,
+       any_value(software) AS software,
+       CASE WHEN count(position_mm) > 0 THEN max(value) - min(value) ELSE any_value(value) END AS value,
+       CASE WHEN count(position_mm) > 0 THEN sqrt(pow(arg_max(u, value), 2) + pow(arg_min(u, value), 2)) ELSE any_value(u) END AS u,
+       place
+FROM rows GROUP BY machine, quantity, survey, time, place ORDER BY machine, quantity, time, survey
+"""
 
 
 def table_of(about: About, rows: Sequence[Row]) -> pa.Table:
@@ -32,6 +50,22 @@ def table_of(about: About, rows: Sequence[Row]) -> pa.Table:
     shared = {field.name: [getattr(about, field.name)] * len(rows) for field in fields(about)}
     own = {field.name: [getattr(row, field.name) for row in rows] for field in fields(Row)}
     return pa.table({name: (shared | own)[name] for name in COLUMNS}, schema=SCHEMA)
+
+
+def points_of(tables: Sequence[tuple[pa.Table, str]]) -> pa.Table:
+    """Return the points of results as a table of `INDEX_SCHEMA`; each table of rows comes with the folder of its survey."""
+    if not tables:
+        return INDEX_SCHEMA.empty_table()
+    placed = [
+        table.append_column(PLACE, pa.DictionaryArray.from_arrays(pa.array([0] * table.num_rows, pa.int32()), pa.array([folder])))
+        for table, folder in tables
+    ]
+    with duckdb.connect() as connection:
+        connection.execute("SET TimeZone = 'UTC'")
+        connection.register("rows", pa.concat_tables(placed).unify_dictionaries())
+        found = connection.sql(_POINTS_QUERY).to_arrow_table()
+    columns = [found[each.name].cast(pa.string()).dictionary_encode() if each.type == _WORD else found[each.name] for each in INDEX_SCHEMA]
+    return pa.table(columns, names=INDEX_SCHEMA.names).cast(INDEX_SCHEMA)
 
 
 def to_parquet(table: pa.Table) -> bytes:
@@ -49,7 +83,7 @@ def from_parquet(source: bytes | str, name: str, *, index: bool = False) -> pa.T
     """Return the table in a file, given as bytes or as a path. Raises DataError as `require_ours` does."""
     with _damage_said(name):
         _require_ours(pq.ParquetFile(_opened(source)), name, index=index)
-        return pq.ParquetFile(_opened(source), read_dictionary=[*_WORDS, *[PLACE][:index]]).read()
+        return pq.ParquetFile(_opened(source), read_dictionary=_WORDS_OF_POINTS if index else _WORDS).read()
 
 
 def require_ours(source: bytes | str, name: str, *, index: bool = False) -> None:
@@ -64,7 +98,7 @@ def _opened(source: bytes | str) -> io.BytesIO | str:
 
 def _require_ours(file: pq.ParquetFile, name: str, *, index: bool) -> None:
     marked = (file.metadata.metadata or {}).get(_MARK, b"").decode("ascii", "replace")
-    if marked != VERSION or file.schema_arrow.names != [*COLUMNS, *[PLACE][:index]]:
+    if marked != VERSION or file.schema_arrow.names != (INDEX_SCHEMA.names if index else list(COLUMNS)):
         remedy = "a newer stepdiag reads it" if marked.isdecimal() and int(marked) > int(VERSION) else "remove it from the store"
         raise DataError(name, expected=f"rows of version {VERSION}", found=f"version {marked or 'none'}", remedy=remedy)
 
