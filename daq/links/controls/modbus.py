@@ -6,6 +6,7 @@ inside pymodbus: a poll that failed is known to have failed, and the next one as
 
 import asyncio
 import logging
+import socket
 import struct
 import termios
 from collections.abc import Awaitable, Callable, Sequence
@@ -17,7 +18,17 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
-from stepdiag.daq.links.controls.modbus_errors import RefusedRequestError, lost, refusal, silence, stale, unreachable, unusable
+from stepdiag.daq.links.controls.blocking import unreachable as no_way
+from stepdiag.daq.links.controls.modbus_errors import (
+    LostConnectionError,
+    RefusedRequestError,
+    lost,
+    refusal,
+    silence,
+    stale,
+    unreachable,
+    unusable,
+)
 from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.links.ports.lateness import Lateness
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
@@ -25,6 +36,7 @@ from stepdiag.daq.timing.host_clock import stamp_ns
 
 logging.getLogger("pymodbus.logging").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
 
+_FIREWALL = "in the control, or between the networks of office and machines"
 CONNECT_S = 2.0
 """How long connecting may take, however soon answers must come: TCP asks again after one second where the first packet was lost
 (RFC 6298, 2.1)."""
@@ -195,9 +207,21 @@ async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> Mo
         raise unusable(settings.address, str(error)) from error
     if not connected:
         client.close()
-        raise unreachable(settings.address, settings.connect_s)
+        raise await _nobody(settings)
     answer_within(client, settings.timeout_s)
     return ModbusLink(settings, ranges, client, lateness)
+
+
+async def _nobody(settings: ModbusSettings) -> LostConnectionError:
+    """Return why no connection came about: the library keeps the reason to itself, so the network is asked once more."""
+    if isinstance(settings, TcpSettings):
+        try:
+            found_after_all = await asyncio.to_thread(socket.create_connection, (settings.host, settings.port), settings.connect_s)
+            found_after_all.close()
+        except OSError as error:
+            found, remedy = no_way(error, settings.connect_s, "Modbus TCP", _FIREWALL)
+            return LostConnectionError(settings.address, expected="a connection", found=found, remedy=remedy)
+    return unreachable(settings.address, settings.connect_s)
 
 
 def answer_within(client: Client, timeout_s: float) -> None:

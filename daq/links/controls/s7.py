@@ -25,6 +25,8 @@ logging.getLogger("snap7").setLevel(logging.CRITICAL)  # what it reports comes b
 Result = TypeVar("Result")
 CONNECT_S = 5.0
 """How long the library waits for a connection."""
+ASK_AGAIN = 250
+"""After so many polls what was refused is asked for again: somebody may have loaded the block meanwhile."""
 _FIREWALL = "on an 828D port 102 has to be opened in the firewall of the company network (recalled, not verified)"
 _REFUSED = re.compile(r"failed: (?P<words>.+) \(0x(?P<code>[0-9a-f]{2})\)\Z")
 _REMEDIES = {
@@ -57,22 +59,37 @@ class S7Link(BlockingLink):
     def __init__(self, settings: S7Settings, ranges: Sequence[ReadRange], client: "Client", waiter: Waiter) -> None:
         super().__init__(settings.address, settings.timeout_s, ranges, waiter)
         self._client = client
-        self._alone = False
+        self._refused: dict[ReadRange, RefusedRequestError] = {}
+        self._asked_alone = 0
 
     def _fetch_all(self) -> list[bytes]:
-        """Ask for everything at once; where a part of it is refused, for each range alone from then on, so that the others still come."""
-        if self._alone:
-            return super()._fetch_all()
+        """Ask for everything at once. Where a part of it is refused, each range is asked for alone once, and the others together again."""
+        self._asked_alone -= 1
+        wanted = [each for each in self._ranges if each not in self._refused]
+        if wanted and not (self._refused and self._asked_alone < 0):
+            try:
+                given = self._together(wanted)
+            except RefusedRequestError as refusal:
+                return self._each_alone(refusal)
+            self.refusals.update(self._refused)
+            return [given.get(each, b"") for each in self._ranges]
+        return self._each_alone(None)
+
+    def _together(self, wanted: list[ReadRange]) -> dict[ReadRange, bytes]:
+        """Return the bytes of ranges as they were at one moment."""
         from snap7.type import Area
 
-        items = [{"area": Area.DB, "db_number": int(each.table[2:]), "start": each.address, "size": each.count} for each in self._ranges]
-        try:
-            answers = self._ask("reading", lambda: self._client.read_multi_vars(items)[1])
-        except RefusedRequestError:
-            self._alone = True
-            return super()._fetch_all()
-        given = dict(zip(self._ranges, map(bytes, answers), strict=True))
-        return [self._whole(wanted, given[wanted]) for wanted in self._ranges]
+        items = [{"area": Area.DB, "db_number": int(each.table[2:]), "start": each.address, "size": each.count} for each in wanted]
+        answers = self._ask("reading", lambda: self._client.read_multi_vars(items)[1])
+        return {each: self._whole(each, bytes(data)) for each, data in zip(wanted, answers, strict=True)}
+
+    def _each_alone(self, refusal: RefusedRequestError | None) -> list[bytes]:
+        """Find out which ranges are refused: nothing of this poll is of one moment. Raises the refusal that none of them explains."""
+        data = super()._fetch_all()
+        self._refused, self._asked_alone = dict(self.refusals), ASK_AGAIN
+        if refusal is not None and not self._refused:
+            raise refusal
+        return data
 
     def _fetch(self, wanted: ReadRange) -> bytes:
         what = f"reading {wanted.count} bytes of {wanted.table} from {wanted.address}"

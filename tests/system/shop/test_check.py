@@ -97,7 +97,7 @@ def test_ports_that_are_absent(bench_of, check):
     code, findings, _ = check({}, laser="/dev/stepdiag-no-such-port")
     assert code == 4
     assert "No such file or directory" in findings["laser-unreachable"]["text"]
-    assert "nobody there" in findings["machine-unreachable"]["text"]
+    assert "nothing listens on this port" in findings["machine-unreachable"]["text"]
 
 
 def test_a_silent_laser_and_a_silent_plc(bench_of, check):

@@ -8,12 +8,16 @@ import re
 import signal
 import socket
 import threading
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 
 import pytest
+from snap7.type import SrvArea
 
 from stepdiag.checking.check import Observation, watch
 from stepdiag.checking.diagnosis import diagnose
+from stepdiag.daq.links.controls.s7 import S7Settings
+from stepdiag.daq.links.controls.s7 import open_link as open_s7
+from stepdiag.daq.records.events import ReadRange
 from stepdiag.daq.survey.controls import control_section
 from stepdiag.daq.survey.file import parse_survey
 from testkit.running.controls import s7_control, telegram, tnc_control
@@ -24,6 +28,7 @@ from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
 
+ALL = ("modbus", "siemens-828d", "heidenhain")
 CONTROLS = {"siemens-828d": s7_control, "heidenhain": tnc_control}
 HANDSHAKE = {"siemens-828d": {"handshake": True, "dwell": 0.5}, "heidenhain": {}}
 
@@ -135,14 +140,15 @@ OTHERS = {
 }
 
 
-def looked_at(name, port, changed=lambda text: text):
+def looked_at(name, port, changed=lambda text: text, *, host="127.0.0.1"):
     """Watch a machine as `check` does until something is to be said of it, without any laser; return it and the findings by code."""
-    section = control_section(name, "127.0.0.1").replace("timeout_s = 1.0", f"timeout_s = 1.0\nport = {port}")
+    section = f"{re.sub(r'(?m)^timeout_s = .*$', '', control_section(name, host))}\n"
+    section = section.replace(f'host = "{host}"', f'host = "{host}"\ntimeout_s = 1.0\nport = {port}')
     survey = parse_survey(changed(f"{SMALLEST}[plc]\n{section}"), "s")
     seen = Observation(survey)
 
     def until_something_is_said():
-        if (seen.machine.polls or seen.machine.link.detail) and seen.machine.link.state != "connecting":
+        if seen.machine.polls or seen.machine.link.state in ("lost", "silent"):
             seen.seconds = math.inf
 
     asyncio.run(watch(seen, 60.0, until_something_is_said))
@@ -163,7 +169,44 @@ def test_half_an_answer_for_ever_is_named(name):
     assert "silence" in found["machine-unreachable"].text or "something else" in found["machine-unreachable"].text
 
 
-@pytest.mark.parametrize("name", CONTROLS)
+@contextmanager
+def swallowing():
+    """A port whose connections are neither taken nor refused, as behind a firewall: its queue is full, the kernel drops what asks."""
+    with socket.create_server(("127.0.0.1", 0), backlog=0) as server, ExitStack() as asking:
+        for _ in range(4):
+            one = asking.enter_context(socket.socket())
+            one.setblocking(False)
+            one.connect_ex(server.getsockname())
+        yield server.getsockname()[1]
+
+
+def says_nothing(connection, ended):
+    ended.wait(60.0)
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_connection_that_a_firewall_swallows_is_named(name):
+    with swallowing() as port:
+        _, found = looked_at(name, port)
+    assert "neither an answer nor a refusal" in found["machine-unreachable"].text
+    assert "firewall" in found["machine-unreachable"].text
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_host_that_nobody_knows_is_named(name):
+    _, found = looked_at(name, 1, host="no-such-control.invalid")
+    assert "no such name; check plc.host" in found["machine-unreachable"].text
+
+
+@pytest.mark.parametrize("name", ALL)
+def test_a_port_that_takes_a_connection_and_says_nothing_is_named(name):
+    with listener(says_nothing) as port:
+        _, found = looked_at(name, port)
+    (code,) = [code for code in found if code.startswith("machine-")]
+    assert "silence" in found[code].text
+
+
+@pytest.mark.parametrize("name", ALL)
 def test_a_closed_port_is_named(name):
     with socket.create_server(("127.0.0.1", 0)) as server:
         port = server.getsockname()[1]
@@ -199,8 +242,58 @@ def test_answers_that_are_no_memory_are_named():
     assert seen.machine.polls == 0
 
 
-def test_the_journal_names_it_too(tmp_path):
-    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, listener(web_server) as port:
-        place.survey.write_text(with_control(place.survey.read_text(), "siemens-828d", port))
+@contextmanager
+def nowhere():
+    yield 1
+
+
+SAID = {
+    "another product": (lambda: listener(web_server), "127.0.0.1", "bytes of something else"),
+    "firewall": (swallowing, "127.0.0.1", "neither an answer nor a refusal"),
+    "wrong name": (nowhere, "no-such-control.invalid", "no such name"),
+    "wrong slot": (lambda: listener(refuses_the_slot), "127.0.0.1", "check plc.rack and plc.slot"),
+    "half an answer": (lambda: listener(drips), "127.0.0.1", "silence"),
+}
+
+
+@pytest.mark.parametrize("case", SAID)
+def test_the_journal_names_it_too(tmp_path, case):
+    place_of, host, words = SAID[case]
+    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, place_of() as port:
+        place.survey.write_text(
+            with_control(place.survey.read_text(), "siemens-828d", port).replace('host = "127.0.0.1"', f'host = "{host}"')
+        )
         with daemon(place.survey, wait_for=("laser",)) as process:
-            assert "bytes of something else" in until(process, "link-lost", link="machine")[-1]["detail"]
+            assert words in until(process, "link-lost", link="machine")[-1]["detail"]
+
+
+def test_a_password_is_named_in_the_journal(tmp_path):
+    with hall(tmp_path, laser_survey='[environment]\nsource = "fixed"\n') as place, tnc_control(password="secret") as control:
+        place.survey.write_text(with_control(place.survey.read_text(), "heidenhain", control.port))
+        with daemon(place.survey, wait_for=("laser",)) as process:
+            assert "wants a password" in until(process, "link-lost", link="machine")[-1]["detail"]
+
+
+async def polled(control, settings, wanted, times):
+    """Read so often over one connection; return the blocks, and how many telegrams each took."""
+    link = await open_s7(settings, wanted)
+    blocks, asked = [], []
+    for _ in range(times):
+        before = control.telegrams
+        blocks.append(await link.read())
+        asked.append(control.telegrams - before)
+        assert [each.table for each in link.refusals] == ["db3902"]
+    link.close()
+    return blocks, asked
+
+
+def test_an_s7_that_refuses_one_block_is_asked_for_the_others_in_one_telegram():
+    """What tells of one moment stays of one moment."""
+    with s7_control() as control:
+        control.server.unregister_area(SrvArea.DB, 3902)
+        wanted = [ReadRange("db4900", 0, 6), *(ReadRange(f"db390{axis}", 0, 2) for axis in range(3))]
+        settings = S7Settings(host="127.0.0.1", port=control.port, timeout_s=10.0)
+        polls, asked = asyncio.run(polled(control, settings, wanted, 4))
+    assert [[len(data) for data in block.data] for block in polls] == [[6, 2, 2, 0]] * 4
+    assert asked[0] > 1, "each alone, to find out"
+    assert asked[1:] == [1, 1, 1]

@@ -67,7 +67,7 @@ class S7Control:
     def __init__(self, plc, port=0):
         self.words, self._plc = bytearray(8), plc
         self.axes = [bytearray(2) for _ in range(3)]
-        self._told = 0
+        self._told = self.telegrams = 0
         self.port = port or _free_port()
         self.start()
 
@@ -82,6 +82,7 @@ class S7Control:
         self.server.stop()
 
     def _refresh(self):
+        self.telegrams += 1
         if self._plc is None:
             return
         block = self._plc.read()
