@@ -8,8 +8,8 @@ from msgspec.structs import replace
 from playwright.sync_api import Error as PlaywrightError
 from playwright.sync_api import Page, expect
 
-from stepdiag.daq.records.status import FindingStatus, LinkStatus
-from testkit.browser import Watched, seconds_until, violations
+from stepdiag.daq.records.status import FindingStatus, LinkStatus, StripStatus
+from testkit.browser import Watched, violations
 from testkit.played import Served
 from testkit.running.slaves import wait_until
 
@@ -91,11 +91,14 @@ def test_every_chart_says_its_values_under_pointer_and_key(page: Page, daemon: S
 
 
 def test_the_last_ten_seconds_are_drawn_at_full_rate(page: Page, daemon: Served) -> None:
-    """Fifty bins a second, each with its lowest and highest sample, whatever the pictures a second; silence is a gap."""
+    """Fifty bins a second, each with its lowest and highest sample, whatever the pictures a second; a machine that moves has no scatter."""
     seen = "JSON.parse(document.getElementById('strip').dataset.points ?? '[0, 0]')"
-    seconds_until(lambda: page.evaluate(seen)[0] >= 400, page)
+    wait_until(lambda: page.evaluate(seen)[0] >= 400)
     assert page.evaluate(f"(([high, low]) => high === low)({seen})")
     expect(page.locator("#scatter")).to_contain_text(re.compile(r"half a second: 0\.\d\d µm"))
+    moving = tuple(float(place) for place in range(75))
+    daemon.do(lambda: daemon.survey.publish(strip=StripStatus(first=10**9, bin_s=0.02, low_mm=moving, high_mm=moving)))
+    expect(page.locator("#scatter")).to_contain_text("half a second: – µm")
 
 
 def test_marks_of_an_axis_are_written_with_the_decimals_they_need(page: Page) -> None:

@@ -47,11 +47,14 @@ function draw(oldest, newest, width) {
   put("scatter", say("scatter", { um: shown(scatter(newest, width), 2) }));
 }
 
+const MOST_UM = 100; // a machine that moves has no scatter
+
 // Return the range of the samples within the last half second, in um: what the aid shows where no beam strength is reported.
 function scatter(newest, width) {
   const last = [...bins].filter(([index, pair]) => index > newest - 0.5 / width && pair[0] !== null).map(([, pair]) => pair);
   if (!last.length) return null;
-  return (Math.max(...last.map(([, high]) => high)) - Math.min(...last.map(([low]) => low))) * 1e3;
+  const um = (Math.max(...last.map(([, high]) => high)) - Math.min(...last.map(([low]) => low))) * 1e3;
+  return um <= MOST_UM ? um : null;
 }
 
 // A standing machine is looked at through a microscope, a moving one is not.

@@ -1,14 +1,12 @@
 """Debian's chromium under Playwright, kept offline, and its complaints."""
 
 import shutil
-import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
-from playwright.sync_api import Browser, BrowserContext, Page, Playwright, expect
-
-from testkit.running.steady import watched
+from playwright.sync_api import Browser, BrowserContext, Page, Playwright, Route, expect
 
 QUIET = ["--disable-quic", "--no-first-run", "--disable-background-networking", "--disable-component-update", "--disable-sync"]
 AXE = Path(__file__).parents[2] / "page" / "node" / "node_modules" / "axe-core" / "axe.min.js"
@@ -37,8 +35,17 @@ class Watched:
         self.requests: list[str] = []
         self.daemon_may_be_away = False
 
-    def open(self, address: str, *, width: int = 1280, height: int = 900, scheme: Any = "light", path: str = "/") -> Page:
-        """Open the page in a context of its own and wait for the first picture."""
+    def open(
+        self,
+        address: str,
+        *,
+        width: int = 1280,
+        height: int = 900,
+        scheme: Any = "light",
+        path: str = "/",
+        change: Mapping[str, tuple[str, str]] | None = None,
+    ) -> Page:
+        """Open the page in a context of its own and wait for the first picture; ``change`` puts other words into its scripts."""
         context = self._browser.new_context(viewport={"width": width, "height": height}, color_scheme=scheme, accept_downloads=True)
         self._contexts.append(context)
         self._addresses.add(address)
@@ -47,6 +54,8 @@ class Watched:
         page.on("console", lambda message: self.complaints.append(f"console {message.type}: {message.text}"))
         page.on("pageerror", lambda error: self.complaints.append(f"error: {error}"))
         page.on("request", lambda request: self.requests.append(request.url))
+        for name, (old, new) in (change or {}).items():
+            page.route(f"**/{name}", partial(_answer, old=old, new=new))
         page.goto(address + path)
         if path == "/":
             expect(page.locator("#machine")).to_have_text(self._machine, timeout=PATIENCE_MS)
@@ -63,18 +72,44 @@ class Watched:
         assert complaints == [], complaints
 
 
-SHARERS = 3
-"""What a busy computer takes away from this process it takes away from daemon and browser too, one after the other."""
+def _answer(route: Route, *, old: str, new: str) -> None:
+    """Answer a request with the daemon's own answer, one piece of it changed."""
+    answer = route.fetch()
+    text = answer.text()
+    assert old in text, old
+    route.fulfill(response=answer, body=text.replace(old, new))
 
 
-def seconds_until(seen: Callable[[], bool], page: Page, limit_s: float = 60.0) -> float:
-    """Return how long it takes until something is seen, without what a busy computer took away from daemon, test and browser."""
-    begun = time.monotonic()
-    with watched() as standstill:
-        while not seen():
-            assert time.monotonic() - begun < limit_s, f"not seen within {limit_s} s"
-            page.wait_for_timeout(20)
-    return time.monotonic() - begun - SHARERS * standstill.total_s
+BEAT_MS = 20
+"""A beat of the page itself. One that comes later than twice this was kept waiting by others: the rest is no time of the page's."""
+_BEAT = """(seen) => {
+  const beat = { lived: 0, last: performance.now(), took: null };
+  if (seen()) throw new Error("seen before it was brought about");
+  beat.timer = setInterval(() => {
+    const now = performance.now();
+    beat.lived += Math.min(now - beat.last, 2 * PERIOD);
+    beat.last = now;
+    if (!seen()) return;
+    beat.took = beat.lived / 1000;
+    clearInterval(beat.timer);
+  }, PERIOD);
+  window.testBeat = beat;
+}""".replace("PERIOD", str(BEAT_MS))
+
+
+def lived_until(page: Page, seen: str, bring_about: Callable[[], object]) -> float:
+    """Return how long a page lives, in s, from before something is brought about until ``seen``, an expression of its own, is true.
+
+    Counted by the page's own beats: what a busy computer keeps from it does not count, and nothing else is taken off.
+    """
+    page.evaluate(f"({_BEAT})(() => {seen})")
+    bring_about()
+    for _ in range(PATIENCE_MS // BEAT_MS):
+        took = page.evaluate("window.testBeat.took")
+        if took is not None:
+            return float(took)
+        page.wait_for_timeout(BEAT_MS)
+    raise AssertionError(f"not seen: {seen}")
 
 
 def violations(page: Page) -> list[str]:

@@ -21,14 +21,14 @@ def draw(folder: Path) -> None:
         port = probe.getsockname()[1]
     with (
         tempfile.TemporaryDirectory() as work,
-        hall(Path(work), back=True, handshake=True, dwell=1.0, page=True, page_port=port) as place,
+        hall(Path(work), back=True, handshake=True, dwell=4.0, page=True, page_port=port) as place,
         daemon(place.survey) as process,
         sync_playwright() as playwright,
     ):
         browser = launch(playwright)
         page = browser.new_page(viewport={"width": 1024, "height": 768})
         page.goto(f"http://127.0.0.1:{port}")
-        expect(page.locator("body")).to_have_attribute("data-stage", "set-up", timeout=20_000)
+        expect(page.locator("body")).to_have_attribute("data-stage", "set-up", timeout=60_000)
         _take(page, folder, "align", screen="next")
         while place.bench.next(300.0, "bench")["event"] != "waiting":
             pass
@@ -36,13 +36,13 @@ def draw(folder: Path) -> None:
         expect(page.locator("#lead")).to_contain_text(re.compile("stop [2-6] of"), timeout=60_000)
         _take(page, folder, "now", "deviations", "survey", screen="drive")
         place.bench.say('fault {"kind": "laser-unplug", "duration_s": 4.0}')
-        expect(page.locator(".figures.stale")).to_be_visible(timeout=10_000)
+        expect(page.locator(".figures.stale")).to_be_visible(timeout=60_000)
         _take(page, folder, screen="trouble")
         page.locator(".reading").screenshot(path=folder / "old.png")
         place.setups = place.setups[1:]
         place.start_setups()
-        until(process, "survey-complete")
-        expect(page.locator("#result figure")).to_have_count(9, timeout=20_000)
+        until(process, "survey-complete", timeout_s=900.0)
+        expect(page.locator("#result figure")).to_have_count(9, timeout=60_000)
         _take(page, folder, "findings", screen="result")
         browser.close()
 
