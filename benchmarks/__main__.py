@@ -12,7 +12,7 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
-from benchmarks import bench_daemon, bench_ingest, bench_latency, bench_memory, bench_replay, bench_solver, whole_solve
+from benchmarks import bench_daemon, bench_fleet, bench_ingest, bench_latency, bench_memory, bench_replay, bench_solver, whole_solve
 from benchmarks.table import Row, render
 
 ROOT = Path(__file__).resolve().parent.parent
@@ -29,6 +29,7 @@ def parts(*, quick: bool) -> dict[str, Callable[[], list[Row]]]:
         "memory": lambda: bench_memory.rows(2.0 if quick else 24.0),
         "solver": bench_solver.rows,
         "whole-solve": whole_solve.rows,
+        "fleet": lambda: bench_fleet.rows(800 if quick else bench_fleet.RESULTS),
     }
 
 

@@ -6,7 +6,7 @@ from html import escape
 
 from stepdiag.fleet.history import Point
 from stepdiag.fleet.rows import RMS
-from stepdiag.fleet.trend import Trend, severity
+from stepdiag.fleet.trend import Trend, already_perhaps, severity
 from stepdiag.report.drawings import svg
 from stepdiag.texts.texts import Language, catalogue, localised
 
@@ -74,6 +74,8 @@ def _told(trend: Trend, words: Mapping[str, str]) -> list[str]:
         found.append(f"{name}: {trend.line.slope:+.1f} ± {trend.line.expanded:.1f} {unit} {words['a_year']}")
     if trend.outside == "yes":
         found.append(f"{name}: {words['outside']} {trend.tolerance:g} {unit}")
+    elif already_perhaps(trend):
+        found.append(f"{name}: {words['perhaps']} {trend.tolerance:g} {unit}")
     elif trend.leaving is not None and trend.leaving.likely is not None:
         edges = [words["never"] if at is None else str(at.date()) for at in (trend.leaving.earliest, trend.leaving.latest)]
         found.append(f"{name}: {words['leaves']} {trend.leaving.likely.date()} ({edges[0]} – {edges[1]})")

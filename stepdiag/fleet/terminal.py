@@ -9,7 +9,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
-from stepdiag.fleet.trend import Leaving, Trend
+from stepdiag.fleet.trend import Leaving, Trend, already_perhaps
 
 HEADER = ("machine", "quantity", "unit", "time", "survey", "value", "U", "event", "software")
 
@@ -42,8 +42,10 @@ def leaves(trend: Trend) -> str:
         return "-"
     if trend.outside == "yes":
         return f"outside {trend.tolerance:g}"
+    if already_perhaps(trend):
+        return "perhaps outside already"
     if trend.leaving is None or trend.leaving.likely is None:
-        return "perhaps outside already" if trend.outside == "perhaps" else "no date from these surveys"
+        return "no date from these surveys"
     return f"{day(trend.leaving.likely)} ({_edge(trend.leaving.earliest)} to {_edge(trend.leaving.latest)})"
 
 

@@ -2,7 +2,8 @@
 
 A change between two surveys counts when it is larger than its expanded uncertainty at k = 2, so widened (Sidak) that all comparisons of
 one series together err as seldom as one. A line is weighted least squares through the surveys since the last step; it is justified with at
-least `FEWEST` of them, a slope beyond its k = 2, and residuals that their uncertainties explain (chi-squared, 1 %).
+least `FEWEST` of them, a slope beyond its k = 2, residuals that their uncertainties explain (chi-squared, 1 %), and no step that explains
+the figures better.
 """
 
 import math
@@ -12,10 +13,12 @@ from datetime import UTC, datetime, timedelta
 from functools import cache
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.comparing.compare import coverage_factor
 from stepdiag.fleet.history import Point, Series
 
+Array = NDArray[np.float64]
 FEWEST = 4
 YEAR = timedelta(days=365.25)
 LATEST = datetime(2200, 1, 1, tzinfo=UTC)
@@ -97,6 +100,12 @@ def severity(trend: Trend) -> float:
     return abs(last.value) / scale if scale else abs(last.value)
 
 
+def already_perhaps(trend: Trend) -> bool:
+    """Tell whether the last figure may be beyond the tolerance within its U, and no later day is known on which it would be."""
+    likely = None if trend.leaving is None else trend.leaving.likely
+    return trend.outside == "perhaps" and (likely is None or likely <= trend.last.time)
+
+
 def _stretches(points: Sequence[Point]) -> list[int]:
     """Return where each stretch begins, oldest first."""
     begins: list[int] = []
@@ -167,10 +176,23 @@ def _fitted(points: Sequence[Point]) -> _Fitted | None:
     weighted = design / u[:, None]
     covariance = np.linalg.inv(weighted.T @ weighted)
     level, slope = covariance @ weighted.T @ (value / u)
-    if abs(slope) <= 2 * math.sqrt(covariance[1, 1]):
+    if abs(slope) <= 2 * math.sqrt(covariance[1, 1]) or _rather_a_step(value, u, value - design @ np.array([level, slope])):
         return None
     (a, b), (c, d) = covariance.tolist()
     return _Fitted(at=mean, value=float(level), slope=float(slope), covariance=((a, b), (c, d)))
+
+
+def _rather_a_step(value: Array, u: Array, beside_line: Array) -> bool:
+    """Tell whether two levels, one before and one behind some survey, explain the figures better than a line does.
+
+    ``beside_line`` are the figures less that line. What is common to all surveys is in their U, so a step may be within it and yet be no
+    drift; a line through it would go on for ever.
+    """
+    weights, value = u**-2.0, value - value[-1]
+    sums = [np.cumsum(weights * each) for each in (1.0, value, value**2)]
+    before, behind = [each[:-1] for each in sums], [each[-1] - each[:-1] for each in sums]
+    around = sum(squares - firsts**2 / total for total, firsts, squares in (before, behind))
+    return bool(np.min(around) < np.sum(weights * beside_line**2))
 
 
 @cache

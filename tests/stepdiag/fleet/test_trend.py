@@ -18,7 +18,8 @@ from stepdiag.fleet.report import fleet_html, worst_first
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.store import Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.fleet.trend import YEAR, trend_of
+from stepdiag.fleet.terminal import leaves
+from stepdiag.fleet.trend import YEAR, already_perhaps, trend_of
 from testkit.cli import stepdiag
 from testkit.fleets import FIRST, About, whole_result_rows, write_history
 
@@ -87,6 +88,22 @@ class TestLine:
         found = trend_of(series(values, u=0.3))
         assert found.line is not None
         assert (found.line.surveys, found.line.begins) == (8, FIRST + 3 * QUARTER)
+
+    def test_a_step_within_its_uncertainty_is_no_drift(self) -> None:
+        """What is common to all surveys is in their U: a crash of 2.5 um at U 3 um is no step by the figures, and no line either."""
+        values = [5.0 + 2.5 * (number >= 14) + 0.02 * (-1) ** number for number in range(40)]
+        found = trend_of(series(values, u=1.5), tolerance=15.0)
+        assert (found.steps, found.line, found.leaving) == ((), None, None)
+        drift = trend_of(series([5.0 + 2.5 * number / 40 + 0.02 * (-1) ** number for number in range(40)], u=0.5), tolerance=15.0)
+        assert drift.line is not None, "a drift as large is one"
+
+    def test_a_day_that_has_passed_is_not_named_as_one_to_come(self) -> None:
+        """The line is beyond the tolerance already, the last figure only perhaps, within its U."""
+        found = trend_of(series([8.0 + 0.2 * number for number in range(12)], u=0.4), tolerance=9.9)
+        assert found.outside == "perhaps"
+        assert already_perhaps(found)
+        assert leaves(found) == "perhaps outside already"
+        assert "perhaps outside its tolerance" in fleet_html([found], "store", "en")
 
     @pytest.mark.parametrize("values", [[5.0, 5.1, 5.0, 4.9, 5.1], [5.0, 6.0, 7.0], [0.0, 4.0, 0.0, 4.0, 8.0, 0.0], [5.0]])
     def test_none_where_it_is_not_justified(self, values: list[float]) -> None:

@@ -1,0 +1,120 @@
+"""A store of many results: how long the trend takes, how large it is, how much two workers gain, what scheduler and client keep in memory.
+
+The surveys are those of `benchmarks.fleet`, driven by the virtual machine and solved; as solving 8,000 takes the better part of an hour,
+some machines are solved and stand in the store under ten names each, which costs the query the same.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+
+import pyarrow as pa
+
+from benchmarks.bench_replay import peak_mb
+from benchmarks.fleet import generate
+from benchmarks.table import Row
+from stepdiag.fleet.archive import add, refresh_index
+from stepdiag.fleet.history import series_in
+from stepdiag.fleet.resolve import open_surveys, resolve
+from stepdiag.fleet.store import Place, Store
+from stepdiag.fleet.tables import from_parquet, to_parquet
+from stepdiag.solver.result.result import DISPLACEMENTS
+
+RESULTS, SURVEYS, NAMES = 8000, 40, 10
+TASKS = 24
+QUERY_S, FUNCTION_BYTES, GAIN, MEMORY_MB = 1.0, 1024, 1.7, 400
+
+
+def rows(results: int = RESULTS) -> list[Row]:
+    """Return the rows of a store with so many results."""
+    with tempfile.TemporaryDirectory() as name:
+        store = Store(f"{name}/store", create=True)
+        sum(generate(store.root, max(results // SURVEYS // NAMES, 1), SURVEYS, 2))
+        for place in store.tables():
+            table = from_parquet(store.read(place.table), place.table)
+            for number in range(1, NAMES):
+                _written(store, Place(f"{place.machine}-{number}", place.year, place.survey), table)
+        refresh_index(store, most_loose=0)
+        found = [_query(store), _size(store)]
+    return [*found, *_workers()]
+
+
+def _written(store: Store, place: Place, table: pa.Table) -> None:
+    """Write the table of a result under the name of another machine, without waiting for the disk."""
+    column = table.schema.get_field_index("machine")
+    name = pa.DictionaryArray.from_arrays(pa.array([0] * table.num_rows, pa.int32()), pa.array([place.machine]))
+    path = Path(store.path(place.table))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(to_parquet(table.set_column(column, table.schema.field(column), name)))
+
+
+def _query(store: Store) -> Row:
+    """Return the row of the trend of every quantity of every machine: the best of three, since other programs only add to it."""
+    times = []
+    for _ in range(3):
+        began, computed = time.perf_counter(), time.process_time()
+        points = sum(len(each.points) for each in series_in(store))
+        times.append((time.perf_counter() - began, time.process_time() - computed))
+    best, computing = min(times)
+    count = len(store.tables())
+    beside = f"{computing:.2f} s of processor time, {points} points"
+    return Row(f"fleet: trend of {count} results", f"{best:.2f} s", beside, goal=f"{QUERY_S:g} s", met=best <= QUERY_S)
+
+
+def _size(store: Store) -> Row:
+    sizes = [Path(store.path(place.table)).stat().st_size for place in store.tables()]
+    each = sum(sizes) / len(sizes) / len(DISPLACEMENTS)
+    return Row(
+        "fleet: a function in the store", f"{each:.0f} bytes", f"{sum(sizes) / 1e6:.1f} MB in all", goal="1 KB", met=each <= FUNCTION_BYTES
+    )
+
+
+def _workers() -> list[Row]:
+    """Return the rows of solving anew with one worker and with two."""
+    with tempfile.TemporaryDirectory() as name:
+        _store_of_logs(Path(name))
+        one, _ = _resolved(name, 1)
+        two, memory = _resolved(name, 2)
+    load = os.getloadavg()[0]
+    return [
+        Row(
+            f"fleet: {TASKS} surveys solved anew by two workers", f"{TASKS / two:.2f} a second",
+            f"one worker: {TASKS / one:.2f} a second, load {load:.1f}", f"{one / two:.2f}", f"{GAIN:g} times", one / two >= GAIN,
+        ),
+        Row("the same: resident memory of scheduler and client", f"{memory:.0f} MB", goal=f"{MEMORY_MB} MB", met=memory <= MEMORY_MB),
+    ]  # fmt: skip
+
+
+def _store_of_logs(folder: Path) -> None:
+    """Make a store with one recorded survey under many names."""
+    sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests/lib"))
+    from testkit.fleets import finished_survey
+
+    store = Store(f"{folder}/store", create=True)
+    place = add(finished_survey(folder / "survey", machine="0"), store).place
+    for number in range(1, TASKS):
+        other = place._replace(machine=str(number))
+        shutil.copytree(store.path(place.folder), store.path(other.folder))
+        shutil.copy(store.path(place.table), store.path(other.table))
+
+
+def _resolved(folder: str, workers: int) -> tuple[float, float]:
+    """Return (seconds a program solves, its peak memory in MB): from the first survey that is done, so that its start does not count."""
+    command = [sys.executable, "-m", "benchmarks.bench_fleet", f"{folder}/store", str(workers)]
+    said = subprocess.run(command, check=True, capture_output=True, text=True).stdout.split()
+    return float(said[0]), float(said[1])
+
+
+def main() -> None:
+    """Solve all surveys of a store anew and print the seconds between the first and the last that is done, and the peak memory."""
+    store, workers = Store(sys.argv[1]), int(sys.argv[2])
+    done = [time.perf_counter() for _ in resolve(store, open_surveys(store), workers=workers)]
+    sys.stdout.write(f"{(done[-1] - done[workers - 1]) * len(done) / (len(done) - workers)} {peak_mb()}\n")
+
+
+if __name__ == "__main__":
+    main()
