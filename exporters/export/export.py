@@ -34,7 +34,7 @@ from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.standing import Standing, standing_findings
 from stepdiag.exporters.safety.verify import predict, worse_findings
 from stepdiag.exporters.tables import lattice
-from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.controller import Controller, Plan
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.errors import SafetyError, UsageError
 from stepdiag.solver.findings import Finding
@@ -73,6 +73,7 @@ def export(
         return export_kinematics(result, settled, accept, out_dir)
     made = planned(result, control, settled, today or datetime.now(tz=UTC).date())
     case, plan, standing = made.case, made.plan, made.standing
+    _require_something(plan, case.profile)
     findings = (*run_checks(case), *standing_findings(standing, result, case.profile))
     refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
     said = (*findings, *plan.findings, *compensation_remarks(result, case.profile), *remarks(case))
@@ -95,6 +96,19 @@ def export(
 def _may_refuse(finding: Finding, profile: Profile) -> bool:
     """Return whether what the planning found refuses the export: its assumptions are the point of a quick look."""
     return finding.severity == "error" or not profile.assumed
+
+
+def _require_something(plan: Plan, profile: Profile) -> None:
+    """Raise ``SafetyError`` where the control has no table for anything that is asked: an export of nothing is no export."""
+    if not plan.tables and not plan.listed:
+        said = "; ".join(finding.text for finding in plan.findings)
+        raise SafetyError(
+            f"{profile.source}: machine.functions",
+            code="nothing-to-write",
+            expected="a function that this control has a table for",
+            found=", ".join(profile.machine.functions) + (f" ({said})" if said else ""),
+            remedy="ask for others, or keep these as curves (--controller neutral)",
+        )
 
 
 def _settled(profile: Profile | None, control: Controller, result: Result, step_mm: float | None) -> Profile:

@@ -41,7 +41,7 @@ CLEARLY = 1.02
 ROUNDING_UM = 0.3
 """What the rounding of tables in units of 1 um may add to the rms of an error."""
 NODES = 11
-"""Points along each axis of the grid on which the effect is predicted."""
+"""Points along each axis of the grid on which the effect is drawn."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,18 +59,42 @@ class Figures:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Prediction:
-    """The error before and after at grid points: ``points_mm``, ``before_um`` and ``after_um`` have shape (N, 3)."""
+class Effect:
+    """The error before and after at points of a volume: ``points_mm``, ``before_um`` and ``after_um`` have shape (N, 3)."""
 
     volume: Volume
     points_mm: Vector
     before_um: Vector
     after_um: Vector
+
+    def errors_um(self, *, rigid_motion: bool) -> tuple[Vector, Vector]:
+        """Return the error vectors before and after, with or without the rigid motion of the whole volume."""
+        if rigid_motion:
+            return self.before_um, self.after_um
+        return self.rest_um(self.before_um), self.rest_um(self.after_um)
+
+    def rest_um(self, errors_um: Vector) -> Vector:
+        """Return errors at the points less the rigid motion that fits them best."""
+        return without_rigid_motion(self.volume, self.points_mm, errors_um)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Prediction:
+    """The effect ``anywhere`` in the volume, which every figure and every refusal is of, and at the points that are ``drawn``."""
+
+    anywhere: Effect
+    drawn: Effect
     told: Predicted
+
+    @property
+    def volume(self) -> Volume:
+        """Return the measured volume."""
+        return self.anywhere.volume
 
     def figures(self, *, rigid_motion: bool) -> tuple[Figures, Figures]:
         """Return the figures before and after, with or without the rigid motion of the whole volume."""
-        return Figures.of(self._errors(self.before_um, rigid_motion)), Figures.of(self._errors(self.after_um, rigid_motion))
+        before, after = self.anywhere.errors_um(rigid_motion=rigid_motion)
+        return Figures.of(before), Figures.of(after)
 
     def predicted(self) -> dict[str, dict[str, dict[str, dict[str, float | None]]]]:
         """Return the figures of contract 4: ``without_rigid_motion`` and ``as_it_is``, each ``before`` and ``after``, as intervals."""
@@ -90,11 +114,8 @@ class Prediction:
 
     def picture(self) -> dict[str, list[list[float]]]:
         """Return plain lists for a plot: points in mm, error vectors before and after in um without rigid motion."""
-        before, after = (self._errors(errors, False) for errors in (self.before_um, self.after_um))
-        return {"points_mm": self.points_mm.tolist(), "before_um": before.tolist(), "after_um": after.tolist()}
-
-    def _errors(self, errors_um: Vector, rigid_motion: bool) -> Vector:
-        return errors_um if rigid_motion else without_rigid_motion(self.volume, self.points_mm, errors_um)
+        before, after = self.drawn.errors_um(rigid_motion=False)
+        return {"points_mm": self.drawn.points_mm.tolist(), "before_um": before.tolist(), "after_um": after.tolist()}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,17 +158,21 @@ def predict(result: Result, tables: Sequence[Table], replaced: Sequence[Table] =
 def predict_moved(result: Result, moved: Correction, replaced: Correction | None = None, nodes: int = NODES) -> Prediction:
     """Return the effect of a correction that is no sum of tables, such as a lattice; ``replaced`` acted while measuring.
 
-    The errors are drawn on a grid. What is promised holds for a tool anywhere in the volume, as the result's own prediction does: a grid
-    has a good part of its points on the faces, where straightness is zero by definition, and its mean square is up to a tenth too small.
+    The errors are drawn on a grid. What is promised, and what is refused, holds for a tool anywhere in the volume, as the result's own
+    prediction does: a grid has a good part of its points on the faces, where straightness is zero by definition, and its mean square is up
+    to a tenth too small.
     """
 
     def added(points_mm: Vector) -> Vector:
         return moved(points_mm) - (replaced(points_mm) if replaced is not None else 0.0)
 
-    points, anywhere = grid_points_mm(result.volume, nodes), anywhere_mm(result.volume)
-    before = error_field_um(result, points)
-    told = predicted(result, anywhere, added(anywhere))
-    return Prediction(volume=result.volume, points_mm=points, before_um=before, after_um=before + added(points), told=told)
+    def at(points_mm: Vector) -> Effect:
+        before = error_field_um(result, points_mm)
+        return Effect(volume=result.volume, points_mm=points_mm, before_um=before, after_um=before + added(points_mm))
+
+    anywhere, drawn = at(anywhere_mm(result.volume)), at(grid_points_mm(result.volume, nodes))
+    told = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um)
+    return Prediction(anywhere=anywhere, drawn=drawn, told=told)
 
 
 def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:
@@ -197,8 +222,8 @@ def worse_findings(prediction: Prediction, standing: Standing, result: Result, p
     then = "while it was measured"
     old = [table for table in standing.before if identifies(result, table)] if profile.machine.measured_with == "off" else []
     if old:
-        errors = prediction.before_um + mean_correction_um(old, prediction.points_mm)
-        with_old = Figures.of(without_rigid_motion(result.volume, prediction.points_mm, errors)).rms_um
+        effect = prediction.anywhere
+        with_old = Figures.of(effect.rest_um(effect.before_um + mean_correction_um(old, effect.points_mm))).rms_um
         before, then = min((before, then), (with_old, "with the tables that are in the control now"))
     if after > before * CLEARLY + ROUNDING_UM:
         text = f"the machine would err by {after:.1f} um rms after loading, {then} by {before:.1f}"

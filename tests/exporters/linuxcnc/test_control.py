@@ -181,3 +181,12 @@ class TestBacklash:
         forward, reverse = (total_correction_um(report.tables, points, way)[:, 0] for way in (1, -1))
         np.testing.assert_allclose(forward, [4, 0, -5, -9, -17], atol=1e-6)
         np.testing.assert_allclose(reverse, [-4, -8, -13, -17, -25], atol=1e-6)
+
+
+def test_an_export_of_nothing_is_no_export(tmp_path):
+    """Straightness alone has no place in LinuxCNC: a folder without a file for the control is not written."""
+    with pytest.raises(SafetyError) as refused:
+        export(made_result({"EYX": [0.0, 2.0, 3.0, 1.0, 0.0]}), "linuxcnc", example_profile(functions=["EYX"]), out_dir=tmp_path / "out")
+    assert refused.value.code == "nothing-to-write"
+    assert "EYX" in str(refused.value)
+    assert not (tmp_path / "out").exists()

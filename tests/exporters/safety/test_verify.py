@@ -52,6 +52,13 @@ class TestPrediction:
         assert prediction.figures(rigid_motion=True)[1].largest_um > 3
         assert prediction.figures(rigid_motion=False)[1].largest_um < 0.3
 
+    def test_what_is_refused_is_judged_where_it_is_promised(self):
+        """A grid lies on the nodes of the survey, where coarse steps of a control hit the curve: between them they are off."""
+        made = made_result({"EXX": [0.0, 4.0, 0.0, 4.0, 0.0]}, volume=VOLUME)
+        prediction = predict(made, ())
+        told = prediction.predicted()["without_rigid_motion"]["before"]["rms_um"]["value"]
+        assert prediction.figures(rigid_motion=False)[0].rms_um == pytest.approx(told, rel=1e-9)
+
     def test_picture_holds_plain_lists_of_the_grid(self):
         picture = predict(RESULT, (), nodes=3).picture()
         assert [len(picture[key]) for key in ("points_mm", "before_um", "after_um")] == [27, 27, 27]
