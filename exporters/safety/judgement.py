@@ -15,7 +15,7 @@ from stepdiag.exporters.safety.standing import Standing, unchanged
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um
+from stepdiag.exporters.tables.tables import Table, correction_um, joined, mean_correction_um
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import AXES, Vector, Volume
 from stepdiag.solver.result.field import error_field_um
@@ -118,7 +118,7 @@ class _Case:
 
     def sum_um(self, tables: Sequence[Table], position_mm: Vector) -> Vector:
         """Return what some of these tables do at positions, mean of both directions, steps joined by straight lines, in um."""
-        ways = [self._along(_joined(each), position_mm, way) for each in tables for way in (1, -1)]
+        ways = [self._along(joined(each), position_mm, way) for each in tables for way in (1, -1)]
         return np.asarray(sum(ways, np.zeros(position_mm.shape)) / 2.0)
 
     def unstepped(self, curve: Curve) -> Curve:
@@ -128,7 +128,7 @@ class _Case:
             return curve
         at = curve.position_mm
         steps = sum(
-            ((correction_um(each, at, way) - correction_um(_joined(each), at, way)) / 2.0 for each in stepped for way in (1, -1)), 0.0 * at
+            ((correction_um(each, at, way) - correction_um(joined(each), at, way)) / 2.0 for each in stepped for way in (1, -1)), 0.0 * at
         )
         return replace(curve, forward_um=curve.at(at) - steps, reverse_um=None)
 
@@ -161,10 +161,6 @@ class _Case:
 
     def says(self, code: Code, text: str, factor: float | None = None) -> Judgement:
         return Judgement(table=self.table, code=code, text=f"{self.table.label}: {text}", factor=factor)
-
-
-def _joined(table: Table) -> Table:
-    return replace(table, law=replace(table.law, between="linear"))
 
 
 class _Wanted:

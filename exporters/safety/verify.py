@@ -27,7 +27,7 @@ from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in
-from stepdiag.exporters.tables.tables import Table, mean_correction_um
+from stepdiag.exporters.tables.tables import Table, joined, mean_correction_um
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
@@ -151,12 +151,38 @@ def predict(result: Result, tables: Sequence[Table], replaced: Sequence[Table] =
     ``replaced`` are tables that were active while the result was measured and that the new ones take the place of.
     """
     return predict_moved(
-        result, lambda points: mean_correction_um(tables, points), lambda points: mean_correction_um(replaced, points), nodes
+        result,
+        lambda points: mean_correction_um(tables, points),
+        lambda points: mean_correction_um(replaced, points),
+        nodes,
+        _steps_unseen(result.volume, replaced),
     )
 
 
-def predict_moved(result: Result, moved: Correction, replaced: Correction | None = None, nodes: int = NODES) -> Prediction:
+def _steps_unseen(volume: Volume, replaced: Sequence[Table]) -> Correction | None:
+    """Return what the steps of tables that were active while measuring do between the targets, where the survey did not see them.
+
+    The survey's straight lines from target to target hold the steps as they happened to stand there; None where no table steps.
+    """
+    stepped = [table for table in replaced if table.law.between == "stepped"]
+    if not stepped:
+        return None
+
+    def steps_um(points_mm: Vector) -> Vector:
+        return mean_correction_um(stepped, points_mm) - mean_correction_um([joined(table) for table in stepped], points_mm)
+
+    x, y, z = (volume.nodes_mm(axis) for axis in range(3))
+    corners = np.stack(np.meshgrid(x, y, z, indexing="ij"), axis=-1)
+    seen = Lattice(axes_mm=(x, y, z), vectors_um=steps_um(corners.reshape(-1, 3)).reshape(corners.shape))
+    return lambda points_mm: steps_um(points_mm) - seen.correction_um(points_mm)
+
+
+def predict_moved(
+    result: Result, moved: Correction, replaced: Correction | None = None, nodes: int = NODES, unseen: Correction | None = None
+) -> Prediction:
     """Return the effect of a correction that is no sum of tables, such as a lattice; ``replaced`` acted while measuring.
+
+    ``unseen`` is what is known to have been between the targets then.
 
     The errors are drawn on a grid. What is promised, and what is refused, holds for a tool anywhere in the volume, as the result's own
     prediction does: a grid has a good part of its points on the faces, where straightness is zero by definition, and its mean square is up
@@ -166,12 +192,15 @@ def predict_moved(result: Result, moved: Correction, replaced: Correction | None
     def added(points_mm: Vector) -> Vector:
         return moved(points_mm) - (replaced(points_mm) if replaced is not None else 0.0)
 
+    def beside(points_mm: Vector) -> Vector | float:
+        return 0.0 if unseen is None else unseen(points_mm)
+
     def at(points_mm: Vector) -> Effect:
-        before = error_field_um(result, points_mm)
+        before = error_field_um(result, points_mm) + beside(points_mm)
         return Effect(volume=result.volume, points_mm=points_mm, before_um=before, after_um=before + added(points_mm))
 
     anywhere, drawn = at(anywhere_mm(result.volume)), at(grid_points_mm(result.volume, nodes))
-    told = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um)
+    told = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um, beside(anywhere.points_mm))
     return Prediction(anywhere=anywhere, drawn=drawn, told=told)
 
 

@@ -173,6 +173,11 @@ def mean_correction_um(tables: Sequence[Table], points_mm: Vector) -> Vector:
     return (total_correction_um(tables, points_mm, +1) + total_correction_um(tables, points_mm, -1)) / 2
 
 
+def joined(table: Table) -> Table:
+    """Return a stepped table with its points joined by straight lines: what its steps stand for."""
+    return replace(table, law=replace(table.law, between="linear"))
+
+
 def plain_rows(table: Table) -> tuple[str, ...]:
     """Return one row a point for the report: number, position in mm, value in um."""
     rows = zip(table.position_mm, table.value_um, strict=True)

@@ -50,10 +50,13 @@ class Predicted:
         return {name: {when: figures.as_json() for when, figures in part.items()} for name, part in both.items()}
 
 
-def predicted(result: Result, points_mm: Vector, correction_um: Vector) -> Predicted:
-    """Return what an independent check would find at points (N, 3) before and after ``correction_um`` (N, 3) is applied."""
+def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> Predicted:
+    """Return what an independent check would find at points (N, 3) before and after ``correction_um`` (N, 3) is applied.
+
+    ``beside_um`` (N, 3) is known to have been there while it was measured, and is not in the result: steps between its targets.
+    """
     posterior = result.posterior
-    before = error_field_um(result, points_mm)
+    before = error_field_um(result, points_mm) + beside_um
     if posterior is not None:
         before = before + bend_um(result, points_mm)
     moved = _moved(result, posterior, points_mm)

@@ -122,7 +122,7 @@ class Sequence:
         moved = plant.moved_um(points)
         before = self._rms_um(volume, self.machine.error_at(points) + moved)
         measured = self.machine.error_at(points) + (moved if measured_on else 0.0)
-        unseen = measured - error_field_um(result, points)
+        unseen = measured - error_field_um(result, points) - (self._steps_between_um(volume, points) if measured_on else 0.0)
         plant.load(folder / "out")
         after, restored = self.machine.error_at(points) + plant.moved_um(points), 0.0
         if rng.random() < 0.3:
@@ -149,6 +149,18 @@ class Sequence:
     def _points(self, volume: Volume, nodes: int) -> np.ndarray:
         axes = [low + size * np.linspace(0.0, 1.0, nodes) for low, size in zip(volume.origin_mm, volume.size_mm, strict=True)]
         return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+
+    def _steps_between_um(self, volume: Volume, points: np.ndarray) -> np.ndarray:
+        """Return what steps of the control do between the nodes of a survey, where its straight lines do not see them."""
+        found = np.zeros(points.shape)
+        for axis in range(3):
+            nodes = np.tile(points[0], (volume.increments + 1, 1))
+            along = np.tile(points[0], (len(points), 1))
+            nodes[:, axis], along[:, axis] = volume.nodes_mm(axis), points[:, axis]
+            at_nodes = self.plant.steps_um(nodes)
+            seen = [np.interp(along[:, axis], nodes[:, axis], at_nodes[:, output]) for output in range(3)]
+            found += self.plant.steps_um(along) - np.stack(seen, axis=-1)
+        return found
 
     def _rms_um(self, volume: Volume, errors_um: np.ndarray) -> float:
         left = without_rigid_motion(volume, anywhere_mm(volume), errors_um)

@@ -48,6 +48,10 @@ class Plant(ABC):
         still = np.zeros(points_mm.shape)
         return 1e3 * sum((table.correction_mm(points_mm, still) for table in self.tables()), still)
 
+    def steps_um(self, points_mm: Array) -> Array:
+        """Return what of that are steps of the control, beside the straight lines through its points."""
+        return np.zeros(points_mm.shape)
+
     @abstractmethod
     def tables(self) -> list:
         """Return what acts."""
@@ -96,6 +100,11 @@ class FanucPlant(Plant):
 
     def moved_um(self, points_mm: Array) -> Array:
         return super().moved_um(points_mm - self.reference_mm)
+
+    def steps_um(self, points_mm: Array) -> Array:
+        at, still = points_mm - self.reference_mm, np.zeros(points_mm.shape)
+        smooth = load_fanuc([self.texts["PITCH.TXT"]], interpolated=True)
+        return self.moved_um(points_mm) - 1e3 * sum((table.correction_mm(at, still) for table in smooth), still)
 
     def tables(self) -> list:
         return load_fanuc([self.texts["PITCH.TXT"]])

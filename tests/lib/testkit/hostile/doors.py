@@ -55,7 +55,10 @@ def profile_for(name: str) -> str:
     direction = MACHINES[name].directions[
         0 if name == "fanuc" else -1
     ]  # of both ways verify calls a table of this made up result too small
-    return profile_text(name, steps_mm=(100.0, 100.0, 50.0), references_mm=(-200.0, 0.0, -100.0), direction=direction)
+    finer = 0.25 if name == "fanuc" else 1.0  # its coarse steps would leave this made up machine worse
+    return profile_text(
+        name, steps_mm=(100.0 * finer, 100.0 * finer, 50.0 * finer), references_mm=(-200.0, 0.0, -100.0), direction=direction
+    )
 
 
 def _solving() -> Iterator[tuple[str, Door]]:
