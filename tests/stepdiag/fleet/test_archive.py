@@ -13,6 +13,7 @@ from stepdiag.fleet import archive as archiving
 from stepdiag.fleet.archive import add, finished_in, refresh_index
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.store import INDEX, LISTED, MARK, Store
+from stepdiag.fleet.tables import to_parquet
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.result.result import parse_result
 from testkit.cli import stepdiag
@@ -156,6 +157,20 @@ def test_damaged_and_foreign_tables_are_named(store: Store, name: str, data: byt
     else:
         path.write_bytes(data)
     with pytest.raises(DataError, match=path.name):
+        series_in(store)
+
+
+@pytest.mark.parametrize("name", [INDEX, "table"])
+def test_a_table_of_a_newer_or_foreign_version_is_named_as_such(store: Store, monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    with monkeypatch.context() as newer:
+        if name == "table":
+            newer.setattr("stepdiag.fleet.tables.VERSION", "2")
+        write_history(store, "a", [1.0, 2.0])
+    if name == INDEX:
+        with monkeypatch.context() as newer:
+            newer.setattr("stepdiag.fleet.archive.to_parquet", lambda table: to_parquet(table).replace(b"stepdiag-rows", b"stepdiag-ROWS"))
+            refresh_index(store, most_loose=0)
+    with pytest.raises(DataError, match="a newer stepdiag reads it" if name == "table" else "version none"):
         series_in(store)
 
 
