@@ -89,9 +89,9 @@ def _fact(value: object) -> str:
 def effect_table(conclusion: Conclusion, as_left: "AsLeft | None", words: Mapping[str, str]) -> Table:
     """Return the volume as found, predicted and as left, rms and largest vector, in um at k = 2."""
     reach = conclusion.reach
-    rows = [(words["as_found"], interval_words(reach.rms_before), interval_words(reach.largest_before))]
-    rows.append((words["predicted"], interval_words(reach.rms_after), interval_words(reach.largest_after)))
-    left = (interval_words(as_left.rms), interval_words(as_left.largest)) if as_left is not None else (words["not_yet"], words["not_yet"])
+    rows = [(words["as_found"], interval_words(reach.rms_before), bound_words(reach.largest_before))]
+    rows.append((words["predicted"], interval_words(reach.rms_after), bound_words(reach.largest_after)))
+    left = (interval_words(as_left.rms), bound_words(as_left.largest)) if as_left is not None else (words["not_yet"], words["not_yet"])
     rows.append((words["as_left"], *left))
     return Table(header=(words["field"], f"{words['rms']} / µm", f"{words['maximum']} / µm"), rows=rows)
 
@@ -102,6 +102,12 @@ def interval_words(found: Interval | None) -> str:
         return shown(None)
     low, high = found.shown()
     return f"{low} … {high}" if low else f"≥ {found.best()}"
+
+
+def bound_words(found: Interval | None) -> str:
+    """Return what a largest vector is at most, as the conclusion says it: how small it may be is no promise."""
+    high = "" if found is None else found.shown()[1]
+    return f"≤ {high}" if high else interval_words(found)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

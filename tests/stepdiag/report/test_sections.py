@@ -4,7 +4,9 @@ from dataclasses import replace
 
 import pytest
 
+from stepdiag.report.certificate import bound_words, interval_words
 from stepdiag.report.sections import lengths_table, positioning_table, vdi_table
+from stepdiag.solver.result.interval import Interval
 from stepdiag.texts.texts import LANGUAGES, catalogue
 from testkit.exact.madeup import made_up_result
 
@@ -36,3 +38,11 @@ def test_vdi_3441_stands_beside_where_a_run_has_it():
     (row,) = vdi_table({"linear-x": [ISO, VDI], "linear-y": [ISO]}, words).rows
     assert row == ("linear-x", "VDI/DGQ 3441:1977", "7.50", "4.00", "3.00", "2.90", "0.40", "0.30")
     assert vdi_table({"linear-y": [ISO], "linear-z": "nonsense"}, words) is None
+
+
+def test_the_largest_vector_is_a_bound() -> None:
+    """As the conclusion says it: at most. How small it may be is no promise; without an interval it is at least what was found."""
+    sure = Interval(value_um=4.4, low_um=3.0, high_um=6.2)
+    assert (bound_words(sure), interval_words(sure)) == ("≤ 6.2", "3.0 … 6.2")
+    assert bound_words(Interval(value_um=4.4)) == interval_words(Interval(value_um=4.4)) == "≥ 4.4"
+    assert bound_words(None) == "–"
