@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator
 
 from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
-from stepdiag.daq.links.ports.address import network_line
+from stepdiag.daq.links.ports.address import can_be_host, network_line
 from stepdiag.daq.survey.formats import air_settings, laser_settings
 from stepdiag.daq.survey.models import Head, LineSection, Plc, Survey
 from stepdiag.exporters.files.settings import refuse, unknown_key
@@ -26,13 +26,16 @@ _TABLES = {
 }
 _ORDERS = {"s7": "ABCD", "lsv2": "DCBA"}
 _MAPS = {"s7": "the words of the program and the axes' exact stop", "lsv2": "the numbers of FN 19 and the axes in position"}
+LONGEST_PATH, LONGEST_NAME = 2000, 255
+"""Of a folder, in bytes: what file systems and the kernel take (PATH_MAX 4096, NAME_MAX 255), with room for what is put below."""
+MOST_SHOWN = 100
 _BITS_PER_CHARACTER = 11
 """Start, eight data, parity or a second stop bit, stop (Modbus over serial line V1.02, 2.5.1)."""
 
 
 def check(survey: Survey, source: str) -> None:
     """Raise UsageError for the first contradiction in the file, in the order of its sections."""
-    for rule in (_volume, _plan, _machine, _laser, _head, _air, _plc, _dwell, _page):
+    for rule in (_named_well, _volume, _plan, _machine, _laser, _head, _air, _plc, _dwell, _page):
         for refusal in rule(survey, source):
             raise refusal
 
@@ -75,6 +78,21 @@ def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
         yield refuse(source, field, f"the rotation that each reading tells in {setup}, with its sign", list(turns), remedy)
     if head.format == "elcomat" and own in letters:
         yield refuse(source, field, f"no {own}: an autocollimator does not see the roll about its own beam", list(turns))
+
+
+def _named_well(survey: Survey, source: str) -> Iterator[UsageError]:
+    """Judge what would end the daemon later, with an error of Python's own: names of hosts and folders that no system takes."""
+    for field, host in (("plc.host", survey.plc.host), ("page.host", survey.page.host), ("metrics.host", survey.metrics.host)):
+        if not can_be_host(host):
+            yield refuse(source, field, "a name or an address, 1 to 63 letters between two dots", host[:MOST_SHOWN])
+    directory = survey.identity.directory
+    if (
+        "\0" in directory
+        or len(directory.encode()) > LONGEST_PATH
+        or any(len(part.encode()) > LONGEST_NAME for part in directory.split("/"))
+    ):
+        expected = f"a path of at most {LONGEST_PATH} bytes whose folders have names of at most {LONGEST_NAME}"
+        yield refuse(source, "survey.directory", expected, directory[:MOST_SHOWN])
 
 
 def _machine(survey: Survey, source: str) -> Iterator[UsageError]:

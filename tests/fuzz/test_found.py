@@ -11,6 +11,7 @@ import pytest
 
 from stepdiag.daq.head.commissioning import compare_curves, parse_curves
 from stepdiag.daq.head.record import read_head_csv
+from stepdiag.daq.links.ports.address import host_and_port, network_line
 from stepdiag.daq.log.codec import decode
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.topics import BLOCK_TOPIC, RAW_TOPICS
@@ -41,6 +42,7 @@ from testkit.exact.results import VOLUME, made_result
 from testkit.exact.surveys import Bench
 from testkit.hostile.foreign import READINGS, page_order
 from testkit.hostile.foreign_logs import SURVEY, contents, log_of, recorded
+from testkit.running.survey_files import SMALLEST
 from testkit.timeline import survey_text
 
 HUGE = "9" * 5000
@@ -395,3 +397,29 @@ def test_a_prediction_that_is_none_is_said_and_left_out(tmp_path: Path, data: by
     (tmp_path / PREDICTION).write_bytes(data)
     assert prediction_in(tmp_path) is None
     assert "prediction-not-read" in capsys.readouterr().out
+
+
+NAMES_OF_NOBODY = ("192.168..5", "x" * 64, "a." + "x" * 70 + ".b")
+
+
+@pytest.mark.parametrize("host", NAMES_OF_NOBODY)
+@pytest.mark.parametrize("section", ["plc", "page", "metrics"])
+def test_a_host_that_cannot_be_looked_up_is_refused_when_the_survey_is_read(section: str, host: str):
+    """A dot too many in plc.host ended the daemon: Python refuses such a name while looking it up, with an error that is no OSError."""
+    with pytest.raises(UsageError, match=rf"{section}\.host: expected a name or an address, 1 to 63 letters"):
+        parse_survey(f'{SMALLEST}[{section}]\nhost = "{host}"\n', "s.toml")
+
+
+@pytest.mark.parametrize("host", NAMES_OF_NOBODY)
+def test_nor_is_it_the_host_of_a_line_or_a_broker(host: str):
+    with pytest.raises(UsageError, match="the host as a name or an address"):
+        network_line(f"socket://{host}:4001")
+    assert host_and_port(f"{host}:4001") is None
+    assert host_and_port("mill-7.works.example:4001") == ("mill-7.works.example", 4001)
+
+
+@pytest.mark.parametrize("directory", ["x" * 256, "a/" + "ä" * 128, "a/" * 1001, "a\\u0000b"])
+def test_a_folder_that_no_file_system_takes_is_refused_when_the_survey_is_read(directory: str):
+    """`status` said that the name is too long; the daemon ended with a traceback."""
+    with pytest.raises(UsageError, match=r"survey\.directory"):
+        parse_survey(SMALLEST.replace("[survey]\n", f'[survey]\ndirectory = "{directory}"\n'), "s.toml")

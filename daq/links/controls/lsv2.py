@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 CONNECT_S = 5.0
 """How long a connection may take; it is a dozen questions and answers."""
 _LARGEST_READ = 65536
+_LARGEST_ANSWER = 1_000_000
+"""What is read of a PLC's memory at once is 255 bytes; a network can bring gigabytes while the connection is still being made."""
 _MEMORIES = {"B": "BYTE", "M": "MARKER", "I": "INPUT", "O": "OUTPUT"}
 _FIREWALL = "on newer controls LSV2 has to be allowed in the network settings (recalled, not verified)"
 
@@ -79,12 +81,21 @@ class _Line:
     """
 
     socket: Any
+    answered: int = 0
+
+    def send(self, data: bytes) -> int:
+        """Send a question, whose answer begins anew."""
+        self.answered = 0
+        return int(self.socket.send(data))
 
     def recv(self, count: int) -> bytes:
-        """Return what there is. Raises ConnectionResetError at the end of the connection."""
+        """Return what there is. Raises ConnectionResetError at the end of the connection, ValueError for an answer without end."""
         data: bytes = self.socket.recv(min(count, _LARGEST_READ))
         if not data:
             raise ConnectionResetError("closed by the other end")
+        self.answered += len(data)
+        if self.answered > _LARGEST_ANSWER:
+            raise ValueError(f"an answer of more than {_LARGEST_ANSWER} bytes")
         return data
 
     def __getattr__(self, name: str) -> Any:

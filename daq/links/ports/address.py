@@ -46,5 +46,17 @@ def host_and_port(text: str, usual_port: int = 0) -> tuple[str, int] | None:
     place = _PLACE.match(text)
     if place is None:
         return None
-    port = usual_port if place["port"] is None else int(place["port"])
-    return (place["six"] or place["host"], port) if 0 < port < 65536 else None
+    port, host = usual_port if place["port"] is None else int(place["port"]), place["six"] or place["host"]
+    return (host, port) if 0 < port < 65536 and can_be_host(host) else None
+
+
+def can_be_host(name: str) -> bool:
+    """Tell whether a name can be looked up at all: every part of it between two dots has 1 to 63 letters.
+
+    Python refuses others while looking them up, with an error that is none of the network's.
+    """
+    try:
+        name.encode("idna")
+    except UnicodeError:
+        return False
+    return "\0" not in name

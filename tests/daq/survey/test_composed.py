@@ -34,7 +34,8 @@ def test_every_answer_that_can_be_given_is_read_back(machine, size, control, for
 
 
 @pytest.mark.parametrize(
-    ("field", "value"), [("machine", "two\nlines"), ("chain", "XYZ"), ("size_mm", (0.5, 0.4, 0.3)), ("laser_port", "")]
+    ("field", "value"),
+    [("machine", "two\nlines"), ("chain", "XYZ"), ("size_mm", (0.5, 0.4, 0.3)), ("laser_port", ""), ("control", "../../x")],
 )
 def test_an_answer_that_no_survey_can_have_is_refused(field, value):
     answers = {"name": "s", "machine": "m", "size_mm": (1e3, 1e3, 1e3), "laser_port": "p", "laser_format": "umd", "control": "none"}
