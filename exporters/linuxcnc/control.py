@@ -164,13 +164,13 @@ class LinuxCnc:
         """Return the steps for the person who maintains the configuration."""
         return (
             f"Back up the configuration folder. The files are in {profile.machine.units}, the unit of [TRAJ]LINEAR_UNITS.",
-            "Copy the .comp files beside the INI file and add the lines of ini_lines.txt to the [JOINT_n] sections.",
+            "Copy the .comp files beside the INI file and change it as ini_lines.txt says; what that does not name stays.",
             "COMP_FILE switches [JOINT_n]BACKLASH off: half of it is in each of the two columns instead. Leave BACKLASH as it is.",
             "The correction acts on joints whether homed or not: home all axes before measuring or machining.",
             "squareness.hal needs KINEMATICS = matrixkins: see whether this LinuxCNC has it (2.9.0~pre1 has not), otherwise leave it out.",
-            "Where matrixkins already holds values, add the new ones to them (off the diagonal).",
+            "squareness.hal takes the place of the coefficients that matrixkins holds off the diagonal: nothing is added up by hand.",
             "Restart LinuxCNC: the files are read at its start. The positions on the screen do not show the correction.",
-            "Measure again; if the residual has grown, put the restore files back and change the INI file as ini_lines_RESTORE.txt says.",
+            "If the residual has grown: copy the _RESTORE files under their plain names, change the INI file by ini_lines_RESTORE.txt.",
         )
 
 

@@ -12,6 +12,7 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
+from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import correction_um, total_correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
@@ -190,3 +191,18 @@ def test_an_export_of_nothing_is_no_export(tmp_path):
     assert refused.value.code == "nothing-to-write"
     assert "EYX" in str(refused.value)
     assert not (tmp_path / "out").exists()
+
+
+def test_loaded_by_its_own_steps_the_second_coefficient_holds_the_first():
+    """A person who adds the new coefficient to the old one by hand compensates twice: the steps say that it takes its place."""
+    own = example_profile(measured_with="on", functions=["EYX", "EXY"])
+    first = LINUXCNC.render(LINUXCNC.plan(curves_of(made_result({}, squareness={"C0Y": 20.0}), ["EYX", "EXY"]), own).tables, own)
+    existing = tuple(file for file in first if file.role == "data")
+    before = LINUXCNC.standing(existing, (), own)
+    left = merged(curves_of(made_result({}, squareness={"C0Y": 1.0}), ["EYX", "EXY"]), before, own)
+    held = replace(own, existing=existing)
+    (table,) = LINUXCNC.plan(left, held).tables
+    assert np.ptp(table.value_um) / np.ptp(table.position_mm) == pytest.approx(21e-3, abs=1e-5)
+    steps = " ".join(LINUXCNC.instructions(held))
+    assert "takes the place" in steps
+    assert "add the new ones" not in steps
