@@ -80,6 +80,14 @@ class TestSlope:
         shown = verdict(test, np.linspace(0.0, 400.0, 41), 0 * POSITIONS, 5.0 + sign * self.moved_um(test))
         assert (shown.kind, shown.sense) == ("matrixkins", sense)
 
+    @pytest.mark.parametrize(("share", "cause"), [(10.0, "ten times"), (0.4, "diameters"), (25.4, "inch")])
+    @pytest.mark.parametrize("sign", [1, -1])
+    def test_a_ramp_of_the_wrong_size_decides_nothing(self, share, cause, sign):
+        test = self.ramp()
+        shown = verdict(test, np.linspace(0.0, 400.0, 41), 0 * POSITIONS, 5.0 + sign * share * self.moved_um(test))
+        assert shown.sense is None
+        assert cause in shown.text
+
     def test_a_control_without_a_table_for_it_says_so(self):
         with pytest.raises(UsageError, match="a function that this control has a table for"):
             bump(controller_named("fagor"), profile_of("fagor", VOLUME, sections=8), "EXY")
