@@ -15,7 +15,7 @@ from stepdiag.solver.methods.angular import cause_place, rms
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import POSITIONING
-from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.field import error_field_um, evenly
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.prediction import predicted, volumetric_u_um
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
@@ -28,13 +28,11 @@ HEAD_URAD = 1.0
 SHORTEST = 0.5
 """What is known of the logarithm of an arch where the waves are hardly longer than two increments: drawn functions of five half waves on
 five increments differ from what their values say by a factor of 1.3 on average."""
-HARMFUL = 0.5
+HARMFUL = 0.42
 """Where a function leaves the curve through its values by more than this share of itself, they say little of what is between them: more
 than three and a half waves on ten increments."""
 LEAST_VALUES = 8
 """Of fewer values the fourth differences are too few to tell waves from bends: five increments would nearly always be called coarse."""
-_ENDS = 1.2
-"""Drawn functions leave the curve so much more than single waves do: it is less sure at its ends."""
 _BENT, _BENT_TWICE = 6.0, 70.0
 """Variances of the second and fourth difference of independent values over theirs."""
 
@@ -107,8 +105,7 @@ def _evenly(function: Function) -> Vector:
     at = function.position_mm
     if function.value is None or len(at) < 2:
         return np.zeros(0)
-    even = np.linspace(at[0], at[-1], round(float((at[-1] - at[0]) / np.max(np.diff(at)))) + 1)
-    return np.interp(even, at, function.value)
+    return np.interp(evenly(at), at, function.value)
 
 
 def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
@@ -116,7 +113,8 @@ def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
     standard deviation of the logarithm of that.
 
     A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth ones their square: their ratio tells w. With
-    c = cos(w/2) it leaves the cubic through its values (`solver.result.field.Smoothed`) by (1 - c)^2 (1 + c/2), all times its size.
+    c = cos(w/2) it leaves the parabolas through its values by (1 - c)^2 (1 + c/2), all times its size: in the middle of a function the
+    spline of the predictions (`solver.result.field.Smoothed`) is nearer, at its ends not.
     Waves of nearly two increments look longer than they are.
     """
     bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
@@ -124,7 +122,7 @@ def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
         return float(bent) / 8.0, SHORTEST
     twice = np.sqrt(max(rms(np.diff(value, n=4)) ** 2 - _BENT_TWICE * noise_um**2, 0.0))
     half = np.sqrt(1.0 - 0.25 * min(twice / bent, 4.0))  # cos(w/2)
-    return float(_ENDS * bent * (1.0 - half) * (1.0 + 0.5 * half) / (4.0 * (1.0 + half))), float(min(2.5 * (1.0 - half) ** 2, SHORTEST))
+    return float(bent * (1.0 - half) * (1.0 + 0.5 * half) / (4.0 * (1.0 + half))), float(min(2.5 * (1.0 - half) ** 2, SHORTEST))
 
 
 def budget(

@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.result.field import Tabulated, bend_um, error_field_um, field_of_um, rigid_motions
+from stepdiag.solver.result.field import Smoothed, Tabulated, bend_um, error_field_um, field_of_um, rigid_motions
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.posterior import Posterior
-from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
 
 DRAWS, FOR_LARGEST = 2000, 250
 _TOGETHER = 250
@@ -63,13 +63,21 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
     amount = np.ones((1, 1)) if posterior is None else posterior.drawn(DRAWS)
     between = _between(result, posterior, points_mm, len(amount))
     motions = rigid_motions(result.volume, points_mm)
+    noise = _adjusted_um(result, posterior, points_mm)
     parts: dict[str, dict[str, tuple[Vector, Vector]]] = {}
     for name, free in (("as_it_is", None), ("without_rigid_motion", motions)):
-        flat = _flat(moved, free)
+        flat, found = _flat(moved, free), _flat(before[None], free)
+        square_um2 = max(float(np.sum(found**2)), 1e-30)
+        common_um2 = _common_um2(flat, _flat(noise, free), amount)
         parts[name] = {}
-        for when, field in (("before", before), ("after", before + correction_um)):
-            whole = np.vstack([_flat(field[None], free) + flat[:1], flat[1:]])
-            parts[name][when] = _rms_um(whole, amount, between), _largest_um(whole, amount[:FOR_LARGEST], between)
+        for when, change in (("before", np.zeros_like(found)), ("after", _flat(correction_um[None], free))):
+            field = found + change
+            # of what tables take out, its noise is taken out with it
+            over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
+            whole, likely = (
+                np.vstack([centre + flat[:1], flat[1:]]) for centre in (field, field - min(over_um2 / square_um2, 1.0) * found)
+            )
+            parts[name][when] = _rms_um(whole, amount, between, 2.0 * over_um2), _largest_um(likely, amount[:FOR_LARGEST], between)
     known = posterior is not None
     return Predicted(
         **{
@@ -93,6 +101,40 @@ def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Ve
     functions = {name: Tabulated(posterior.position_mm[name[2]], value) for name, value in deviations.items() if name[0] == "E"}
     squareness = {name: value[:, 0] for name, value in deviations.items() if name[0] != "E"}
     return field_of_um(result.volume, result.chain, functions, squareness, points_mm)
+
+
+def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
+    """Return the part of `_moved` (deviations, N, 3) by which what the readings alone determine, without a prior, may be wrong.
+
+    Angular functions are values expected or given: they are not in it. What is not identified is not either: it was not found.
+    """
+    if posterior is None:
+        return np.zeros((1, len(points_mm), 3))
+    deviations, functions = posterior.deviations(), {}
+    for name in (name for name in DISPLACEMENTS if name in deviations):
+        function = result.errors.get(name)
+        if function is None or function.value is None:
+            continue
+        at, values = posterior.position_mm[name[2]], deviations[name]
+        if not function.slope_identified:
+            values = values - values[:, -1:] * (at - at[0]) / (at[-1] - at[0])
+        functions[name] = Smoothed(at, values)
+    squareness = {name: deviations[name][:, 0] for name in SQUARENESS if name in deviations and result.squareness[name].value is not None}
+    if not functions and not squareness:
+        return np.zeros((1, len(points_mm), 3))
+    return field_of_um(result.volume, result.chain, functions, squareness, points_mm)
+
+
+def _common_um2(moved: Vector, noise: Vector, amount: Vector) -> float:
+    """Return the covariance, summed over the points, of the error of everything with that of what is determined without a prior.
+
+    That is found with its noise in it: the square sum of what is found is that of machine and noise, and draws around it hold the noise
+    once more. The machine's is therefore below theirs by twice this (the bias of Stein 1956, taken off). ``noise`` and ``moved`` are rows
+    of deviations.
+    """
+    drawn = amount[:, 1:] - np.mean(amount[:, 1:], axis=0)
+    together = drawn.T @ drawn / len(drawn)
+    return max(float(np.sum((together @ noise[1:]) * moved[1:])), 0.0) if len(noise) > 1 else 0.0
 
 
 def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
@@ -131,14 +173,14 @@ def _between(result: Result, posterior: Posterior | None, points_mm: Vector, dra
     return Between(arch, np.array(["XYZ".index(name[1]) for name in all_sizes], dtype=np.int64), size)
 
 
-def _rms_um(whole: Vector, amount: Vector, between: Between) -> Vector:
+def _rms_um(whole: Vector, amount: Vector, between: Between, over_um2: float) -> Vector:
     """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic form of the amounts.
 
-    What lies between the targets at so many points by itself adds its mean.
+    What lies between the targets at so many points by itself adds its mean; ``over_um2`` is what the square sum is too large by.
     """
     points = whole.shape[1] // 3
     square = np.sum((amount @ (whole @ whole.T)) * amount, axis=1) + between.size_um**2 @ np.sum(between.arch**2, axis=1)
-    found: Vector = np.sqrt(np.maximum(square, 0.0) / points)
+    found: Vector = np.sqrt(np.maximum(square - over_um2, 0.0) / points)
     return found
 
 
