@@ -1,6 +1,7 @@
 """``stepdiag plan``: what a survey will be able to say and how long it takes, before the machine moves; and what is worth adding."""
 
 import json
+from math import isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -143,6 +144,7 @@ def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
         "minutes": forecast.minutes,
         "volumetric_u_um": forecast.volumetric_um,
         "left_um": forecast.left_um.as_json(),
+        "unseen_step_um": forecast.ahead.unseen_step_um if isfinite(forecast.ahead.unseen_step_um) else None,
         "angles": forecast.angles,
         "u": forecast.u,
         "resolved": list(forecast.resolved),

@@ -1,6 +1,7 @@
 """Forecasts of the planner as tables that a person reads in a terminal."""
 
 from collections.abc import Sequence
+from math import isfinite
 
 from rich.table import Table
 
@@ -19,6 +20,16 @@ def in_words(forecast: Forecast) -> str:
     return (
         f"{runs}: {hours} h {minutes:02d} min with setting up; an ideal compensation leaves {forecast.left_um.words()} um "
         f"(rms over the volume, k = 2), {forecast.left_um.best()} um most probably; angular errors {_ANGLES[forecast.angles]}"
+        f"{_slips(forecast.ahead.unseen_step_um)}"
+    )
+
+
+def _slips(unseen_um: float) -> str:
+    """Return how large a slip of the laser's count may be without being noticed; nothing for a survey without a diagonal."""
+    if not unseen_um:
+        return ""
+    return (
+        f"; a slip of the laser's count {f'of up to {unseen_um:.2g} um' if isfinite(unseen_um) else 'of any size'} could hide in a diagonal"
     )
 
 
