@@ -89,11 +89,15 @@ def told_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
     return tuple(name for name in sensor.told if name in COURSES) if survey.environment.source == "laser" else ()
 
 
-def told_before(survey: Survey, sensor: StreamBuffer, now_ns: int, wall_offset_ns: int) -> dict[str, Credible]:
-    """Return what a sensor told before a log began, as values to hold where nothing was believed yet."""
+def believed_before(
+    survey: Survey, sensor: StreamBuffer, now_ns: int, wall_offset_ns: int, credible: Mapping[str, Credible]
+) -> dict[str, Credible]:
+    """Return the values that a log begins with: those of the logs before, and what a sensor has told since as far as it is believed."""
     fresh = sensor.told_since(now_ns - STALE_NS)
-    time_s = (now_ns + wall_offset_ns) * 1e-9
-    return {n: Credible(value=fresh[n], time_s=time_s) for n in told_names(survey, sensor) if n in fresh and _possible(n, fresh[n])}
+    told = {name: fresh[name] for name in told_names(survey, sensor) if name in fresh}
+    conditions = Conditions(survey, credible)
+    conditions.judge(replace(Signals(), **told), (now_ns + wall_offset_ns) * 1e-9)  # type: ignore[arg-type]
+    return conditions.credible
 
 
 class Conditions:
@@ -106,6 +110,11 @@ class Conditions:
         self._credible = dict(credible)
         self._trouble: dict[str, str] = {}
         self._jumped: dict[str, list[float]] = {}
+
+    @property
+    def credible(self) -> dict[str, Credible]:
+        """Return the last values that were believed."""
+        return dict(self._credible)
 
     def judge(self, signals: Signals, time_s: float) -> Judged:
         """Return what is believed of the sensors at a stop; everything where the survey file fixes the conditions itself."""

@@ -12,7 +12,7 @@ import msgspec
 
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.conditions import told_before, with_air
+from stepdiag.daq.capture.conditions import believed_before, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.capture.standing.dwell import same_stop
@@ -288,8 +288,8 @@ class Session:
         self._stops_offset_ns = offset if self._stops_offset_ns is None else self._stops_offset_ns
         breaks = _last_of_each((*self._breaks, *self._idle["laser"].breaks))
         start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks)
-        told = told_before(self.survey, self._idle_air(), now_ns, self._stops_offset_ns)
-        start = msgspec.structs.replace(start, credible=told | start.credible)
+        believed = believed_before(self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible)
+        start = msgspec.structs.replace(start, credible=believed)
         setup = self.book.next_setup() or "more"
         header = LogHeader(
             survey_text=self._text,

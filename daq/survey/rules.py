@@ -177,12 +177,19 @@ def _head(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _air(survey: Survey, source: str) -> Iterator[UsageError]:
-    sensor = survey.air_sensor
-    if survey.environment.source == "sensor" and sensor is None:
+    sensor, told_by = survey.air_sensor, survey.environment.source
+    if told_by == "sensor" and sensor is None:
         remedy = "add [environment.sensor] with its port and what its lines look like"
         yield refuse(source, "environment.sensor", 'a table for source = "sensor"', None, remedy)
+    if survey.environment.sensor is not None and told_by not in ("sensor", "fixed"):
+        remedy = "nobody would listen to the sensor; take its table out where the air comes from elsewhere"
+        yield refuse(source, "environment.source", '"sensor" or "fixed" beside [environment.sensor]', told_by, remedy)
     if sensor is None:
         return
+    if sensor.format == "ptu300" and not sensor.pattern and (sensor.temperature_unit, sensor.pressure_unit) != ("C", "hPa"):
+        found = f"{sensor.temperature_unit} and {sensor.pressure_unit}"
+        remedy = "its lines name them; one that is set to other units needs a pattern of its own"
+        yield refuse(source, "environment.sensor", 'the units "C" and "hPa" for format = "ptu300"', found, remedy)
     if sensor.format == "line" and not sensor.pattern:
         yield refuse(source, "environment.sensor.pattern", 'the pattern of a line for format = "line"', sensor.pattern)
         return

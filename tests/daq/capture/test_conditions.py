@@ -4,7 +4,7 @@ import math
 
 import pytest
 
-from stepdiag.daq.capture.conditions import BELIEVED_STOPS, STALE_NS, Conditions, with_air
+from stepdiag.daq.capture.conditions import BELIEVED_STOPS, STALE_NS, Conditions, Credible, believed_before, with_air
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.formats import air_decoder
@@ -114,3 +114,21 @@ def test_only_what_the_pattern_names_is_the_sensors():
     stale = with_air(survey, signals, stream, 2_000 + STALE_NS, silent=math.nan)
     assert math.isnan(stale.air_temperature_c)
     assert stale.air_pressure_hpa == GOOD["air_pressure_hpa"]
+
+
+@pytest.mark.parametrize(
+    ("line", "age_ns", "begins_with"),
+    [
+        (b"22.5", 20_000_000_000, Credible(value=22.5, time_s=900.0)),
+        (b"35.0", 20_000_000_000, Credible(value=21.5, time_s=0.0)),
+        (b"99.0", 20_000_000_000, Credible(value=21.5, time_s=0.0)),
+        (b"22.5", 2 * STALE_NS, Credible(value=21.5, time_s=0.0)),
+    ],
+)
+def test_a_log_begins_with_what_a_sensor_told_since_the_log_before_as_far_as_it_is_believed(line, age_ns, begins_with):
+    """A quarter of an hour lies between: the value of then would be held, and the sensor called silent, until it speaks again."""
+    survey, now_ns = parse_survey(SENSOR, "survey.toml"), 900_000_000_000
+    stream = StreamBuffer(air_decoder(survey))
+    stream.feed(b"cut\n" + line + b"\n", now_ns - age_ns)
+    before = {"air_temperature_c": Credible(value=21.5, time_s=0.0), "air_pressure_hpa": Credible(value=1000.0, time_s=0.0)}
+    assert believed_before(survey, stream, now_ns, 0, before) == {**before, "air_temperature_c": begins_with}
