@@ -24,7 +24,7 @@ from stepdiag.solver.errors import UsageError
 from testkit.running.survey_files import SMALLEST
 
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\n'
-SWITCHED_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE)
+SWITCHED_ON = re.sub(r"^#(?=[a-z\[])", "", template(), flags=re.MULTILINE).replace('source = "plc"', 'source = "sensor"')
 
 
 def refusal(text: str) -> str:
