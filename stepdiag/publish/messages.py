@@ -12,7 +12,7 @@ import msgspec
 
 from stepdiag.daq.recording.rounds import round_folders
 from stepdiag.daq.records.survey_folder import RESULT
-from stepdiag.daq.service.live import live_in
+from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.files.files import as_text, read_bytes
 from stepdiag.fleet.rows import rows_of
@@ -128,30 +128,34 @@ class Watched:
 
     def now(self) -> tuple[Message, ...]:
         """Return the state, findings and result where they can be read; the state names what is wrong with one that cannot."""
-        last, told, damage = None, None, ""
+        last, told, damage, complete, live = None, None, "", False, None
         try:
+            live = live_in(self._folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it
             rounds = round_folders(self._folder)
             last = rounds[-1] if rounds else None
+            complete = last is not None and (last / RESULT).is_file()
             told = self._told_of(last) if last is not None else None
         except (StepdiagError, OSError) as error:  # a file cut off by somebody's copy, a share that is away
             damage = str(error)
-        return (self._state(last, damage), *(told or ()))
+        return (self._state(last, live, damage, complete=complete), *(told or ()))
 
     def history(self) -> Iterator[tuple[Findings, ResultMessage]]:
         """Yield findings and result of every round, oldest first; what cannot be read is left out."""
-        for each in round_folders(self._folder):
+        rounds: list[Path] = []
+        with suppress(OSError):
+            rounds = round_folders(self._folder)
+        for each in rounds:
             with suppress(StepdiagError, OSError):
                 if (told := self._told_of(each)) is not None:
                     yield told
 
-    def _state(self, last: Path | None, damage: str) -> State:
-        live = live_in(self._folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it
+    def _state(self, last: Path | None, live: LiveStatus | None, damage: str, *, complete: bool) -> State:
         return State(
             machine=self._machine,
             survey=self._name,
             round=last.name if last is not None else "",
             recording=live is not None,
-            complete=last is not None and (last / RESULT).is_file(),
+            complete=complete,
             waits_for=live.waits_for if live is not None else "",
             message=live.message if live is not None else "",
             laser=live.laser.state if live is not None else "",

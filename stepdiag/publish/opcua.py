@@ -94,11 +94,11 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
 
 async def _prepared(endpoint: Endpoint) -> Server:
     """Return a server that is not started, with its security. Raises UsageError for certificate and key."""
-    server = Server(user_manager=_Users(endpoint.user, endpoint.password))
+    secure = endpoint.certificate is not None and endpoint.key is not None
+    server = Server(user_manager=_Users(endpoint.user, endpoint.password, secure=secure))
     await server.init()
     server.set_endpoint(endpoint.url)
     server.set_server_name("stepdiag")
-    secure = endpoint.certificate is not None and endpoint.key is not None
     policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt if secure else ua.SecurityPolicyType.NoSecurity
     server.set_security_policy([policy])
     server.set_identity_tokens([ua.AnonymousIdentityToken if endpoint.user is None else ua.UserNameIdentityToken])
@@ -133,13 +133,19 @@ def _uri_of(certificate: Any) -> str:
 
 
 class _Users:
-    """Who may come in: everybody to read, or one user with a password. Nobody may change anything."""
+    """Who may come in: everybody to read, or one user with a password. Nobody may change anything.
 
-    def __init__(self, user: str | None, password: str | None) -> None:
-        self._user, self._password = user, password or ""
+    The library lets everybody open a channel in the clear, to ask which ones there are, and a session over it too: a client without a
+    certificate has come that way, which an encrypted server (``secure``) refuses here.
+    """
+
+    def __init__(self, user: str | None, password: str | None, *, secure: bool) -> None:
+        self._user, self._password, self._secure = user, password or "", secure
 
     def get_user(self, iserver: Any, username: str | None = None, password: Any = None, certificate: Any = None) -> User | None:  # noqa: ARG002
-        """Return the user that a name and a password stand for, None where they are wrong."""
+        """Return the user that a name and a password stand for, None where they are wrong, and for who comes in the clear."""
+        if self._secure and not certificate:
+            return None
         if self._user is None:
             return User(role=UserRole.User)
         given = password if isinstance(password, bytes) else str(password or "").encode()
@@ -206,6 +212,7 @@ class Station:
         """Add a result that is not there yet; say so where it is ``new``."""
         name = result_id(said)
         if name in self._results:
+            self._results[name] = self._results.pop(name) if new else self._results[name]  # put back as it was: the latest once more
             return
         meta = self._meta(name, findings, said)
         content = [ua.Variant(msgspec.json.encode(each).decode(), ua.VariantType.String) for each in (said, findings)]

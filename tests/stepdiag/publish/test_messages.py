@@ -1,5 +1,7 @@
 """What is published of a survey: by its schema, only when it changed, and nothing of a result that is damaged."""
 
+import errno
+import os
 from pathlib import Path
 
 import msgspec
@@ -83,6 +85,20 @@ def test_a_damaged_result_is_named_and_holds_nothing_else_back(watched: Watched,
     mended, *told = watched.now()
     assert isinstance(mended, State)
     assert (mended.damage, len(told)) == ("", 2)
+
+
+def test_a_share_that_is_away_is_named_and_ends_nothing(watched: Watched, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Whatever of the folder is asked for: a server on the network that went away answers nothing (ESTALE)."""
+
+    def away(path: Path) -> bool:
+        raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(path))
+
+    monkeypatch.setattr(Path, "is_file", away)
+    (state,) = watched.now()
+    assert isinstance(state, State)
+    assert (state.complete, os.strerror(errno.ESTALE) in state.damage) == (False, True)
+    monkeypatch.setattr(Path, "is_dir", away)
+    assert list(watched.history()) == []
 
 
 def test_a_name_cannot_part_a_topic(survey: Survey) -> None:

@@ -209,6 +209,8 @@ def test_a_new_result_is_an_event_a_damaged_one_a_word_in_the_state(serving, sur
         (event, *more) = await until(lambda: asyncio.sleep(0, ears.heard), bool)
         latest = (await management.call_method(f"{index}:GetLatestResult", NOW))[1]
         count = len(await results.get_children()) - count
+        await asyncio.to_thread(path.write_bytes, whole)
+        await until(lambda: management.call_method(f"{index}:GetLatestResult", NOW), lambda found: found[1] == before)
         return before, words, kept, event, more, latest, count
 
     before, words, kept, event, more, latest, count = asked(serving, work)
@@ -248,6 +250,28 @@ def test_with_a_certificate_all_is_encrypted_and_only_the_user_comes_in(survey):
         assert serving.process.poll() is None
     assert serving.process.returncode == 0, "SIGTERM ends it in good order"
     assert PASSWORD not in serving.said
+
+
+@pytest.mark.parametrize("user", [None, USER])
+def test_with_a_certificate_a_client_that_does_not_ask_what_is_offered_stays_out(survey, monkeypatch, user):
+    """Whoever opens a channel in the clear, which is there for everybody to ask for the others, gets no session on it."""
+    certificate(survey.parent, "server")
+    (survey.parent / "mes.password").touch(0o600)
+    (survey.parent / "mes.password").write_text(PASSWORD)
+    monkeypatch.setattr(Client, "find_endpoint", staticmethod(lambda endpoints, _mode, _policy: endpoints[0]))
+
+    async def come(url):
+        client = Client(url, timeout=PATIENCE_S)
+        if user is not None:
+            client.set_user(user)
+            client.set_password(PASSWORD)
+        async with client:
+            return await client.get_namespace_array()
+
+    named = () if user is None else ("--user", user, "--password-file", "mes.password")
+    options = ("--certificate", survey.parent / "server.pem", "--key", "server.key.pem", *named)
+    with Serving(survey, *options) as serving, pytest.raises(ua.uaerrors.BadUserAccessDenied):
+        asyncio.run(come(serving.url))
 
 
 def certificate(folder, name):
