@@ -29,6 +29,8 @@ _MAPS = {"s7": "the words of the program and the axes' exact stop", "lsv2": "the
 LONGEST_PATH, LONGEST_NAME = 2000, 255
 """Of a folder, in bytes: what file systems and the kernel take (PATH_MAX 4096, NAME_MAX 255), with room for what is put below."""
 MOST_SHOWN = 100
+_TELL_AIR = ("ids3010", "lasertex")
+"""Formats of lasers whose own sensors of air and material are read."""
 _BITS_PER_CHARACTER = 11
 """Start, eight data, parity or a second stop bit, stop (Modbus over serial line V1.02, 2.5.1)."""
 
@@ -184,6 +186,9 @@ def _air(survey: Survey, source: str) -> Iterator[UsageError]:
     if survey.environment.sensor is not None and told_by not in ("sensor", "fixed"):
         remedy = "nobody would listen to the sensor; take its table out where the air comes from elsewhere"
         yield refuse(source, "environment.source", '"sensor" or "fixed" beside [environment.sensor]', told_by, remedy)
+    if told_by == "laser" and survey.laser.format not in _TELL_AIR:
+        remedy = "nobody would tell air and material, and the values of [environment] would count without a word"
+        yield refuse(source, "environment.source", f'"laser" with format = {" or ".join(_TELL_AIR)} alone', survey.laser.format, remedy)
     if sensor is None:
         return
     if sensor.format == "ptu300" and not sensor.pattern and (sensor.temperature_unit, sensor.pressure_unit) != ("C", "hPa"):

@@ -115,6 +115,7 @@ def test_sections_reach_their_places(tmp_path: Path) -> None:
         ('[plc]\ntransport = "rtu"', "plc.serial_port: expected a serial port"),
         ('[plc]\ntransport = "rtu"\nserial_port = "/dev/ttyUSB0"\npoll_hz = 10', "plc.serial_port: expected another port than laser.port"),
         ('[plc]\ntransport = "rtu"\nserial_port = "/dev/ttyS1"', "poll_hz: expected at most 36 at 19200 baud: one poll takes 27.5 ms"),
+        ("[environment]\nsource = 'laser'", 'environment.source: expected "laser" with format = ids3010 or lasertex alone, found "umd"'),
         ("[environment.sensor]\nport = '/dev/air'\nformat = 'ptu300'", 'environment.source: expected "sensor" or "fixed" beside'),
         (
             "[environment]\nsource = 'sensor'\n[environment.sensor]\nport = '/dev/air'\nformat = 'ptu300'\ntemperature_unit = 'F'",
