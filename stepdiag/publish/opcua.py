@@ -105,6 +105,8 @@ async def _prepared(endpoint: Endpoint) -> Server:
     for path, load in ((endpoint.certificate, server.load_certificate), (endpoint.key, server.load_private_key)):
         if path is not None:
             await _loaded(path, load)
+    if secure and server.iserver.certificate.public_key() != server.iserver.private_key.public_key():
+        raise UsageError(str(endpoint.key), expected=f"the key of {endpoint.certificate}", found="that of another certificate")
     await server.set_application_uri(_uri_of(server.iserver.certificate) or "urn:stepdiag")
     return server
 

@@ -274,6 +274,17 @@ def test_with_a_certificate_a_client_that_does_not_ask_what_is_offered_stays_out
         asyncio.run(come(serving.url))
 
 
+def test_a_key_of_another_certificate_is_refused(survey):
+    """It would serve, and no client would ever come in."""
+    for name in ("server", "client"):
+        certificate(survey.parent, name)
+    command = [sys.executable, "-m", "stepdiag", "publish", survey, "--opcua", f"127.0.0.1:{free_port()}"]
+    command += ["--certificate", survey.parent / "server.pem", "--key", "client.key.pem"]
+    done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert done.returncode == 2, done.stderr
+    assert "that of another certificate" in " ".join(done.stderr.split())
+
+
 def certificate(folder, name):
     subprocess.run(
         [
