@@ -28,11 +28,14 @@ HEAD_URAD = 1.0
 SHORTEST = 0.5
 """What is known of the logarithm of an arch where the waves are hardly longer than two increments: drawn functions of five half waves on
 five increments differ from what their values say by a factor of 1.3 on average."""
-HARMFUL = 0.42
+HARMFUL = 0.33
 """Where a function leaves the curve through its values by more than this share of itself, they say little of what is between them: more
 than three and a half waves on ten increments."""
 LEAST_VALUES = 8
 """Of fewer values the fourth differences are too few to tell waves from bends: five increments would nearly always be called coarse."""
+_AT_ENDS = 4.3
+"""The spline knows waves less well in its two cells at either end: by 1.34 and 0.59 of what a parabola through three values leaves
+(computed for waves of 2.2 to 5 increments); their squares count for four cells of all."""
 _BENT, _BENT_TWICE = 6.0, 70.0
 """Variances of the second and fourth difference of independent values over theirs."""
 
@@ -47,17 +50,25 @@ def make_posterior(found: Adjustment, spread: Spread, wider: Spread, errors: Map
     """Return how the machine may differ from what is reported; what is not identified counts with what is usual (`with_the_usual`)."""
     first = cause_place(found, "angles") if found.shapes.names else 0
     machine = machine_of(found.design, found.shapes, first, len(wider.fit.size))
-    offset = np.zeros(len(machine.names)) if wider is spread else _offset(machine, wider, spread)
+    offset = np.zeros(len(machine.names)) if wider is spread else _offset(machine, wider, spread, errors)
     posterior = posterior_of(wider, machine, found.layout.volume, found.design.chain, offset, "angles")
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
 
-def _offset(machine: Machine, wider: Spread, spread: Spread) -> Vector:
-    """Return where the machine is to be expected beside what is reported: nothing but what is not identified is left out there."""
-    values = [machine.combination.times(one.fit.unknowns) + machine.on_causes @ one.fit.amount for one in (wider, spread)]
+def _offset(machine: Machine, wider: Spread, spread: Spread, errors: Mapping[str, Function]) -> Vector:
+    """Return where the machine is to be expected beside what is reported: nothing but what is not identified is left out there.
+
+    Of a positioning function whose slope is not identified the rest is reported all the same.
+    """
+    expected = machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
     seen = spread.fit.inverse.sees(machine.combination)
-    found: Vector = np.where(seen, 0.0, values[0])
+    reported = np.array([_value_at(errors.get(name), node) for name, node in zip(machine.names, machine.node, strict=True)])
+    found: Vector = np.where(seen, 0.0, expected - reported)
     return found
+
+
+def _value_at(function: Function | None, node: int) -> float:
+    return 0.0 if function is None or function.value is None else float(function.value[node])
 
 
 def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str, Vector]:
@@ -113,8 +124,8 @@ def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
     standard deviation of the logarithm of that.
 
     A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth ones their square: their ratio tells w. With
-    c = cos(w/2) it leaves the parabolas through its values by (1 - c)^2 (1 + c/2), all times its size: in the middle of a function the
-    spline of the predictions (`solver.result.field.Smoothed`) is nearer, at its ends not.
+    c = cos(w/2) it leaves the spline of the predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 + 4 c^2), a parabola
+    through three values by (1 - c)^2 (1 + c/2), which is the measure of the ends, all times its size.
     Waves of nearly two increments look longer than they are.
     """
     bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
@@ -122,7 +133,8 @@ def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
         return float(bent) / 8.0, SHORTEST
     twice = np.sqrt(max(rms(np.diff(value, n=4)) ** 2 - _BENT_TWICE * noise_um**2, 0.0))
     half = np.sqrt(1.0 - 0.25 * min(twice / bent, 4.0))  # cos(w/2)
-    return float(bent * (1.0 - half) * (1.0 + 0.5 * half) / (4.0 * (1.0 + half))), float(min(2.5 * (1.0 - half) ** 2, SHORTEST))
+    within, ends = (2.0 - half) / (2.0 + 4.0 * half**2), np.sqrt(_AT_ENDS / (len(value) - 1)) * (1.0 + 0.5 * half)
+    return float(bent * (1.0 - half) * np.hypot(within, ends) / (4.0 * (1.0 + half))), float(min(2.5 * (1.0 - half) ** 2, SHORTEST))
 
 
 def budget(

@@ -21,7 +21,7 @@ from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
 LINE_SHARE, WAVE_SHARE = 0.3, 0.32
 """Standard deviations of an angular function's straight part at the far end and of its first half wave, as shares of its range; higher
-half waves fall with their number, as those of guideways do. Drawn functions of that prior have the range one on average."""
+half waves fall with their number, as those of guideways do."""
 MOST_WAVES = 16
 WANDER_WAVES = 3
 
@@ -73,7 +73,10 @@ def angle_shapes(layout: Layout, known: Mapping[str, object], assumed: Assumptio
 
 
 def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumptions) -> tuple[Effect, ...]:
-    """Return every effect on the readings of a layout; those that cannot move any are left out."""
+    """Return every effect on the readings of a layout; those that cannot move any are left out.
+
+    Angular functions stay even where no reading sees them (linear runs along the axes of the volume): the machine turns all the same.
+    """
     found = (
         _angles(layout, chain, shapes),
         _drift(layout, assumed),
@@ -82,7 +85,7 @@ def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumpt
         _survey_scale(layout, assumed),
         _material(layout, assumed),
     )
-    return tuple(effect for effect in found if effect.count and np.any(effect.pattern_um))
+    return tuple(effect for effect in found if effect.count and (effect.name == "angles" or np.any(effect.pattern_um)))
 
 
 def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> Effect:

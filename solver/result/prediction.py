@@ -63,21 +63,25 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
     amount = np.ones((1, 1)) if posterior is None else posterior.drawn(DRAWS)
     between = _between(result, posterior, points_mm, len(amount))
     motions = rigid_motions(result.volume, points_mm)
-    noise = _adjusted_um(result, posterior, points_mm)
+    noise = _adjusted_um(result, posterior, points_mm, Tabulated)
+    bent = _adjusted_um(result, posterior, points_mm, Smoothed) - noise
     parts: dict[str, dict[str, tuple[Vector, Vector]]] = {}
     for name, free in (("as_it_is", None), ("without_rigid_motion", motions)):
         flat, found = _flat(moved, free), _flat(before[None], free)
         square_um2 = max(float(np.sum(found**2)), 1e-30)
-        common_um2 = _common_um2(flat, _flat(noise, free), amount)
+        common_um2, bent_um2 = _common_um2(flat, _flat(noise, free), amount), _common_um2(_flat(bent, free), _flat(bent, free), amount)
         parts[name] = {}
         for when, change in (("before", np.zeros_like(found)), ("after", _flat(correction_um[None], free))):
             field = found + change
-            # of what tables take out, its noise is taken out with it
+            # of what tables take out, its noise is taken out with it; how noise bends the curve between the values stays in either
             over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
             whole, likely = (
                 np.vstack([centre + flat[:1], flat[1:]]) for centre in (field, field - min(over_um2 / square_um2, 1.0) * found)
             )
-            parts[name][when] = _rms_um(whole, amount, between, 2.0 * over_um2), _largest_um(likely, amount[:FOR_LARGEST], between)
+            parts[name][when] = (
+                _rms_um(whole, amount, between, 2.0 * over_um2 + bent_um2),
+                _largest_um(likely, amount[:FOR_LARGEST], between),
+            )
     known = posterior is not None
     return Predicted(
         **{
@@ -103,8 +107,9 @@ def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Ve
     return field_of_um(result.volume, result.chain, functions, squareness, points_mm)
 
 
-def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
-    """Return the part of `_moved` (deviations, N, 3) by which what the readings alone determine, without a prior, may be wrong.
+def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector, between: type[Tabulated] | type[Smoothed]) -> Vector:
+    """Return the part of `_moved` (deviations, N, 3) by which what the readings alone determine, without a prior, may be wrong; ``between``
+    says how functions run between their values.
 
     Angular functions are values expected or given: they are not in it. What is not identified is not either: it was not found.
     """
@@ -118,7 +123,7 @@ def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector)
         at, values = posterior.position_mm[name[2]], deviations[name]
         if not function.slope_identified:
             values = values - values[:, -1:] * (at - at[0]) / (at[-1] - at[0])
-        functions[name] = Smoothed(at, values)
+        functions[name] = between(at, values)
     squareness = {name: deviations[name][:, 0] for name in SQUARENESS if name in deviations and result.squareness[name].value is not None}
     if not functions and not squareness:
         return np.zeros((1, len(points_mm), 3))
@@ -126,7 +131,8 @@ def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector)
 
 
 def _common_um2(moved: Vector, noise: Vector, amount: Vector) -> float:
-    """Return the covariance, summed over the points, of the error of everything with that of what is determined without a prior.
+    """Return the covariance, summed over the points, of two fields of deviations: of the error of everything with that of what is
+    determined without a prior.
 
     That is found with its noise in it: the square sum of what is found is that of machine and noise, and draws around it hold the noise
     once more. The machine's is therefore below theirs by twice this (the bias of Stein 1956, taken off). ``noise`` and ``moved`` are rows

@@ -46,7 +46,7 @@ def publish(
     once: Annotated[bool, typer.Option("--once", help="Send everything once, and end.")] = False,
     schema: Annotated[bool, typer.Option("--schema", help="Print the JSON Schema of every message, and end.")] = False,
 ) -> None:
-    """Send state, findings and result of a survey to an MQTT broker, or serve them by OPC UA.
+    """Send a survey to an MQTT broker, or serve it by OPC UA.
 
     Retained JSON under TOPIC/MACHINE/SURVEY/, or results as OPC 40001-101 says. Runs beside the recording and never touches it.
     """

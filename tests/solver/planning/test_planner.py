@@ -53,6 +53,12 @@ def test_linear_runs_identify_the_scales(bare):
     assert all(forecast(BARE.with_runs(*LINEAR), USUAL).u[axis] is not None for axis in "XYZ")
 
 
+def test_linear_runs_alone_are_forecast_though_no_angle_moves_them():
+    found = forecast(Plan(volume=BOX, runs=LINEAR), USUAL)
+    assert all(found.u[axis] is not None for axis in "XYZ")
+    assert all(found.u[name] is None for name in ("C0Y", "B0Z", "A0Z"))
+
+
 def test_three_beams_resolve_all_eighteen_functions(bare):
     """theory.md 5.2: three beam positions in two directions resolve all 18; the planner finds the two shifts by itself."""
     assert not bare.resolves_all

@@ -24,7 +24,7 @@ pytestmark = pytest.mark.system
 COMPENSATED = {"laser_bench": "compensated = true\n", "laser_survey": "compensated = true\n"}
 PACED = {"handshake": True, "dwell": 0.1, **COMPENSATED}
 """The machine waits at every stop until it is captured."""
-SET_CLOCK = Path(__file__).parents[2] / "lib" / "testkit" / "set_clock.py"
+SET_CLOCK = Path(__file__).parents[2] / "lib" / "testkit" / "running" / "set_clock.py"
 HELD_S = 10.5
 
 
