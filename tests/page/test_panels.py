@@ -131,9 +131,10 @@ def test_a_chart_zooms_and_comes_back_by_key(page: Page, daemon: Served) -> None
 
 
 def test_a_doubtful_stop_differs_in_shape(page: Page, daemon: Served) -> None:
-    """A cross among dots, in the volume and in the chart: colour alone tells a colour-blind person nothing."""
+    """A cross among dots, in the volume and in the chart: colour alone tells a colour-blind person nothing. Doubted later it counts too."""
     for stop in range(5):
         daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
+    expect(page.locator("#volume circle.stop")).to_have_count(5)
     doubted = [replace(one, doubtful="unsteady" if one.stop == 3 else "") for one in daemon.do(lambda: daemon.survey.fields["stops"])]
     daemon.do(lambda: daemon.survey.publish(stops=tuple(doubted)))
     expect(page.locator("#volume path.stop.doubt")).to_have_count(1)

@@ -22,7 +22,8 @@ export function update(snapshot) {
   bar.value = done;
   put("progress-words", `${done} / ${wanted}`);
   put("time-left", left(snapshot));
-  const key = JSON.stringify([snapshot.commanded_mm, snapshot.expects_setup, snapshot.expects_pass, snapshot.stops.length, setups]);
+  const stops = snapshot.stops.map((one) => [one.position_mm, one.doubtful]);
+  const key = JSON.stringify([snapshot.commanded_mm, snapshot.expects_setup, snapshot.expects_pass, stops, setups]);
   if (key === drawn || snapshot.stage === "done") return;
   drawn = key;
   document.getElementById("setups").replaceChildren(...setups.map(item));
