@@ -28,7 +28,7 @@ HEAD_URAD = 1.0
 SHORTEST = 0.5
 """What is known of the logarithm of an arch where the waves are hardly longer than two increments: drawn functions of five half waves on
 five increments differ from what their values say by a factor of 1.3 on average."""
-HARMFUL = 0.33
+HARMFUL = 0.42
 """Where a function leaves the curve through its values by more than this share of itself, they say little of what is between them: more
 than three and a half waves on ten increments."""
 LEAST_VALUES = 8
@@ -36,6 +36,12 @@ LEAST_VALUES = 8
 _AT_ENDS = 4.3
 """The spline knows waves less well in its two cells at either end: by 1.34 and 0.59 of what a parabola through three values leaves
 (computed for waves of 2.2 to 5 increments); their squares count for four cells of all."""
+_SEEN, _ALIASED = 0.6, 0.45
+"""Cosines of half the turn from value to value: waves down to 3.4 increments look as they are; what looks like less than 2.85 may be a wave
+shorter than two increments, which the spline knows nothing of."""
+_UNSEEN = 1.2
+"""Of such waves functions leave the curve by so much more than a parabola through three values does: drawn functions are less sure at
+their ends."""
 _BENT, _BENT_TWICE = 6.0, 70.0
 """Variances of the second and fourth difference of independent values over theirs."""
 
@@ -125,7 +131,8 @@ def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
 
     A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth ones their square: their ratio tells w. With
     c = cos(w/2) it leaves the spline of the predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 + 4 c^2), a parabola
-    through three values by (1 - c)^2 (1 + c/2), which is the measure of the ends, all times its size.
+    through three values by (1 - c)^2 (1 + c/2), which is the measure of the ends and of waves that may be shorter than they look, all
+    times its size.
     Waves of nearly two increments look longer than they are.
     """
     bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
@@ -133,8 +140,11 @@ def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
         return float(bent) / 8.0, SHORTEST
     twice = np.sqrt(max(rms(np.diff(value, n=4)) ** 2 - _BENT_TWICE * noise_um**2, 0.0))
     half = np.sqrt(1.0 - 0.25 * min(twice / bent, 4.0))  # cos(w/2)
-    within, ends = (2.0 - half) / (2.0 + 4.0 * half**2), np.sqrt(_AT_ENDS / (len(value) - 1)) * (1.0 + 0.5 * half)
-    return float(bent * (1.0 - half) * np.hypot(within, ends) / (4.0 * (1.0 + half))), float(min(2.5 * (1.0 - half) ** 2, SHORTEST))
+    parabola = 1.0 + 0.5 * half
+    spline = np.hypot((2.0 - half) / (2.0 + 4.0 * half**2), np.sqrt(_AT_ENDS / (len(value) - 1)) * parabola)
+    short = np.clip((_SEEN - half) / (_SEEN - _ALIASED), 0.0, 1.0)
+    left = (1.0 - short) * spline + short * max(_UNSEEN * parabola, spline)
+    return float(bent * (1.0 - half) * left / (4.0 * (1.0 + half))), float(min(2.5 * (1.0 - half) ** 2, SHORTEST))
 
 
 def budget(
