@@ -63,13 +63,14 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
     amount = np.ones((1, 1)) if posterior is None else posterior.drawn(DRAWS)
     between = _between(result, posterior, points_mm, len(amount))
     motions = rigid_motions(result.volume, points_mm)
-    noise = _adjusted_um(result, posterior, points_mm, Tabulated)
-    bent = _adjusted_um(result, posterior, points_mm, Smoothed) - noise
+    noise, bent = _adjusted_um(result, posterior, points_mm)
+    together = _together(amount)
     parts: dict[str, dict[str, tuple[Vector, Vector]]] = {}
     for name, free in (("as_it_is", None), ("without_rigid_motion", motions)):
         flat, found = _flat(moved, free), _flat(before[None], free)
         square_um2 = max(float(np.sum(found**2)), 1e-30)
-        common_um2, bent_um2 = _common_um2(flat, _flat(noise, free), amount), _common_um2(_flat(bent, free), _flat(bent, free), amount)
+        bending = _flat(bent, free)
+        common_um2, bent_um2 = _common_um2(flat, _flat(noise, free), together), _common_um2(bending, bending, together)
         parts[name] = {}
         for when, change in (("before", np.zeros_like(found)), ("after", _flat(correction_um[None], free))):
             field = found + change
@@ -107,15 +108,16 @@ def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Ve
     return field_of_um(result.volume, result.chain, functions, squareness, points_mm)
 
 
-def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector, between: type[Tabulated] | type[Smoothed]) -> Vector:
-    """Return the part of `_moved` (deviations, N, 3) by which what the readings alone determine, without a prior, may be wrong; ``between``
-    says how functions run between their values.
+def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector) -> tuple[Vector, Vector]:
+    """Return the part of `_moved` (deviations, N, 3) by which what the readings alone determine, without a prior, may be wrong: along
+    straight lines between the values, and what the smooth curve through them adds to that.
 
     Angular functions are values expected or given: they are not in it. What is not identified is not either: it was not found.
     """
+    none = np.zeros((1, len(points_mm), 3))
     if posterior is None:
-        return np.zeros((1, len(points_mm), 3))
-    deviations, functions = posterior.deviations(), {}
+        return none, none
+    deviations, found = posterior.deviations(), {}
     for name in (name for name in DISPLACEMENTS if name in deviations):
         function = result.errors.get(name)
         if function is None or function.value is None:
@@ -123,23 +125,32 @@ def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector,
         at, values = posterior.position_mm[name[2]], deviations[name]
         if not function.slope_identified:
             values = values - values[:, -1:] * (at - at[0]) / (at[-1] - at[0])
-        functions[name] = between(at, values)
+        found[name] = (at, values)
     squareness = {name: deviations[name][:, 0] for name in SQUARENESS if name in deviations and result.squareness[name].value is not None}
-    if not functions and not squareness:
-        return np.zeros((1, len(points_mm), 3))
-    return field_of_um(result.volume, result.chain, functions, squareness, points_mm)
+    if not found and not squareness:
+        return none, none
+    straight, smooth = (
+        field_of_um(result.volume, result.chain, {name: between(*one) for name, one in found.items()}, squareness, points_mm)
+        for between in (Tabulated, Smoothed)
+    )
+    return straight, smooth - straight
 
 
-def _common_um2(moved: Vector, noise: Vector, amount: Vector) -> float:
+def _together(amount: Vector) -> Vector:
+    """Return the covariance of drawn amounts of the deviations, the offset left out."""
+    drawn = amount[:, 1:] - np.mean(amount[:, 1:], axis=0)
+    found: Vector = drawn.T @ drawn / len(drawn)
+    return found
+
+
+def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
     """Return the covariance, summed over the points, of two fields of deviations: of the error of everything with that of what is
     determined without a prior.
 
     That is found with its noise in it: the square sum of what is found is that of machine and noise, and draws around it hold the noise
     once more. The machine's is therefore below theirs by twice this (the bias of Stein 1956, taken off). ``noise`` and ``moved`` are rows
-    of deviations.
+    of deviations, ``together`` is the covariance of their amounts.
     """
-    drawn = amount[:, 1:] - np.mean(amount[:, 1:], axis=0)
-    together = drawn.T @ drawn / len(drawn)
     return max(float(np.sum((together @ noise[1:]) * moved[1:])), 0.0) if len(noise) > 1 else 0.0
 
 
