@@ -159,10 +159,10 @@ def open_log(path: Path) -> Log:
                 metadata[record.name] = dict(record.metadata)
                 _check_version(path, metadata)
             case Attachment() if record.name == SURVEY_ATTACHMENT:
-                return Log(path, _header(path, metadata, record.data))
+                return Log(reader.path, _header(reader.path, metadata, record.data))
             case _:
                 break
-    found = "nothing" if path.stat().st_size == 0 else reader.damage or "another order of records"
+    found = "nothing" if reader.path.stat().st_size == 0 else reader.damage or "another order of records"
     expected = "the start of a log: run, clock and survey" if library else "a log of stepdiag (MCAP)"
     raise DataError(str(path), expected=expected, found=found, remedy="it was cut off before anything was recorded" if library else "")
 

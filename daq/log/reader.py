@@ -6,6 +6,7 @@ have limits, and whatever the reader below can raise on damaged bytes is in one 
 
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
 from typing import IO, BinaryIO, cast
 
@@ -16,6 +17,7 @@ from mcap.records import Chunk as ChunkRecord
 from mcap.records import McapRecord
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
+from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.solver.errors import DataError
 
 MAX_RECORD_BYTES = 64_000_000
@@ -57,7 +59,10 @@ class _BoundedFile:
 
 
 class RecordReader:
-    """The records of a file in order. After the iteration ``damage`` says in words what ended it early, or is empty."""
+    """The records of a file in order. After the iteration ``damage`` says in words what ended it early, or is empty.
+
+    A log that was closed since somebody listed it is read under the name that it then has: ``path`` is that name after the iteration.
+    """
 
     def __init__(self, path: Path) -> None:
         self.path = path
@@ -65,11 +70,7 @@ class RecordReader:
         self.damage = ""
 
     def __iter__(self) -> Iterator[McapRecord]:
-        try:
-            file = self.path.open("rb")
-        except OSError as error:
-            raise DataError(str(self.path), expected="a log", found=error.strerror or str(error)) from error
-        with file:
+        with self._open() as file:
             try:
                 reader = StreamReader(
                     cast("IO[bytes]", _BoundedFile(file)), emit_chunks=True, validate_crcs=True, record_size_limit=MAX_RECORD_BYTES
@@ -86,6 +87,17 @@ class RecordReader:
             except DAMAGE as error:
                 cut_off = isinstance(error, EndOfFile | struct.error)
                 self.damage = "it was cut off" if cut_off else str(error) or type(error).__name__
+
+    def _open(self) -> BinaryIO:
+        """Return the file. Raises DataError."""
+        try:
+            if self.path.suffix == PART_SUFFIX:
+                with suppress(FileNotFoundError):
+                    return self.path.open("rb")
+                self.path = self.path.with_suffix("")
+            return self.path.open("rb")
+        except OSError as error:
+            raise DataError(str(self.path), expected="a log", found=error.strerror or str(error)) from error
 
 
 def _unpack(chunk: ChunkRecord) -> list[McapRecord]:

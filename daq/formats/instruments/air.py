@@ -77,23 +77,21 @@ class AirDecoder:
         self._pattern = line_pattern(settings.pattern, "survey: environment.sensor.pattern")
         self._end = settings.terminator.encode()
         self._echo = settings.request.strip().encode("ascii").lower()
-        self._lines = LineBuffer(_LINE_CAP, self._end)
-        self._cut = not settings.request
         self._number = 0
+        self.resync()
         self.greeting = settings.greeting.encode("ascii")
 
     def resync(self) -> None:
         """Forget the half line; the next one may be cut in front and still look whole."""
         self._lines = LineBuffer(_LINE_CAP, self._end)
-        self._cut = not self._settings.request
+        if not self._settings.request:
+            self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
         """Return the measurements that ``chunk`` completes, one sample each."""
         batch = Batch()
         for line in self._lines.feed(chunk).split(self._end)[:-1]:
-            if self._cut:
-                self._cut = False
-            elif line.strip(b"> \t\r\n\0").lower() not in (b"", self._echo):
+            if line.strip(b"> \t\r\n\0").lower() not in (b"", self._echo):
                 self._add(line, batch)
         return batch.samples(arrival_ns)
 

@@ -67,24 +67,22 @@ class AnglesDecoder:
         self._pattern = line_pattern(settings.pattern, "survey: head.angles.pattern")
         self._columns = 2 if "second" in self._pattern.groupindex else 1
         self._end = settings.terminator.encode()
-        self._lines = LineBuffer(_LINE_CAP, self._end)
         self._number = 0
-        self._cut = not settings.request
+        self.resync()
         self.greeting = settings.greeting.encode("ascii")
         self.latency_s = settings.latency_s
 
     def resync(self) -> None:
         """Forget the half line; the next one may be cut in front and still look whole."""
         self._lines = LineBuffer(_LINE_CAP, self._end)
-        self._cut = not self._settings.request
+        if not self._settings.request:
+            self._lines.skip_line()
 
     def feed(self, chunk: bytes, arrival_ns: int) -> Samples:
         """Return the readings that ``chunk`` completes, one sample each. What is no reading is a garbage notice."""
         batch = Batch()
         for line in self._lines.feed(chunk).split(self._end)[:-1]:
-            if self._cut:
-                self._cut = False
-            elif line.strip():
+            if line.strip():
                 self._add(line, batch)
         return batch.samples(arrival_ns)
 

@@ -105,6 +105,22 @@ def test_a_log_cut_off_anywhere_gives_what_was_flushed_before(tmp_path: Path) ->
         assert not end.whole
 
 
+def test_a_log_that_is_closed_while_it_is_read_is_read_to_its_end(tmp_path: Path) -> None:
+    """Whoever listed it under the name that it had while it was written finds it: before it was opened, and between two readings."""
+    write_log(tmp_path / "a.mcap", SHORT, flush_every=300)
+    part = (tmp_path / "a.mcap").rename(tmp_path / "a.mcap.part")
+    log = open_log(part)
+    part.rename(tmp_path / "a.mcap")
+    assert list(log.events()) == SHORT
+    again = open_log(part)
+    assert list(again.events()) == SHORT
+    assert again.path == tmp_path / "a.mcap"
+    assert again.end is not None
+    assert again.end.whole
+    with pytest.raises(DataError, match="No such file"):
+        open_log(tmp_path / "b.mcap.part")
+
+
 def test_a_log_cut_off_in_its_header_is_refused(tmp_path: Path) -> None:
     (first,) = write_log(tmp_path / "a.mcap", SHORT[:2], flush_every=2)
     whole = (tmp_path / "a.mcap").read_bytes()
