@@ -53,11 +53,11 @@ def _findings(findings: Sequence[Finding]) -> Iterator[str]:
 
 def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
     yield "PREDICTED VOLUMETRIC ERROR anywhere in the volume, in um (k = 2)"
-    yield f"  {'':<30}{'largest':>16}{'rms':>16}"
+    yield f"  {'':<30}{'rms':>16}{'largest':>16}"
     for name, figures in prediction.predicted().items():
         for when, found in figures.items():
-            largest, rms = (_interval(found[figure]) for figure in ("largest_um", "rms_um"))
-            yield f"  {name.replace('_', ' ') + ', ' + when:<30}{largest:>16}{rms:>16}"
+            rms, largest = interval_of(found["rms_um"]), interval_of(found["largest_um"])
+            yield f"  {name.replace('_', ' ') + ', ' + when:<30}{rms.words() if rms else '-':>16}{largest.bound() if largest else '-':>16}"
     if any(not scale.identified for scale in case.result.scale.values()):
         yield "  scales that the survey does not identify are in neither figure: measure linear runs to see and to correct them"
     yield "  what remains: what angles do away from the middle (no table of one axis holds it), the rounding, and the curves between points"
@@ -76,11 +76,6 @@ def _basis(found: Basis) -> Iterator[str]:
     yield from (f"  {name:<24}{value:>12g}" for name, value in found.assumed.items())
     if found.tool_um is not None:
         yield f"  errors hold where the beam met the mirror (tool offset 0); a tool tip 100 mm from it may differ by {found.tool_um:.1f} um"
-
-
-def _interval(figure: object) -> str:
-    found = interval_of(figure)
-    return "-" if found is None else found.words()
 
 
 def _tables(case: Case, plan: Plan) -> Iterator[str]:

@@ -152,5 +152,5 @@ def _report(result: Result, profile: Profile, findings: Collection[Finding], pre
 def _effect(prediction: Prediction) -> Iterator[str]:
     """Yield the figures before and after, as intervals where they are."""
     for when, found in prediction.predicted()["without_rigid_motion"].items():
-        words = {name: interval_of(figure) for name, figure in found.items()}
-        yield f"{when}: " + ", ".join(f"{name.removesuffix('_um')} {'-' if each is None else each.words()}" for name, each in words.items())
+        rms, largest = interval_of(found["rms_um"]), interval_of(found["largest_um"])
+        yield f"{when}: rms {rms.words() if rms else '-'}, largest {largest.bound() if largest else '-'}"

@@ -32,6 +32,11 @@ class Interval:
         low, high = self.shown()
         return f"{low} to {high}" if low else f"{self.best()} or more"
 
+    def bound(self) -> str:
+        """Return what a largest vector is at most, in English: how small it may be is no promise."""
+        high = self.shown()[1]
+        return f"up to {high}" if high else self.words()
+
     def as_json(self) -> dict[str, float | None]:
         """Return the form of contract 4."""
         return {"value": self.value_um, "low": self.low_um, "high": self.high_um}

@@ -80,7 +80,7 @@ def _as_left(before: "Result", exported: "list[Exported]", path: Path) -> "AsLef
 
     after = read_result(path)
     same_machine(before, after)
-    return as_left(path.name, conclude(after), _concluded(before, exported).reach.rms_after)
+    return as_left(path.name, conclude(after), _concluded(before, exported).reach)
 
 
 def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
@@ -172,20 +172,24 @@ def _language(wanted: str) -> "Language":
 
 def _left_json(left: "AsLeft", concluded: "Conclusion") -> dict[str, Any]:
     predicted = concluded.reach.rms_after
-    return {"predicted_rms": None if predicted is None else asdict(predicted), "measured_rms": asdict(left.rms), "kept": left.kept}
+    return {
+        "predicted_rms": None if predicted is None else asdict(predicted),
+        "measured_rms": asdict(left.rms),
+        "kept": left.kept,
+        "gain": left.gain,
+    }
 
 
 def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
     """Say predicted against measured, and what follows."""
     from stepdiag.report.certificate import interval_words
+    from stepdiag.texts.texts import catalogue
 
-    verdict = {
-        True: "the prediction came true",
-        False: "it did not come true: look for the cause first",
-        None: "whether it came true cannot be told",
-    }
+    words = catalogue("report", "en")
+    kept = words[{True: "left_kept", False: "left_broken", None: "left_unknown"}[left.kept]]
     typer.echo(f"predicted: {interval_words(concluded.reach.rms_after)} um (rms, k = 2)")
-    typer.echo(f"as left:   {interval_words(left.rms)} um (rms, k = 2): {verdict[left.kept]}")
+    typer.echo(f"as left:   {interval_words(left.rms)} um (rms, k = 2)")
+    typer.echo(f"{kept} {words[f'left_gain_{left.gain}']}")
 
 
 def _print(comparison: Any, trends: Any, names: list[str]) -> None:

@@ -1,7 +1,7 @@
 """From a result and its exports to the conclusion."""
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
@@ -9,9 +9,10 @@ from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
 from stepdiag.conclusion.sentences import Sentence
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS
 from stepdiag.solver.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.solver.result.interval import Interval, decimals_of
-from stepdiag.solver.result.result import ROTATIONS, Result
+from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
 
 MOST_WRONG = 5
 LEAST_SHARE = 0.1
@@ -60,7 +61,7 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
         wrong=tuple((one, _told(one)) for one in wrong),
         unknown=tuple(_unknown(result)),
         reach=reach,
-        reached=tuple(_reached(reach)),
+        reached=tuple(_reached(reach, refused=_all_refused(exports))),
         basis=tuple(_basis(basis_of(result))),
         load=tuple(loadable(exports)),
         next_step=_next_step(result, exports, counts),
@@ -112,11 +113,16 @@ def _unknown(result: Result) -> Iterator[Sentence]:
         )
 
 
-def _reached(reach: Reach) -> Iterator[Sentence]:
-    """Yield the volumetric error as it is and, as an interval, as compensation will leave it."""
+def _reached(reach: Reach, *, refused: bool) -> Iterator[Sentence]:
+    """Yield the volumetric error as it is and, as an interval, as compensation will leave it, or would where every export was refused."""
     yield _figure("before", reach.rms_before, reach.largest_before)
     if reach.rms_after is not None and reach.largest_after is not None:
-        yield _figure("after", reach.rms_after, reach.largest_after)
+        after = _figure("after", reach.rms_after, reach.largest_after)
+        yield replace(after, key="reach_after_refused") if refused and after.key == "reach_after" else after
+
+
+def _all_refused(exports: Sequence[Export]) -> bool:
+    return bool(exports) and all(each.refused for each in exports)
 
 
 def _basis(found: Basis) -> Iterator[Sentence]:
@@ -158,15 +164,32 @@ def _next_step(result: Result, exports: Sequence[Export], counts: dict[str, int]
     """Return the one thing to do now: what makes the rest worthless comes first."""
     if counts["error"]:
         return Sentence(key="next_error")
-    refused = next((each for each in exports if each.refused), None)
-    if refused is not None and all(each.refused for each in exports):
-        return Sentence(key="next_refused", arguments={"control": refused.controller})
     usable = [each for each in exports if not each.refused]
+    if not usable and (missing := _missing(result, refused=bool(exports))) is not None:
+        return Sentence(key="next_runs", arguments={"runs": ", ".join(missing)}) if missing else Sentence(key="next_unknown")
+    if _all_refused(exports):
+        return Sentence(key="next_refused", arguments={"control": exports[0].controller})
     if any(each.untested for each in usable):
         return Sentence(key="next_sign_test", arguments={"control": next(each.controller for each in usable if each.untested)})
-    if any(not scale.identified for scale in result.scale.values()) and not usable:
-        return Sentence(key="next_linear")
     return Sentence(key="next_load" if usable else "next_export")
+
+
+def _missing(result: Result, *, refused: bool) -> list[str] | None:
+    """Return the runs without which no table can be made; none of them where driving again is all that helps; None where nothing lacks.
+
+    Scales alone refuse no export, so that one which was ``refused`` has another reason. The diagonals tell the sum of the scales:
+    runs along all axes but the longest of those unknown tell the rest.
+    """
+    torn = [name for name, quantity in result.squareness.items() if quantity.value is None]
+    torn += [name for name in DISPLACEMENTS if result.errors[name].value is None]
+    scales = [axis for axis, scale in result.scale.items() if not scale.identified]
+    if not torn and (refused or not scales):
+        return None
+    lengths = dict(zip("XYZ", result.volume.size_mm, strict=True))
+    kept = max(scales, key=lambda axis: lengths[axis], default="")
+    driven = {name.partition("+")[0] for name in result.setups}
+    diagonals = [name for name in BODY_DIAGONALS if torn and name not in driven]
+    return diagonals + [f"linear-{axis.lower()}" for axis in scales if axis != kept]
 
 
 def _um(value: float) -> str:

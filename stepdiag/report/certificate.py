@@ -4,9 +4,9 @@ import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
-from stepdiag.conclusion import Conclusion
+from stepdiag.conclusion import Conclusion, Reach
 from stepdiag.exporters.files.files import read_bytes, read_text
 from stepdiag.exporters.files.settings import read_toml
 from stepdiag.exporters.safety.compensation import stated_in
@@ -23,6 +23,7 @@ FACTS = (
 """Entries of ``survey`` in the result, in the order of the page; each is a word of the catalogue."""
 PICTURES = {".png": "image/png", ".jpg": "image/jpeg", ".jpeg": "image/jpeg", ".svg": "image/svg+xml"}
 LARGEST_LOGO_BYTES = 500_000
+Gain = Literal["better", "same", "worse", "unsure"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -119,13 +120,21 @@ class AsLeft:
     largest: Interval
     kept: bool | None
     """Whether the measured rms lies within what was predicted, both with their U; None where one of them has none."""
+    gain: Gain = "unsure"
+    """What became of the machine: an interval wholly below or above the one as found is better or worse, one that meets it is neither."""
 
 
-def as_left(source: str, again: Conclusion, predicted: Interval | None) -> AsLeft:
-    """Return what a survey after loading says of the prediction before it."""
-    rms = again.reach.rms_before
-    known = predicted is not None and None not in (predicted.low_um, predicted.high_um, rms.low_um, rms.high_um)
-    kept = None
-    if known and predicted is not None:
-        kept = bool(rms.low_um <= predicted.high_um and rms.high_um >= predicted.low_um)  # type: ignore[operator]
-    return AsLeft(source=source, rms=rms, largest=again.reach.largest_before, kept=kept)
+def as_left(source: str, again: Conclusion, found: Reach) -> AsLeft:
+    """Return what a survey after loading says of the reach ``found`` before it: whether the prediction came true, and what was gained."""
+    rms, predicted = again.reach.rms_before, found.rms_after
+    order = None if predicted is None else _beside(rms, predicted)
+    gains: dict[int | None, Gain] = {-1: "better", 0: "same", 1: "worse", None: "unsure"}
+    kept = None if order is None else order == 0
+    return AsLeft(source=source, rms=rms, largest=again.reach.largest_before, kept=kept, gain=gains[_beside(rms, found.rms_before)])
+
+
+def _beside(one: Interval, other: Interval) -> int | None:
+    """Return -1 or 1 where one interval lies wholly below or above another, 0 where they meet, None where one has no ends."""
+    if one.low_um is None or one.high_um is None or other.low_um is None or other.high_um is None:
+        return None
+    return int(one.low_um > other.high_um) - int(one.high_um < other.low_um)

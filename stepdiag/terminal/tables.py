@@ -102,7 +102,7 @@ def effect_table(prediction: Prediction) -> Table:
         for figure in ("largest_um", "rms_um"):
             cells = [interval_of(figures[when][figure]) for when in ("before", "after")]
             words = f"{figure.removesuffix('_um')}, {name.replace('_', ' ')}"
-            table.add_row(words, *("-" if cell is None else cell.words() for cell in cells))
+            table.add_row(words, *("-" if cell is None else cell.bound() if figure == "largest_um" else cell.words() for cell in cells))
     return table
 
 

@@ -27,21 +27,23 @@ AFTER = {
         r"vorhergesagt:\s*(?P<low>[\d,]+) bis (?P<high>[\d,]+) µm\s+\(Effektivwert, k = 2\), größter bis (?P<largest>[\d,]+) µm"
     ),
 }
-TABLED = r"\D+[\d.]+ to [\d.]+\D+(?P<low>[\d.]+) to (?P<high>[\d.]+)"
-EXPORTED = re.compile(r"without rigid motion, after" + TABLED)
-VERIFIED = re.compile(r"rms, without rigid motion" + TABLED)
+EXPORTED = re.compile(r"without rigid motion, after +(?P<low>[\d.]+) to (?P<high>[\d.]+) +up to (?P<largest>[\d.]+)")
+REPORTED = re.compile(r"predicted (?P<low>[\d.]+) … (?P<high>[\d.]+) ≤ (?P<largest>[\d.]+)")
+VERIFIED = re.compile(r"rms, without rigid motion\D+[\d.]+ to [\d.]+\D+(?P<low>[\d.]+) to (?P<high>[\d.]+)")
+VERIFIED_LARGEST = re.compile(r"largest, without rigid motion\D+up to [\d.]+\D+up to (?P<largest>[\d.]+)")
 
 
-def finished(folder: Path) -> Path:
+def finished(folder: Path, *, angles: bool) -> Path:
     """Return the folder of a survey that was solved, exported and reported as the daemon does it."""
     place = folder / "bench" / "0001"
     place.mkdir(parents=True)
     text = survey_text(setups=("ppp",), n=1, dwell=0.5)
     (folder / "survey.toml").write_text(text, encoding="utf-8")
     (place / "0001.mcap").write_bytes(with_survey(text))
-    readings = Bench(increments=4, angle_urad=3.0).survey()
+    bench = Bench(increments=4, angle_urad=3.0)
+    readings = bench.survey()
     (place / "readings.csv").write_text(render_readings(readings), encoding="utf-8")
-    result = solve(readings)
+    result = solve(readings, angles=bench.angles(1.0) if angles else None)
     (place / "result.json").write_text(result.to_json(), encoding="utf-8")
     out = place / "exports" / "siemens"
     written = export(result, "siemens", None, step_mm=25.0, out_dir=out, today=date(2026, 1, 1))
@@ -56,18 +58,21 @@ def read(pattern: re.Pattern[str], text: str) -> tuple[str, ...]:
     return tuple(figure.replace(",", ".") for figure in found.groupdict().values())
 
 
-def test_every_place_says_the_same_figure(tmp_path: Path, browser: Browser) -> None:
-    """Terminal, status, verify, export report, report, conclusion.json and page, in both languages."""
-    place = finished(tmp_path)
+@pytest.mark.parametrize("angles", [True, False], ids=["angles as in the demo", "angles unmeasured"])
+def test_every_place_says_the_same_figure(tmp_path: Path, browser: Browser, *, angles: bool) -> None:
+    """Terminal, status, verify, export report, report, conclusion.json and page, in both languages: both ends and the largest vector."""
+    place = finished(tmp_path, angles=angles)
     told = json.loads((place / "conclusion.json").read_text(encoding="utf-8"))["reached"][1]
     promised = read(AFTER["en"], told["en"])
     assert float(promised[0]) < float(promised[1]) < float(promised[2])
     assert read(AFTER["de"], told["de"]) == promised
     assert read(AFTER["en"], stepdiag("status", tmp_path / "survey.toml").out) == promised
-    assert read(AFTER["en"], re.sub(r"<[^>]+>", " ", (place / "report.html").read_text(encoding="utf-8"))) == promised
+    report = re.sub(r"<[^>]+>", " ", (place / "report.html").read_text(encoding="utf-8"))
+    assert read(AFTER["en"], report) == read(REPORTED, report) == promised
     files = place / "exports" / "siemens"
-    assert read(EXPORTED, (files / "EXPORT_REPORT.txt").read_text(encoding="utf-8")) == promised[:2]
-    assert read(VERIFIED, stepdiag("verify", place / "result.json", files).out) == promised[:2]
+    assert read(EXPORTED, (files / "EXPORT_REPORT.txt").read_text(encoding="utf-8")) == promised
+    verified = stepdiag("verify", place / "result.json", files).out
+    assert read(VERIFIED, verified) + read(VERIFIED_LARGEST, verified) == promised
     watching = Watched(browser)
     with served(place) as daemon:
         daemon.do(lambda: daemon.survey.publish(phase="complete", expects_setup="", result_ready=True))

@@ -182,7 +182,7 @@ MATTERS = {
     "align": ["#lead", "#advice", "#no-beam"],
     "drive": ["#lead", "#advice", "#progress", "#time-left"],
     "trouble": ["#lead", "#advice", "#findings li >> nth=0"],
-    "done": ["#lead", "#conclusion .next-step", "#conclusion .reached"],
+    "done": ["#lead", "#advice", "#conclusion .reached"],
 }
 
 

@@ -11,16 +11,21 @@ const UNITS = { um: "µm", urad: "µrad", "um/m": "µm/m" };
 const SECTIONS = ["wrong", "unknown", "load", "basis"];
 
 let state = "";
+let next = null;
 
 export function forget() {
   state = "";
 }
+
+// The conclusion's next step in the language chosen: the one sentence that matters once all is done; empty before it is known.
+export const nextStep = () => (next ? next.map((one) => one[language]).join(" ") : "");
 
 export function update({ survey, result_ready: ready, stage, geometry }) {
   const locked = lockedFiles();
   const key = `${survey}|${ready}|${stage}|${locked}`;
   if (key === state) return;
   state = key;
+  next = null;
   if (stage !== "done") return undefined;
   if (ready && !locked) return fetchAll(geometry);
   show("conclusion", node("p", { class: "quiet" }, say(ready ? "files_locked" : "no_result")));
@@ -52,14 +57,15 @@ async function fetchAll(geometry) {
 function conclusion(document_, geometry) {
   const words = (section) => (document_[section] || []).map((one) => one[language]);
   const list = (section) => (words(section).length ? [node("h3", {}, say(`conclusion_${section}`)), node("ul", { class: section }, ...words(section).map((one) => node("li", {}, one)))] : []);
+  next = document_.next_step;
   show(
     "conclusion",
-    node("p", { class: "next-step" }, node("strong", {}, `${say("conclusion_next_step")}: `), ...words("next_step")),
     node("ul", { class: "reached" }, ...words("reached").map((one) => node("li", {}, one))),
     ...SECTIONS.flatMap(list),
   );
   const place = document.getElementById("field");
-  if (document_.field) field(place, document_.field, geometry, words("reached"));
+  document.getElementById("h-field").textContent = say(document_.field && !document_.field.after_um ? "volumetric_found" : "volumetric");
+  if (document_.field) field(place, document_.field, geometry);
   else place.replaceChildren();
 }
 

@@ -7,10 +7,10 @@ import { say, shown } from "./words.js";
 const LONGEST_PX = 44;
 
 // Show the fields (points_mm, before_um, after_um or null) in a place.
-export function field(place, { points_mm: points, before_um: before, after_um: after, longest_um: longest }, geometry, captions) {
-  const shows = [["before", before, captions[0]], ["after", after, captions[1]]].filter(([, errors]) => errors);
-  const figures = shows.map(([name, , caption]) => node("figure", {}, node("figcaption", {}, caption ?? say(name)), node("div", { class: "drawing turns", id: `field-${name}` })));
-  place.replaceChildren(...figures, node("p", { class: "quiet across" }, say("field_scale", { um: shown(longest, longest < 10 ? 1 : 0) })));
+export function field(place, { points_mm: points, before_um: before, after_um: after, longest_um: longest }, geometry) {
+  const shows = [["before", before], ["after", after]].filter(([, errors]) => errors);
+  const figures = shows.map(([name]) => node("figure", {}, node("figcaption", {}, say(name)), node("div", { class: "drawing turns", id: `field-${name}` })));
+  place.replaceChildren(...figures, node("p", { class: "quiet across" }, say(shows.length > 1 ? "field_scale_both" : "field_scale", { um: shown(longest, longest < 10 ? 1 : 0) })));
   const redraw = () => {
     for (const [name, errors] of shows) draw(document.getElementById(`field-${name}`), points, errors, longest, geometry, say(name));
   };

@@ -1,5 +1,6 @@
 // The big card: the stage, the one sentence that matters, what to do about it; and the alarm in title, frame, text and sound.
 
+import { nextStep } from "./done.js";
 import { node, put } from "./draw.js";
 import { say, sentence, told } from "./words.js";
 
@@ -53,7 +54,8 @@ export function update(snapshot) {
   document.body.classList.toggle("alarm", alarm);
   const words = sentence(lead);
   put("lead", words);
-  put("advice", sentence(advice));
+  const next = stage === "done" ? nextStep() : "";
+  put("advice", next ? `${say("conclusion_next_step")}: ${next}` : sentence(advice));
   put("message", told(message));
   document.title = `${alarm ? `⚠ ${say("alarm_word")}: ` : ""}${words} – ${machine}`;
   stages(stage);

@@ -10,8 +10,12 @@ from typer.testing import CliRunner
 
 from stepdiag.cli.app import build
 from stepdiag.comparing.compare import compare, coverage_factor, trend
+from stepdiag.conclusion import Reach, conclude
+from stepdiag.report.as_left import build_as_left
+from stepdiag.report.certificate import as_left
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Function, Quantity, Result
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
@@ -163,6 +167,33 @@ def test_predicted_and_measured_make_the_last_page(tmp_path: Path, language: str
     assert ("cannot be told" if language == "en" else "lässt sich nicht sagen") in page
     assert "lattice.csv" in page
     assert "<h1>" in page
+
+
+@pytest.mark.parametrize(
+    ("again", "kept", "gain"),
+    [((1.5, 2.5), True, "better"), ((4.0, 6.0), False, "better"), ((8.0, 12.0), False, "same"), ((13.0, 15.0), False, "worse")],
+)
+def test_what_became_of_the_machine_is_said_beside_the_prediction(again: tuple[float, float], kept: bool, gain: str) -> None:
+    """A prediction that came true may be no gain, and a machine that is worse than it was found is called so, in both languages."""
+
+    def reach(rms: tuple[float, float], after: tuple[float, float]) -> Reach:
+        one, other = (Interval(value_um=sum(ends) / 2, low_um=ends[0], high_um=ends[1]) for ends in (rms, after))
+        return Reach(rms_before=one, largest_before=one, rms_after=other, largest_after=other)
+
+    measured = replace(conclude(made_up_result()), reach=reach(again, (0.5, 1.0)))
+    left = as_left("after.json", measured, reach((9.0, 11.0), (1.0, 3.0)))
+    assert (left.kept, left.gain) == (kept, gain)
+    for language, worse in (("en", "worse than it was found: load the restore files"), ("de", "schlechter als vorgefunden")):
+        html = build_as_left(made_up_result(), made_up_result(), left, measured, language=language).html
+        assert (worse in html) == (gain == "worse")
+
+
+def test_a_prediction_of_next_to_nothing_is_no_gain() -> None:
+    """Where compensation was to leave what was found, coming true proves nothing."""
+    same = Interval(value_um=10.0, low_um=9.0, high_um=11.0)
+    found = Reach(rms_before=same, largest_before=same, rms_after=same, largest_after=same)
+    left = as_left("after.json", replace(conclude(made_up_result()), reach=found), found)
+    assert (left.kept, left.gain) == (True, "same")
 
 
 def test_the_last_page_refuses_another_machine(tmp_path: Path) -> None:

@@ -17,12 +17,14 @@ from stepdiag.exporters.export.export import export
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_of
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Quantity, Result
 from stepdiag.texts import LANGUAGES
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
+from testkit.exact.surveys import DIAGONALS, Bench
 from testkit.german import is_english
 
 
@@ -123,6 +125,52 @@ class TestWhatToLoad:
         assert "fanuc" in render(found.next_step, "en")
 
 
+class TestNextStep:
+    """What is last said is what helps: no export, and no reason to be cleared, where a table lacks what was not measured."""
+
+    @pytest.mark.parametrize("refused", [True, False])
+    @pytest.mark.parametrize(
+        ("setups", "runs"),
+        [
+            (("ppp", "npp"), "pnp, ppn, linear-y, linear-z"),
+            (("linear-x", "linear-y", "linear-z"), "ppp, npp, pnp, ppn"),
+            (("ppp", "npp", "pnp", "linear-x"), None),
+        ],
+    )
+    def test_names_the_runs_that_make_everything_known(self, setups: tuple[str, ...], runs: str | None, *, refused: bool) -> None:
+        """Whoever drives them besides has all scales, squarenesses and functions."""
+        bench = Bench(increments=3)
+        exports = [Export(controller="siemens", refused="squareness.C0Y: found null")] if refused else []
+        found = conclude(solve(bench.survey(setups)), exports)
+        assert found.next_step.key == "next_runs"
+        named = found.next_step.arguments["runs"].split(", ")
+        assert runs is None or named == runs.split(", ")
+        assert f"({', '.join(named)})" in render(found.next_step, "de")
+        assert not set(named) & set(setups)
+        whole = solve(bench.survey((*setups, *named)))
+        assert conclude(whole).next_step.key == "next_export"
+        promised = [render(one, "en") for one in found.reached]
+        assert ("No file may be loaded" in promised[1]) == refused
+
+    def test_one_run_where_one_scale_is_known(self) -> None:
+        """The diagonals tell the sum of the scales: beside X one more run, along the shorter axis, tells both others."""
+        bench = Bench(increments=3)
+        found = conclude(solve(bench.survey((*DIAGONALS, "linear-x"))))
+        assert found.next_step.arguments == {"runs": "linear-z"}
+        assert conclude(solve(bench.survey((*DIAGONALS, "linear-x", "linear-z")))).next_step.key == "next_export"
+
+    def test_another_reason_of_a_refusal_comes_first(self) -> None:
+        """Without scales a table can be made: what refused it is something else."""
+        found = conclude(made_up_result(), [Export(controller="fanuc", refused="p.toml: no such axis")])
+        assert found.next_step.key == "next_refused"
+
+    def test_all_driven_and_yet_unknown_is_driven_again(self) -> None:
+        """There is no further run to name."""
+        lacking = {**leaning(5.0), "B0Z": Quantity(value=None, u=None)}
+        result = replace(made_up_result(scales=True), squareness=lacking, setups={name: {} for name in DIAGONALS})
+        assert conclude(result).next_step.key == "next_unknown"
+
+
 class TestOnePlace:
     def test_report_export_report_terminal_and_file_say_the_same_figures(self, tmp_path: Path) -> None:
         """One survey, five places, one pair of digits."""
@@ -137,7 +185,7 @@ class TestOnePlace:
         assert after is not None
         assert after[1] in build_report(result, source="r", exported=[exported]).html
         line = next(line for line in written.text.splitlines() if "without rigid motion, after" in line)
-        assert line.endswith(f"{after[1]} or more")
+        assert f" {after[1]} or more" in line
         (tmp_path / "result.json").write_text(result.to_json(), encoding="utf-8")
         told = stepdiag("verify", tmp_path / "result.json", tmp_path / "files").out
         assert f"{after[1]} or more" in told
