@@ -99,15 +99,36 @@ def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
     return address.is_loopback or name == called or str(address) == called
 
 
+class Guesses:
+    """Wrong secrets by the address that they came from. ``on_guesses`` is told of an address and its count at ten and at each ten times."""
+
+    def __init__(self, on_guesses: Callable[[str, int], None]) -> None:
+        self._on_guesses = on_guesses
+        self._failures: OrderedDict[str, int] = OrderedDict()
+        self.delay_s = DELAY_S
+
+    def wrong(self, address: str) -> float:
+        """Count one more; return how many seconds its answer is to wait."""
+        count = self._failures.pop(address, 0) + 1
+        self._failures[address] = count
+        if len(self._failures) > MOST_ADDRESSES:
+            self._failures.popitem(last=False)
+        if count >= GUESSES and str(count).strip("0") == "1":
+            self._on_guesses(address, count)
+        return min(self.delay_s * count, LONGEST_DELAY_S)
+
+    def right(self, address: str) -> None:
+        """Forget them: who has the secret may mistype it."""
+        self._failures.pop(address, None)
+
+
 class Access:
     """Who has the token. Reading files is also allowed to a browser that has shown it before, by a cookie that is not the token."""
 
     def __init__(self, token: str, on_guesses: Callable[[str, int], None]) -> None:
         self._token = token
-        self._on_guesses = on_guesses
-        self._failures: OrderedDict[str, int] = OrderedDict()
+        self.guesses = Guesses(on_guesses)
         self._sessions: OrderedDict[str, None] = OrderedDict()
-        self.delay_s = DELAY_S
 
     @property
     def needed(self) -> bool:
@@ -124,9 +145,9 @@ class Access:
             return False
         address = address_of(request)
         if hmac.compare_digest(unquote(given).encode("utf-8", "replace"), self._token.encode()):
-            self._failures.pop(address, None)
+            self.guesses.right(address)
             return True
-        await asyncio.sleep(min(self.delay_s * self._count(address), LONGEST_DELAY_S))
+        await asyncio.sleep(self.guesses.wrong(address))
         return False
 
     async def reads(self, request: Request) -> bool:
@@ -140,15 +161,6 @@ class Access:
         if len(self._sessions) > MOST_SESSIONS:
             self._sessions.popitem(last=False)
         answer.set_cookie(COOKIE, session, httponly=True, samesite="strict", secure=request.url.scheme == "https")
-
-    def _count(self, address: str) -> int:
-        count = self._failures.pop(address, 0) + 1
-        self._failures[address] = count
-        if len(self._failures) > MOST_ADDRESSES:
-            self._failures.popitem(last=False)
-        if count >= GUESSES and str(count).strip("0") == "1":
-            self._on_guesses(address, count)
-        return count
 
 
 def address_of(request: HTTPConnection) -> str:

@@ -133,8 +133,8 @@ class Watched:
             live = live_in(self._folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it
             rounds = round_folders(self._folder)
             last = rounds[-1] if rounds else None
-            complete = last is not None and (last / RESULT).is_file()
-            told = self._told_of(last) if last is not None else None
+            complete = last is not None and (last / RESULT).is_file()  # a result that comes right now is one of the next look
+            told = self._told_of(last) if last is not None and complete else None
         except (StepdiagError, OSError) as error:  # a file cut off by somebody's copy, a share that is away
             damage = str(error)
         return (self._state(last, live, damage, complete=complete), *(told or ()))

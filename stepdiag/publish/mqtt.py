@@ -10,21 +10,27 @@ from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import aiomqtt
 import msgspec
 import structlog
+from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.reasoncodes import ReasonCode
 
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.messages import Message, State, Watched, topic_of
-from stepdiag.publish.stopping import stopped_by_signal
+from stepdiag.publish.process import stand_back, stopped_by_signal
 from stepdiag.solver.errors import DataError, DeviceError, UsageError
 
 REFUSALS = {"Unsupported protocol version", "Client identifier not valid", "Bad user name or password", "Not authorized", "Banned"}
 """Answers to a connection (MQTT 5.0, 3.2.2.2) that another try does not change."""
 LONGEST_WAIT_S = 60.0
 QOS = 1
+LONGEST_PACKET, MOST_HEARD = 8_192, 65_536
+"""Bytes of one packet, and of all between two looks at the survey: nothing is subscribed to, so a broker only acknowledges."""
+PATIENCE_S = 5.0
+"""What a broker has to hear the last words before the program ends."""
 
 _log = structlog.get_logger("publish")
 
@@ -63,30 +69,44 @@ class _Publisher:
         self._damage = ""
 
     async def run(self, *, once: bool) -> None:
+        """Send until it is to end; a broker that is slow to hear the last words is not waited for."""
         self._stop = stopped_by_signal()
+        stand_back()
+        sending, stopped = asyncio.create_task(self._run(once=once)), asyncio.create_task(self._stop.wait())
+        await asyncio.wait({sending, stopped}, return_when=asyncio.FIRST_COMPLETED)
+        stopped.cancel()
+        await asyncio.wait({sending}, timeout=PATIENCE_S)
+        if sending.cancel():
+            await asyncio.wait({sending})
+        else:
+            sending.result()
+
+    async def _run(self, *, once: bool) -> None:
         wait_s = 1.0
         while not self._stop.is_set():
+            client = self._client()
             try:
-                async with self._client() as client:
+                async with client:
                     wait_s = 1.0
                     _log.info("broker-connected", address=self._broker.address)
                     await self._send(client, once=once)
-            except aiomqtt.MqttError as error:
+            except (aiomqtt.MqttError, MemoryError) as error:
+                client.let_go()
                 self._judge(error, once=once)
                 _log.warning("broker-away", address=self._broker.address, reason=str(error), next_try_s=wait_s)
                 with suppress(TimeoutError):
                     await asyncio.wait_for(self._stop.wait(), wait_s)
                 wait_s = min(2 * wait_s, LONGEST_WAIT_S)
 
-    def _client(self) -> aiomqtt.Client:
+    def _client(self) -> "_Client":
         will = self._watched.online(online=False)
         broker = self._broker
-        return aiomqtt.Client(
-            broker.host, broker.port, username=broker.user, password=broker.password, tls_context=self._tls, timeout=30, keepalive=20,
+        return _Client(
+            broker.host, broker.port, username=broker.user, password=broker.password, tls_context=self._tls, timeout=10, keepalive=20,
             will=aiomqtt.Will(self._topic(will), msgspec.json.encode(will), qos=QOS, retain=True),
         )  # fmt: skip
 
-    async def _send(self, client: aiomqtt.Client, *, once: bool) -> None:
+    async def _send(self, client: "_Client", *, once: bool) -> None:
         """Send what is new, look again after a while; a connection that is lost raises at once, not with the next message."""
         sent: dict[str, bytes] = {}
         if once:
@@ -102,6 +122,7 @@ class _Publisher:
         stopped = asyncio.create_task(self._stop.wait())
         try:
             while not self._stop.is_set():
+                client.heard = 0
                 await self._send_new(client, sent)
                 await asyncio.wait({lost, stopped}, timeout=self._every_s, return_when=asyncio.FIRST_COMPLETED)
                 if lost.done():
@@ -126,7 +147,7 @@ class _Publisher:
             await client.publish(topic, payload, qos=QOS, retain=True)
             sent[topic] = payload
 
-    def _judge(self, error: aiomqtt.MqttError, *, once: bool) -> None:
+    def _judge(self, error: Exception, *, once: bool) -> None:
         """Raise DeviceError where another try would end alike, or none is wanted."""
         code = error.rc if isinstance(error, aiomqtt.MqttCodeError) else None
         refused = isinstance(code, ReasonCode) and code.getName() in REFUSALS
@@ -136,6 +157,36 @@ class _Publisher:
                 "name the authority of its certificate: --ca FILE" if untrusted else "see user, password and the broker's own log" * refused
             )
             raise DeviceError(f"broker {self._broker.address}", expected="a broker that takes messages", found=str(error), remedy=remedy)
+
+
+class _Client(aiomqtt.Client):
+    """A client that hears so much at most, and no messages: the library would keep whatever a broker sends, up to 268 MB a packet."""
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.heard = 0
+        paho: Any = self._client
+        self._receive = paho._sock_recv  # noqa: SLF001  # it has no other place where a limit could stand
+        paho._sock_recv, paho._handle_publish = self._received, self._refused  # noqa: SLF001
+
+    def let_go(self) -> None:
+        """Close what is open: the library leaves a connection on which something unexpected came, and hears it on and on."""
+        sock = self._client.socket()
+        if sock is not None and sock.fileno() >= 0:
+            loop = asyncio.get_running_loop()
+            loop.remove_reader(sock.fileno())
+            loop.remove_writer(sock.fileno())
+            sock.close()
+
+    def _received(self, size: int) -> bytes:
+        if size > LONGEST_PACKET or self.heard > MOST_HEARD:
+            raise ConnectionError("more than a broker has to say")
+        data: bytes = self._receive(size)
+        self.heard += len(data)
+        return data
+
+    def _refused(self) -> MQTTErrorCode:
+        return MQTTErrorCode.MQTT_ERR_PROTOCOL
 
 
 async def _until_lost(client: aiomqtt.Client) -> None:

@@ -20,7 +20,9 @@ from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 
 from stepdiag.daq.survey.models import Survey
+from stepdiag.publish.gate import Doors, GatedLoop
 from stepdiag.publish.messages import Findings, ResultMessage, State, Watched
+from stepdiag.publish.process import stand_back, stopped_by_signal
 from stepdiag.publish.result_model import (
     ANYTHING,
     EVENT_TYPE,
@@ -35,7 +37,7 @@ from stepdiag.publish.result_model import (
     Nodes,
     add_model,
 )  # fmt: skip
-from stepdiag.publish.stopping import stopped_by_signal
+from stepdiag.publish.sessions import announce_limits, bounded
 from stepdiag.solver.errors import DeviceError, UsageError
 
 OWN_NAMESPACE = "urn:stepdiag:publish"
@@ -68,16 +70,19 @@ class Endpoint:
 def serve(watched: Watched, survey: Survey, endpoint: Endpoint, *, every_s: float) -> None:
     """Serve until SIGTERM or SIGINT. Raises DeviceError where nobody can listen there, UsageError for a certificate or key that is none."""
     logging.getLogger("asyncua").setLevel(logging.CRITICAL)  # it tells of every client that leaves early or asks for too much
-    asyncio.run(_serve(watched, survey, endpoint, every_s))
+    doors = Doors()
+    with asyncio.Runner(loop_factory=lambda: GatedLoop(doors)) as runner:
+        runner.run(_serve(watched, survey, endpoint, every_s, doors))
 
 
-async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: float) -> None:
+async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: float, doors: Doors) -> None:
     stop = stopped_by_signal()
-    server = await _prepared(endpoint)
+    server = await _prepared(endpoint, doors)
     station = await Station.made(server, survey)
     for told in watched.history():
         await station.offer(*told, new=False)
     await station.say(watched)
+    stand_back()
     try:
         await server.start()
     except OSError as error:
@@ -92,11 +97,12 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
         await server.stop()
 
 
-async def _prepared(endpoint: Endpoint) -> Server:
+async def _prepared(endpoint: Endpoint, doors: Doors) -> Server:
     """Return a server that is not started, with its security. Raises UsageError for certificate and key."""
     secure = endpoint.certificate is not None and endpoint.key is not None
-    server = Server(user_manager=_Users(endpoint.user, endpoint.password, secure=secure))
+    server = bounded(_Users(endpoint.user, endpoint.password, secure=secure), doors)
     await server.init()
+    await announce_limits(server)
     server.set_endpoint(endpoint.url)
     server.set_server_name("stepdiag")
     policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt if secure else ua.SecurityPolicyType.NoSecurity
@@ -165,6 +171,7 @@ class Station:
         self._results: dict[str, Any] = {}
         self._handles: dict[int, None] = {}
         self._last_handle = 0
+        self._round = ""
         self._folder: Any = None
         self._event: Any = None
 
@@ -197,17 +204,24 @@ class Station:
         self._event = await self._server.get_event_generator(told, management)
 
     async def say(self, watched: Watched) -> None:
-        """Write state and findings as they are now, and offer a result that is new."""
+        """Write state and findings as they are now, at one moment and of one round, and offer a result that is new."""
         state, *result = watched.now()
-        for name, node in self._values.items():
-            if name != "findings":
-                await node.write_value(getattr(state, name))
-        if len(result) == 2:
+        values = {name: getattr(state, name) for name in self._values if name != "findings"}
+        offered: list[tuple[Findings, ResultMessage]] = []
+        if result:
             findings, said = result
             assert isinstance(findings, Findings)
             assert isinstance(said, ResultMessage)
-            words = [msgspec.json.encode(each).decode() for each in findings.findings]
-            await self._values["findings"].write_value(ua.Variant(words, ua.VariantType.String, is_array=True))
+            offered = [(findings, said)]
+            values["findings"] = [msgspec.json.encode(each).decode() for each in findings.findings]
+        elif values["round"] != self._round:
+            values["findings"] = []  # those of the round before are no findings of this one
+        self._round, now = values["round"], datetime.now(UTC)
+        for name, value in values.items():
+            kind = ua.VariantType.Boolean if isinstance(value, bool) else ua.VariantType.String
+            told = ua.Variant(value, kind, is_array=isinstance(value, list))
+            await self._values[name].write_value(ua.DataValue(told, SourceTimestamp=now, ServerTimestamp=now))
+        for findings, said in offered:
             await self.offer(findings, said, new=True)
 
     async def offer(self, findings: Findings, said: ResultMessage, *, new: bool) -> None:

@@ -4,60 +4,18 @@ import asyncio
 import json
 import subprocess
 import sys
-import time
 
 import pytest
 from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.ua_binary import extensionobject_to_binary
 
-from testkit.fleets import finished_survey
-from testkit.hostile.foreign_logs import SURVEY
 from testkit.running.brokers import PATIENCE_S, free_port
+from testkit.running.opcua import MACHINE, MODEL, NOW, Serving, prepared
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
-MODEL = "http://opcfoundation.org/UA/Machinery/Result/"
-NOW = ua.Variant(0, ua.VariantType.Int32)
-MACHINE = "Mill 7/ä"
 USER, PASSWORD = "mes", "not-to-be-guessed"
-
-
-def prepared(folder):
-    """Return the survey file of a finished survey in a folder."""
-    finished_survey(folder / "bench")
-    file = folder / "mill.toml"
-    file.write_text(SURVEY[: SURVEY.index("[[export]]")].replace('machine = "virtual"', f'machine = "{MACHINE}"'))
-    return file
-
-
-class Serving:
-    """A server that runs."""
-
-    def __init__(self, survey, *options):
-        self.url = f"opc.tcp://127.0.0.1:{free_port()}/stepdiag"
-        self._log = survey.parent / f"opcua-{time.monotonic_ns()}.log"
-        address = self.url.removeprefix("opc.tcp://").removesuffix("/stepdiag")
-        command = [sys.executable, "-m", "stepdiag", "publish", survey, "--opcua", address, "--every", "0.2", *options]
-        with self._log.open("wb") as out:
-            self.process = subprocess.Popen([*map(str, command)], stdout=out, stderr=out)
-
-    def __enter__(self):
-        end = time.monotonic() + PATIENCE_S
-        while "opcua-serves" not in self.said:
-            assert self.process.poll() is None, self.said
-            assert time.monotonic() < end, self.said
-            time.sleep(0.1)
-        return self
-
-    def __exit__(self, *_):
-        if self.process.poll() is None:
-            self.process.terminate()
-        self.process.wait(PATIENCE_S)
-
-    @property
-    def said(self):
-        return self._log.read_text()
 
 
 @pytest.fixture(scope="module")
@@ -75,7 +33,7 @@ def asked(serving, work):
     """Return what ``work`` finds as a client that knows nothing but the standard's names."""
 
     async def run():
-        async with Client(serving.url, timeout=PATIENCE_S) as client:
+        async with Client(serving.url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S) as client:
             await client.load_data_type_definitions()
             index = await client.get_namespace_index(MODEL)
             own = await client.get_namespace_index("urn:stepdiag:publish")
@@ -166,6 +124,42 @@ def test_state_and_findings_are_variables(serving):
     assert all(json.loads(each)["code"] for each in findings)
 
 
+def test_round_and_findings_are_of_one_moment(serving, survey):
+    """A round that has just begun has no findings: those of the round before would be taken for its own."""
+    path, begun = survey.parent / "bench/0001/result.json", survey.parent / "bench/0002"
+    whole = path.read_bytes()
+    found = json.loads(whole)
+    found["findings"] = [{"code": "noise-far", "severity": "warning", "text": "of the first round"}]
+
+    async def work(client, _index, own, machine, _management):
+        names = ([f"{own}:State", f"{own}:Round"], [f"{own}:State", f"{own}:Complete"], [f"{own}:Findings"])
+        nodes = [(await machine.get_child(each)).nodeid for each in names]
+        seen = []
+
+        async def look():
+            read = await client.uaclient.read_attributes(nodes, ua.AttributeIds.Value)
+            assert len({each.SourceTimestamp for each in read[:2]}) == 1
+            seen.append((*(each.Value.Value for each in read[:2]), bool(read[2].Value.Value)))
+            return seen[-1]
+
+        await asyncio.to_thread(path.write_text, json.dumps(found))
+        await until(look, lambda found: found[2])
+        await asyncio.to_thread(begun.mkdir)
+        await until(look, lambda found: found[0] == "0002")
+        await asyncio.to_thread((begun / "result.json").write_bytes, path.read_bytes())
+        await until(look, lambda found: found[1])
+        await asyncio.to_thread((begun / "result.json").unlink)
+        await asyncio.to_thread(begun.rmdir)
+        await asyncio.to_thread(path.write_bytes, whole)
+        await until(look, lambda found: found == ("0001", True, bool(json.loads(whole)["findings"])))
+        return seen
+
+    seen = asked(serving, work)
+    assert ("0002", False, False) in seen
+    assert {found for round_, complete, found in seen if (round_, complete) == ("0002", False)} == {False}
+    assert {found for round_, complete, found in seen if (round_, complete) == ("0002", True)} == {True}
+
+
 def test_nobody_changes_anything(serving):
     async def work(_client, index, own, machine, management):
         variable = (await (await management.get_child(f"{index}:Results")).get_children())[-1]
@@ -231,7 +225,7 @@ def test_with_a_certificate_all_is_encrypted_and_only_the_user_comes_in(survey):
     secret.write_text(PASSWORD)
 
     async def come(user, password, *, secure=True):
-        client = Client(serving.url, timeout=PATIENCE_S)
+        client = Client(serving.url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S)
         client.application_uri = "urn:client"
         if secure:
             files = [survey.parent / each for each in ("client.pem", "client.key.pem", "server.pem")]
@@ -261,7 +255,7 @@ def test_with_a_certificate_a_client_that_does_not_ask_what_is_offered_stays_out
     monkeypatch.setattr(Client, "find_endpoint", staticmethod(lambda endpoints, _mode, _policy: endpoints[0]))
 
     async def come(url):
-        client = Client(url, timeout=PATIENCE_S)
+        client = Client(url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S)
         if user is not None:
             client.set_user(user)
             client.set_password(PASSWORD)

@@ -266,7 +266,7 @@ class _Heeding:
 def page_order(data: bytes) -> object:
     """Send the bytes as the order of somebody who has the token, and as the token of somebody who has not."""
     page = Page(_Heeding(), PageSettings(folder="", token="secret"))  # type: ignore[arg-type]
-    page.access.delay_s = 0.0
+    page.access.guesses.delay_s = 0.0
     answers = [asyncio.run(_answered(page, b"Bearer secret", data)), asyncio.run(_answered(page, b"Bearer " + data, data))]
     assert answers[0] in (204, 400)
     assert answers[1] == 403 or data == b"secret"

@@ -1,0 +1,53 @@
+"""A server of `stepdiag publish --opcua` that runs, over a finished survey."""
+
+import subprocess
+import sys
+import time
+
+from asyncua import ua
+
+from testkit.fleets import finished_survey
+from testkit.hostile.foreign_logs import SURVEY
+from testkit.running.brokers import PATIENCE_S, free_port
+
+MODEL = "http://opcfoundation.org/UA/Machinery/Result/"
+NOW = ua.Variant(0, ua.VariantType.Int32)
+MACHINE = "Mill 7/ä"
+
+
+def prepared(folder):
+    """Return the survey file of a finished survey in a folder."""
+    finished_survey(folder / "bench")
+    file = folder / "mill.toml"
+    file.write_text(SURVEY[: SURVEY.index("[[export]]")].replace('machine = "virtual"', f'machine = "{MACHINE}"'))
+    return file
+
+
+class Serving:
+    """A server that runs."""
+
+    def __init__(self, survey, *options):
+        self.url = f"opc.tcp://127.0.0.1:{free_port()}/stepdiag"
+        self.folder = survey.parent
+        self._log = survey.parent / f"opcua-{time.monotonic_ns()}.log"
+        address = self.url.removeprefix("opc.tcp://").removesuffix("/stepdiag")
+        command = [sys.executable, "-m", "stepdiag", "publish", survey, "--opcua", address, "--every", "0.2", *options]
+        with self._log.open("wb") as out:
+            self.process = subprocess.Popen([*map(str, command)], stdout=out, stderr=out)
+
+    def __enter__(self):
+        end = time.monotonic() + PATIENCE_S
+        while "opcua-serves" not in self.said:
+            assert self.process.poll() is None, self.said
+            assert time.monotonic() < end, self.said
+            time.sleep(0.1)
+        return self
+
+    def __exit__(self, *_):
+        if self.process.poll() is None:
+            self.process.terminate()
+        self.process.wait(PATIENCE_S)
+
+    @property
+    def said(self):
+        return self._log.read_text()
