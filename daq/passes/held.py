@@ -13,6 +13,7 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.standards.air import HALL, Air, AirUncertainty, index_u
 
+AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
 NEVER_SEEN_S = 3600.0
 """A value of the survey file that no sensor ever confirmed is as sure as one that was seen so long ago."""
 
@@ -41,7 +42,9 @@ def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Ass
 
     Nobody knows how much of it all setups share: it counts in full for the survey, and in full from setup to setup.
     """
-    u = {each.name: each.u for each in held}
+    u: dict[str, float] = {}
+    for each in held:
+        u[each.name] = max(each.u, u.get(each.name, 0.0))
     index, material = _index_u(survey, u), u.get("material_temperature_c", 0.0)
     return replace(
         assumed,
@@ -49,6 +52,20 @@ def with_held(assumed: Assumptions, survey: Survey, held: Iterable[Held]) -> Ass
         index_setup=float(np.hypot(assumed.index_setup, index)),
         u_material_c=float(np.hypot(assumed.u_material_c, material)),
     )
+
+
+def assumed_conditions(book: PassBook, survey: Survey, stated: Iterable[str] = ()) -> tuple[Held, ...]:
+    """Return the conditions of the air that the readings depend on and that no sensor told at some of the stops in use.
+
+    What the survey file says counted there. None where a person stated them, in the file or afterwards; the material's temperature the
+    solver sees to itself.
+    """
+    if survey.laser.compensated or survey.environment.source == "fixed":
+        return ()
+    wanted = [name for name in AIR if name not in set(stated)]
+    missing = {name: sum(getattr(stop, name) is None and name not in stop.held for stop in _in_use(book)) for name in wanted}
+    unsure = {name: (COURSES[name].at_once + COURSES[name].an_hour * NEVER_SEEN_S / 3600.0) / np.sqrt(3.0) for name in wanted}
+    return tuple(Held(name, stops, float(unsure[name])) for name, stops in missing.items() if stops)
 
 
 def _in_use(book: PassBook) -> Iterator[CapturedStop]:
@@ -71,11 +88,10 @@ def _u_by_name(stops: Iterable[CapturedStop]) -> dict[str, list[float]]:
 
 def _index_u(survey: Survey, u: Mapping[str, float]) -> float:
     """Return how much less the index of the air is known, relative; 0 where the instrument puts its air right itself."""
-    names = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
-    if survey.laser.compensated or not any(name in u for name in names):
+    if survey.laser.compensated or not any(name in u for name in AIR):
         return 0.0
-    usual = [np.clip(getattr(survey.environment, name), *HALL[name]) for name in names]
+    usual = [np.clip(getattr(survey.environment, name), *HALL[name]) for name in AIR]
     air = Air(temperature_c=usual[0], pressure_hpa=usual[1], humidity_percent=usual[2])
-    temperature, pressure, humidity = (u.get(name, 0.0) for name in names)
+    temperature, pressure, humidity = (u.get(name, 0.0) for name in AIR)
     unsure = AirUncertainty(temperature_c=temperature, pressure_hpa=pressure, humidity_percent=humidity)
     return float(index_u(air, survey.laser.wavelength_nm, unsure))

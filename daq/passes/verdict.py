@@ -11,8 +11,9 @@ from typing import Any
 from stepdiag.daq.capture.conditions import COURSES
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.driven import Pass
-from stepdiag.daq.passes.held import held_conditions
+from stepdiag.daq.passes.held import Held, held_conditions
 from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.findings import Finding
 
 STATED = ("air-unknown", "sensor-jump")
@@ -87,6 +88,17 @@ def _held(book: PassBook, stated: Mapping[str, float]) -> Iterator[Finding]:
             f"u = {held.u:.2g} {COURSES[held.name].unit}: it is in the uncertainty"
         )
         yield Finding(code="conditions-held", severity="warning", text=text)
+
+
+def assumed_findings(survey: Survey, stops: int, unsaid: Iterable[Held]) -> Iterator[Finding]:
+    """Yield which conditions of the air nobody told, at how many of the ``stops``, what counts in their place and how sure that is."""
+    for one in unsaid:
+        unit, value = COURSES[one.name].unit, getattr(survey.environment, one.name)
+        text = (
+            f"{one.name}: at {one.stops} of {stops} stops nobody told it, {value:g} {unit} of [environment] is assumed, "
+            f'u = {one.u:.2g} {unit}: it is in the uncertainty; set it and source = "fixed" there, or solve with --environment FILE'
+        )
+        yield Finding(code="conditions-assumed", severity="warning", text=text)
 
 
 def history(findings: Sequence[Finding]) -> list[dict[str, Any]]:

@@ -15,14 +15,15 @@ from typing import Any, Literal
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.doubt import says_what_to_do
-from stepdiag.daq.passes.held import held_conditions, with_held
+from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, with_held
 from stepdiag.daq.passes.tabulate import tabulate
-from stepdiag.daq.passes.verdict import history, settled_findings, suspected
+from stepdiag.daq.passes.verdict import assumed_findings, history, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
 from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, REFUSED, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.bundle import active_in, compensation_findings, compensation_of, tables_for
+from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.files import as_text, holds, write_atomically, write_once
@@ -92,6 +93,7 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     _require_all(replayed)
     survey = replayed.survey
     readings = readings_of(replayed, environment)
+    unsaid = assumed_conditions(replayed.book, survey, environment or ())
     chosen = method or survey.solver.method
     level = _angles(replayed) or {}
     head = evaluate_head(survey, replayed.book.passes, replayed.files, level) if chosen == "estimate" else HeadMeasured(angles={})
@@ -105,12 +107,16 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
         method=chosen,
         angles=angles or None,
         straightness=head.straightness,
-        assumed=with_held(assumptions_of(survey), survey, held_conditions(replayed.book, environment or ())),
+        assumed=with_held(assumptions_of(survey), survey, [*held_conditions(replayed.book, environment or ()), *unsaid]),
     )
-    solved = (*head.findings, *twice, *result.findings)
+    solved = (*head.findings, *twice, *result.findings, *assumed_findings(survey, len(readings), unsaid))
     replayed.book.suspect(suspected(replayed.book, solved))
     findings = (*compensation_findings(survey), *unchecked(survey), *settled_findings(replayed.book, solved, stated=environment or {}))
-    about = {"survey": _facts(replayed), "conditions": _conditions(replayed) | _stated(environment), "history": history(replayed.findings)}
+    about = {
+        "survey": _facts(replayed),
+        "conditions": _conditions(replayed) | _stated(environment) | _assumed(survey, unsaid),
+        "history": history(replayed.findings),
+    }
     return replace(result, findings=findings, extra={**about, **result.extra}), render_readings(readings)
 
 
@@ -149,6 +155,11 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
 
 def _stated(environment: Mapping[str, float] | None) -> dict[str, list[float]]:
     return {name: [value, value] for name, value in (environment or {}).items()}
+
+
+def _assumed(survey: Survey, unsaid: Sequence[Held]) -> dict[str, dict[str, float]]:
+    """Return the conditions that nobody told, as the survey file has them."""
+    return {"assumed": {one.name: getattr(survey.environment, one.name) for one in unsaid}} if unsaid else {}
 
 
 def _facts(replayed: Replayed) -> dict[str, Any]:

@@ -18,6 +18,9 @@ from stepdiag.solver.linear.mixed import MixedFit
 
 POINTS = 15
 """Sizes, each as likely as the others, that stand for all."""
+CLASS_SPREAD = 0.6
+"""Standard deviation of the logarithm of how large the errors of one machine are beside those of its class: between a third of the usual
+and three times it lie 95 %, as far as good and old machines lie apart (docs/uncertainty.md)."""
 _FINE = 281
 
 
@@ -94,6 +97,15 @@ def _points(seen: Vector, shown: Vector, log_found: float) -> Vector:
 def likely_factors() -> Vector:
     """Return equally likely sizes, relative to the usual one, of a cause that no reading shows, shape (points,)."""
     return _points(np.zeros(1), np.zeros(1), 0.0)
+
+
+def class_factors() -> Vector:
+    """Return equally likely sizes, relative to the usual one, of what was not measured of a machine: one for all of it, shape (points,).
+
+    They stand in an order of their own: which of them goes with which of `likely_factors` says nothing.
+    """
+    found: Vector = np.exp(CLASS_SPREAD * normal_points(POINTS))[np.arange(POINTS) * (POINTS // 2) % POINTS]
+    return found
 
 
 def normal_points(count: int) -> Vector:

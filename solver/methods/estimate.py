@@ -16,7 +16,7 @@ from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.coverage import coverage, coverage_findings
 from stepdiag.solver.methods.finer import finer
 from stepdiag.solver.methods.head_report import agreeing, beside_head, head_findings
-from stepdiag.solver.methods.lengths import lengths_report, tool_report
+from stepdiag.solver.methods.lengths import lengths_report, temperature_findings, tool_report
 from stepdiag.solver.methods.standard_figures import standards_findings, standards_report
 from stepdiag.solver.methods.volumetric import (
     budget,
@@ -158,12 +158,14 @@ def solve_estimate(
         *setup_findings(found, reports),
         *contradictions(found, reports),
         *standards_findings(layout),
+        *temperature_findings(layout.temperature_c, found.assumed),
     )
     factors = coverage(found, done.quantities, done.known, done.u, done.u_readings)
     expected = expected_angles(found, done.spread)
     errors, of_head = beside_head(_errors(done), of_head, straightness, found)
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
-    posterior = make_posterior(found, done.spread, wider, errors)
+    twice = with_the_usual(found, done.spread, done.quantities, done.known, 2.0)
+    posterior = make_posterior(found, done.spread, wider, twice, errors)
     result = Result(
         volume=layout.volume,
         chain=chain,

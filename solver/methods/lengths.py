@@ -11,12 +11,16 @@ from typing import Any
 import numpy as np
 
 from stepdiag.solver.errors import DataError
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function, Scale
 from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
 AS_MEASURED, AT_20_C = "as_measured", "at_20_c"
+UNMEASURED_C = 3.5
+"""Standard uncertainty of 20 C, or of what a survey file says, where nobody measured: as of a sensor that fell silent an hour ago."""
 REACH_MM = 100.0
 """Distance from mirror to tool for which it is said what the angles make of it."""
 
@@ -24,9 +28,11 @@ REACH_MM = 100.0
 def at_their_temperature(readings: Readings, assumed: Assumptions | None, source: str) -> Assumptions:
     """Return the assumptions with what the readings say of their temperature: whether they stand at 20 C, and how warm the material was.
 
+    Readings that were brought to 20 C from a temperature that nobody measured carry what is uncertain about that (`UNMEASURED_C`).
     Raises ``DataError`` where some readings were brought to 20 C and others not.
     """
     found = assumed or Assumptions()
+    reduced = bool(len(readings) and readings.at_20_c.all())
     if readings.at_20_c.any() and not readings.at_20_c.all():
         row = int(np.argmin(readings.at_20_c))
         place = f"{source}: setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop {readings.stop[row]}"
@@ -35,7 +41,30 @@ def at_their_temperature(readings: Readings, assumed: Assumptions | None, source
     if len(known):
         mean = float(np.mean(known))
         found = replace(found, material_c=(mean, mean, mean))
-    return replace(found, reduced_to_20_c=bool(readings.at_20_c.all())) if len(readings) else found
+    if reduced and not np.all(np.isfinite(readings.temperature_c)):
+        found = replace(found, u_material_c=max(found.u_material_c, UNMEASURED_C))
+    return replace(found, reduced_to_20_c=reduced) if len(readings) else found
+
+
+def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[Finding, ...]:
+    """Return what is to be said of readings (their ``temperature_c``) of which nobody measured how warm the machine was; none else.
+
+    As a machine's sensor, or a person, says it for each: what only some of them have is no temperature of the survey.
+    """
+    if np.all(np.isfinite(temperature_c)):
+        return ()
+    if assumed.reduced_to_20_c:
+        text = (
+            f"nobody measured how warm the machine was when its readings were brought to 20 C: it is taken for known within "
+            f"{assumed.u_material_c:.2g} C (k = 1), which is in the uncertainty; give temperature_c with the readings, or a sensor"
+        )
+        return (Finding(code="material-unmeasured", severity="warning", text=text),)
+    per_axis = ", ".join(f"{one:g}" for one in dict.fromkeys(assumed.expansion_um_m_c))
+    text = (
+        f"nobody measured how warm the machine was: its lengths hold for the temperature that it had, and differ at 20 C by "
+        f"{per_axis} um/m for each degree; give temperature_c with the readings, or a sensor"
+    )
+    return (Finding(code="material-unmeasured", severity="info", text=text),)
 
 
 def lengths_report(scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool) -> dict[str, Any]:

@@ -15,9 +15,10 @@ from stepdiag.solver.methods.angular import cause_place, rms
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import POSITIONING
+from stepdiag.solver.planning.foresight import CURVED
 from stepdiag.solver.result.field import error_field_um, evenly
 from stepdiag.solver.result.posterior import Posterior
-from stepdiag.solver.result.prediction import predicted, volumetric_u_um
+from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted, volumetric_u_um
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.solver.uncertainty.machine import Machine, covariance, machine_of, over_volume, posterior_of, usual_rows, with_usual
 from stepdiag.solver.uncertainty.monte_carlo import monte_carlo
@@ -33,6 +34,11 @@ HARMFUL = 0.42
 than three and a half waves on ten increments."""
 LEAST_VALUES = 8
 """Of fewer values the fourth differences are too few to tell waves from bends: five increments would nearly always be called coarse."""
+FEW_VALUES = 5
+"""Of a function with so few values the waves are not told from their bends: half of what is known (in logarithms) is what is usual."""
+_OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3}
+"""Drawn functions of five half waves leave the curve through so few values by so much more than these say: their waves are shorter than
+two increments."""
 _AT_ENDS = 4.3
 """The spline knows waves less well in its two cells at either end: by 1.34 and 0.59 of what a parabola through three values leaves
 (computed for waves of 2.2 to 5 increments); their squares count for four cells of all."""
@@ -46,18 +52,23 @@ _BENT, _BENT_TWICE = 6.0, 70.0
 """Variances of the second and fourth difference of independent values over theirs."""
 
 
-def with_the_usual(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]) -> Spread:
-    """Return the covariances with what is usual for what is not identified; the same where all of it is."""
+def with_the_usual(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool], factor: float = 1.0) -> Spread:
+    """Return the covariances with what is usual, or ``factor`` times it, for what is not identified; the same where all of it is."""
     rows, u = usual_rows(quantities, known, found.assumed)
-    return replace(spread, fit=with_usual(found.fit, found.design, rows, u)) if len(rows) else spread
+    return replace(spread, fit=with_usual(found.fit, found.design, rows, factor * u)) if len(rows) else spread
 
 
-def make_posterior(found: Adjustment, spread: Spread, wider: Spread, errors: Mapping[str, Function]) -> Posterior:
-    """Return how the machine may differ from what is reported; what is not identified counts with what is usual (`with_the_usual`)."""
+def make_posterior(found: Adjustment, spread: Spread, wider: Spread, twice: Spread, errors: Mapping[str, Function]) -> Posterior:
+    """Return how the machine may differ from what is reported; what is not identified counts with what is usual (`with_the_usual`).
+
+    ``twice`` are the covariances with twice that: what grows with it is as unsure as it is how usual the machine is.
+    """
     first = cause_place(found, "angles") if found.shapes.names else 0
     machine = machine_of(found.design, found.shapes, first, len(wider.fit.size))
     offset = np.zeros(len(machine.names)) if wider is spread else _offset(machine, wider, spread, errors)
-    posterior = posterior_of(wider, machine, found.layout.volume, found.design.chain, offset, "angles")
+    # of a covariance found + f^2 unmeasured, from those at f = 1 and f = 2
+    unmeasured = np.zeros((len(offset),) * 2) if wider is spread else (covariance(twice, machine) - covariance(wider, machine)) / 3.0
+    posterior = posterior_of(wider, machine, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
 
@@ -87,9 +98,13 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     likely = normal_points(len(factor))
     for name in DISPLACEMENTS:
         function = errors[name]
-        arch, within, value = assumed.shape_um, 0.0, _evenly(function)
+        # of a function that nobody measured values are drawn that differ each by itself: they wave more than any that is smooth
+        arch, within, value = 0.0, 0.0, _evenly(function)
         if len(value) > 2:
             arch, within = arch_um(value, 0.0 if function.u_readings is None else rms(function.u_readings))
+            if len(value) <= FEW_VALUES:
+                usual = assumed.shape_um * min(CURVED / (len(value) - 1) ** 3, 1.0) / np.sqrt(BETWEEN_SHARE)
+                arch, within = float(np.sqrt(_OF_FEW[len(value)] * arch * usual)), SHORTEST
         hidden = assumed.between_um * float(name in POSITIONING) * np.roll(factor, len(factor) // 2)
         found[name] = np.hypot(arch * np.exp(within * likely), hidden)
     return found

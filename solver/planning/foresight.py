@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, Vector
 from stepdiag.solver.linear.components import sized
-from stepdiag.solver.linear.families import likely_factors, normal_points
+from stepdiag.solver.linear.families import class_factors, likely_factors, normal_points
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.linear.rows import Rows
@@ -86,7 +86,7 @@ def foresee(layout: Layout, chain: str, assumed: Assumptions, increments: int) -
     ahead = _Ahead(spread=spread, design=design, shapes=shapes, assumed=assumed, increments=increments)
     return Foresight(
         u=_u(found, known, spread),
-        volumetric_um=ahead.together_um(),
+        volumetric_um=ahead.together_um(known),
         unseen_step_um=_unseen_step_um(layout, mixed),
         parts=lambda: ahead.parts(known),
     )
@@ -176,9 +176,14 @@ class _Ahead:
         """Return what waves too short for the targets do, as usual."""
         return float(np.sqrt(3.0 * BETWEEN_SHARE)) * self.assumed.between_um
 
-    def together_um(self) -> float:
-        """Return the standard uncertainty of the volume's errors; the straight lines of tables are not counted."""
-        return float(np.linalg.norm([self.full[0], self.curved_um, self.hidden_um]))
+    def together_um(self, known: dict[str, bool]) -> float:
+        """Return the standard uncertainty of the volume's errors; the straight lines of tables are not counted.
+
+        What will not be identified may be larger than usual, all of it by one factor.
+        """
+        _, missed = _missed_um(reported(self.design), self.machine, self.design, self.assumed, known)
+        larger = np.sqrt(max(float(np.mean(class_factors() ** 2)) - 1.0, 0.0))
+        return float(np.linalg.norm([self.full[0], larger * missed, self.curved_um, self.hidden_um]))
 
     def parts(self, known: dict[str, bool]) -> _Parts:
         """Return what the compensation will leave, in parts."""
@@ -224,6 +229,7 @@ def _left_um(parts: _Parts) -> Interval:
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * parts.freedom)
     angles, hidden = (each[:, None] for each in (parts.angles_um * factor, parts.hidden_um * np.roll(factor, len(factor) // 2)))
-    square = (parts.identified_um**2 + parts.missed_um**2 + angles**2) * np.maximum(1.0 + chance, 0.0) ** 2 + hidden**2 + parts.bent_um**2
+    missed = parts.missed_um * class_factors()[:, None]
+    square = missed**2 + (parts.identified_um**2 + angles**2) * np.maximum(1.0 + chance, 0.0) ** 2 + hidden**2 + parts.bent_um**2
     low, value, high = (float(end) for end in np.sqrt(np.quantile(square, (TAIL, 0.5, 1.0 - TAIL))))
     return Interval(value_um=value, low_um=low, high_um=high)

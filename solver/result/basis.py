@@ -22,7 +22,8 @@ class Basis:
     """``assumed`` holds the sizes by name, ``tables`` which lengths the tables correct, None where the result does not say.
 
     ``material_c`` is how warm the machine was, ``scales`` are those that the tables correct, ``other`` those at the other temperature.
-    ``tool_um`` is what angles may make of a tool tip 100 mm from where the beam met the mirror.
+    ``air`` holds the conditions of the air that nobody told and that were assumed, by name. ``tool_um`` is what angles may make of a tool
+    tip 100 mm from where the beam met the mirror.
     """
 
     assumed: Mapping[str, float]
@@ -31,6 +32,7 @@ class Basis:
     scales: Scales
     other: Scales
     tool_um: float | None
+    air: Mapping[str, float]
 
     @property
     def beside(self) -> Lengths:
@@ -55,11 +57,17 @@ def basis_of(result: Result) -> Basis:
         scales=_scales(lengths.get(str(tables))),
         other=_scales(lengths.get(other)),
         tool_um=_number(tool.get("up_to_um_per_100_mm")),
+        air={name: value for name, raw in _assumed_air(result).items() if (value := _number(raw)) is not None},
     )
 
 
 def _part(result: Result, name: str) -> Mapping[str, Any]:
     found = result.extra.get(name)
+    return found if isinstance(found, dict) else {}
+
+
+def _assumed_air(result: Result) -> Mapping[str, Any]:
+    found = _part(result, "conditions").get("assumed")
     return found if isinstance(found, dict) else {}
 
 

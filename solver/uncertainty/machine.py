@@ -23,7 +23,7 @@ from stepdiag.solver.model.reported import POSITIONING, reported, sloped
 from stepdiag.solver.result.field import Tabulated, field_of_um, rigid_motions
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
-from stepdiag.solver.uncertainty.modes import BySize, by_size, factored
+from stepdiag.solver.uncertainty.modes import BySize, by_size, factored, of_one_factor
 from stepdiag.solver.uncertainty.spread import Spread
 
 MOST_POSITIONS = 20
@@ -110,19 +110,24 @@ def covariance(spread: Spread, machine: Machine) -> Vector:
     return 0.5 * (matrix + matrix.T)
 
 
-def posterior_of(spread: Spread, machine: Machine, volume: Volume, chain: str, offset: Vector, of_unknown_size: str) -> Posterior:
+def posterior_of(
+    spread: Spread, machine: Machine, volume: Volume, chain: str, offset: Vector, of_unknown_size: str, unmeasured: Vector
+) -> Posterior:
     """Return how the machine may differ from what is reported, in modes; ``offset`` (k,) is where it is to be expected beside that.
 
     The causes of the group ``of_unknown_size`` have modes of their own: how far these reach depends on a size that is not known either.
+    ``unmeasured`` is the part of the covariance that only what is usual says (k, k): how usual the machine is, nobody knows.
     """
     fields = fields_um(machine, volume, chain).reshape(len(machine.names), -1)
-    found = covariance(spread, machine)
+    found = covariance(spread, machine) - unmeasured
     family = spread.families.get(spread.names.index(of_unknown_size)) if of_unknown_size in spread.names else None
     own = BySize.nothing(len(found))
     if family is not None:
         moved = spread.moved(machine.combination, machine.on_causes)
         found = found - moved @ (family.surplus() + family.alone()) @ moved.T
         own = by_size(moved @ family.direction, family, fields, MOST_MODES)
+    if np.any(unmeasured):
+        own = own.beside(of_one_factor(unmeasured, fields, MOST_MODES))
     factor, left = factored(found, fields, MOST_MODES)
     left = np.hypot(left, own.left)
     positions = {letter: volume.nodes_mm(axis)[mode_nodes(volume)] for axis, letter in enumerate(AXIS_LETTERS)}

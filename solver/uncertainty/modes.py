@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.linear.families import Family
+from stepdiag.solver.linear.families import Family, class_factors
 from stepdiag.solver.result.posterior import UnknownSize
 
 TOLD = 0.995
@@ -27,6 +27,15 @@ class BySize:
     def nothing(cls, count: int) -> "BySize":
         """Return no modes of ``count`` values."""
         return cls(np.zeros((count, 0)), UnknownSize.nothing(), np.zeros(count))
+
+    def beside(self, other: "BySize") -> "BySize":
+        """Return the modes of both, each at its own size."""
+        sizes = max(len(self.sized.scale), len(other.sized.scale))
+        scale, shift = (
+            np.hstack([np.broadcast_to(part, (sizes, part.shape[1])) for part in both])
+            for both in ((self.sized.scale, other.sized.scale), (self.sized.shift, other.sized.shift))
+        )
+        return BySize(np.hstack([self.modes, other.modes]), UnknownSize(scale=scale, shift=shift), np.hypot(self.left, other.left))
 
 
 def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
@@ -63,6 +72,15 @@ def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> V
     share = over_volume / alone if over_volume > ROUNDING * total and alone > 0 else 0.0
     found: Vector = np.sqrt(kept * min(share, 1.0))
     return found
+
+
+def of_one_factor(found: Vector, fields: Vector, most: int) -> BySize:
+    """Return the modes of a covariance (k, k) of which only the usual size is known: all are larger by one of `class_factors`."""
+    columns, left = factored(found, fields, most)
+    factor = class_factors()
+    usual = float(np.sqrt(np.mean(factor**2)))
+    scale = np.tile((factor / usual)[:, None], (1, columns.shape[1]))
+    return BySize(usual * columns, UnknownSize(scale=scale, shift=np.zeros(scale.shape)), usual * left)
 
 
 def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> BySize:

@@ -132,6 +132,9 @@ def _basis(found: Basis) -> Iterator[Sentence]:
     elif found.tables is not None:
         arguments = {"warm": f"{found.material_c:.2f}", "scales": scales_in_words(found.scales), "other": scales_in_words(found.other)}
         yield Sentence(key=f"basis_{found.tables}" + ("" if found.other else "_only"), arguments=arguments)
+    if found.air:
+        told = ", ".join(f"{name} {value:g}" for name, value in found.air.items())
+        yield Sentence(key="basis_air_assumed", arguments={"told": told})
     if found.assumed.keys() >= set(ASSUMED):
         sizes = {name: f"{value * (1e6 if name == 'index' else 1.0):g}" for name, value in found.assumed.items()}
         yield Sentence(key="basis_assumed", arguments=sizes)

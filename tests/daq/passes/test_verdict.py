@@ -4,12 +4,13 @@ import msgspec
 import pytest
 
 from stepdiag.daq.passes.doubt import acceptance_of, says_what_to_do
-from stepdiag.daq.passes.held import held_conditions, with_held
+from stepdiag.daq.passes.held import assumed_conditions, held_conditions, with_held
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.passes.verdict import settled_findings, suspected
+from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.texts.sentences import translated
 from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
 
@@ -74,6 +75,24 @@ def test_a_held_value_is_in_the_budget_with_its_age():
     assert held_conditions(passes, {"air_pressure_hpa": 1010.0}) == ()
     (found,) = settled_findings(passes, [], stated={})
     assert "u = 4 hPa: it is in the uncertainty" in found.text
+
+
+def test_air_that_nobody_told_is_assumed_aloud():
+    """Pressure is no signal of this machine: what the survey file says counts at each stop, and how unsure that is is in U and is said."""
+    stops = [msgspec.structs.replace(stop, air_temperature_c=20.0, relative_humidity_percent=50.0) for stop in stops_of()]
+    passes, survey = book_of(stops), parse_survey(UNCOMPENSATED, "s")
+    (one,) = assumed_conditions(passes, survey)
+    assert (one.name, one.stops) == ("air_pressure_hpa", len(stops))
+    (found,) = assumed_findings(survey, len(stops), [one])
+    assert (found.code, found.severity) == ("conditions-assumed", "warning")
+    assert "nobody told it, 1013.25 hPa of [environment] is assumed, u = 4 hPa" in found.text
+    assert translated(found.text, "de").startswith("Luftdruck: an 10 von 10 Messpunkten hat niemand sie gemeldet")
+    usual = Assumptions()
+    assert with_held(usual, survey, [one]).index > 1e-6 > usual.index
+    assert assumed_conditions(passes, survey, {"air_pressure_hpa": 1010.0}) == ()
+    assert assumed_conditions(passes, parse_survey(survey_text(), "s")) == (), "a laser that puts its air right itself"
+    by_hand = parse_survey(UNCOMPENSATED + '\n[environment]\nsource = "fixed"\n', "s")
+    assert assumed_conditions(passes, by_hand) == (), "a person said it"
 
 
 def test_nobody_is_told_twice_what_to_drive_again():

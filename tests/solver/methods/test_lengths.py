@@ -103,6 +103,26 @@ def test_what_nobody_measured_is_not_20_c():
     assert len(basis.scales) == 3
 
 
+@pytest.mark.parametrize(("reduced", "severity"), [(False, "info"), (True, "warning")])
+def test_a_temperature_that_nobody_measured_is_said(reduced, severity, both):
+    """As measured it says for what the lengths hold; brought to 20 C, what was assumed for it is in U: 3.5 C of 11.7 um/m/C."""
+    made = readings(reduced=reduced)
+    result = solve(replace(made, temperature_c=np.full(len(made), np.nan)))
+    assert [one.severity for one in result.findings if one.code == "material-unmeasured"] == [severity]
+    assert not [one for one in both[reduced].findings if one.code == "material-unmeasured"]
+    for letter, scale in result.scale.items():
+        known = both[reduced].scale[letter].u if reduced else scale.u
+        assert (scale.u > 3.5 * STEEL) is reduced
+        assert known < 10.0
+
+
+def test_a_temperature_of_some_readings_is_none_of_the_survey():
+    made = readings(reduced=True)
+    some = made.temperature_c.copy()
+    some[::2] = np.nan
+    assert at_their_temperature(replace(made, temperature_c=some), None, "readings").u_material_c == pytest.approx(3.5)
+
+
 def test_a_scale_that_is_not_identified_has_no_length_anywhere():
     scales = {letter: Scale(value=None, u=None, identified=False) for letter in "XYZ"}
     report = lengths_report(scales, Assumptions(material_c=(25.0,) * 3), known=True)

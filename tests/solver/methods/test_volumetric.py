@@ -14,6 +14,7 @@ from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS, Function
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
+POINTS = np.random.default_rng(5).uniform(size=(200, 3)) * np.array([500.0, 400.0, 300.0])
 NODES = np.linspace(0.0, 500.0, 11)
 
 
@@ -49,7 +50,7 @@ def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
     text = next(finding.text for finding in found.findings if finding.code == "angles-unmeasured")
     told = float(re.search(r"with a head's angles about (\S+) um", text)[1])
     assert told == pytest.approx(with_angles.extra["volumetric_u_um"], rel=0.03)
-    assert told < 0.95 * found.extra["volumetric_u_um"]
+    assert told < 0.98 * found.extra["volumetric_u_um"]
 
 
 def test_exact_readings_without_linear_runs_leave_the_usual_of_the_scales():
@@ -63,19 +64,40 @@ def test_four_diagonals_alone_promise_what_comes_true():
 
     It was counted whole once more: "5.3 to 8.6 um" were promised where 2.4 came true, and 12.8 to 14.9 found where 10.2 were.
     """
-    points = np.random.default_rng(5).uniform(size=(200, 3)) * np.array([500.0, 400.0, 300.0])
-    held = []
-    for seed in range(6000, 6006):
-        bench = Bench(seed=seed)
-        result = solve(bench.survey(DIAGONALS))
-        found, true = error_field_um(result, points), bench.machine.error_at(points)
-        said = predicted(result, points, -found).without_rigid_motion
-        for when, field in (("before", true), ("after", true - found)):
-            left = without_rigid_motion(result.volume, points, field)
-            rms_um = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
-            low, high = said[when].rms_um.low_um, said[when].rms_um.high_um
-            held.append(low is not None and high is not None and low <= rms_um <= high)
-    assert sum(held) >= 11
+    assert sum(held for seed in range(6000, 6006) for held in promises_held(Bench(seed=seed), DIAGONALS)) >= 11
+
+
+@pytest.mark.parametrize(
+    ("setups", "increments"),
+    [(LINEAR, 10), (DIAGONALS[:1], 10), ((*DIAGONALS, *LINEAR), 4)],
+    ids=["linear runs alone", "one diagonal", "four increments"],
+)
+def test_what_hardly_anything_was_measured_of_is_promised_no_better_than_it_is_known(setups, increments):
+    """How usual the machine is, nobody knows: all that was not measured is larger or smaller by one factor.
+
+    It was of the usual size exactly: 0 of 8, 1 of 12 and 6 of 8 true values lay in the intervals.
+    """
+    benches = [Bench(seed=seed, increments=increments, angle_urad=10.0) for seed in range(6000, 6003)]
+    assert sum(held for bench in benches for held in promises_held(bench, setups)) >= 5
+
+
+def test_linear_runs_alone_do_not_tell_a_machine_three_times_as_good_from_a_usual_one():
+    said = predicted(solve(Bench(seed=2).survey(LINEAR)), POINTS, np.zeros((len(POINTS), 3))).without_rigid_motion["before"].rms_um
+    assert said.low_um is not None
+    assert said.high_um is not None
+    assert said.high_um > 3.0 * said.low_um
+
+
+def promises_held(bench, setups):
+    """Return whether the errors as found, and those after an ideal compensation, lie in their intervals."""
+    result = solve(bench.survey(setups))
+    found, true = error_field_um(result, POINTS), bench.machine.error_at(POINTS)
+    said = predicted(result, POINTS, -found).without_rigid_motion
+    for when, field in (("before", true), ("after", true - found)):
+        left = without_rigid_motion(result.volume, POINTS, field)
+        rms_um = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+        low, high = said[when].rms_um.low_um, said[when].rms_um.high_um
+        yield low is not None and high is not None and low <= rms_um <= high
 
 
 def test_linear_runs_alone_are_solved_though_no_angle_moves_them():

@@ -4,12 +4,15 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.planning.foresight import foresee
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 
@@ -56,14 +59,35 @@ def test_shares_add_up_to_the_combined_uncertainty(done):
     assert np.sqrt(total) == pytest.approx(done.u, rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    "more", [{"angles_urad": 40.0}, {"drift_um": 3.0}, {"wander_um": 2.0}, {"setup_c": 0.5}, {"index": 2e-6}, {"reduced_to_20_c": True}]
-)
-def test_a_larger_source_never_shrinks_u(more):
-    layout = lay_out(Bench(increments=4).survey())
+SIZES = ("angles_urad", "drift_um", "wander_um", "repeatability_um", "setup_c", "index", "index_setup", "alignment_mrad", "shape_um")
+
+
+@settings(max_examples=15, deadline=None)
+@given(larger=st.dictionaries(st.sampled_from(SIZES), st.floats(1.0, 20.0), min_size=1), runs=st.integers(0, 3))
+def test_a_source_never_shrinks_u_and_a_run_never_grows_it(larger, runs):
+    """A theorem for sizes that are given (a larger covariance of the readings, and fewer rows, leave more of everything unknown): no u of
+    any quantity, nor the volume's, whatever is made larger and by how much."""
     usual = Assumptions()
-    base, wider = (estimate(layout, "FXYZ", assumed=one) for one in (usual, replace(usual, **more)))
-    assert np.all(wider.u[: len(base.u)] >= base.u * (1 - 0.002)), "sizes of the others are found anew: that is worth a thousandth"
+    wider = replace(usual, **{name: factor * getattr(usual, name) for name, factor in larger.items()})
+    few, many = (lay_out(Bench(increments=3).survey((*DIAGONALS, *LINEAR[:count]))) for count in (runs, 3))
+    base, source, run = (foresee(layout, "FXYZ", one, 3) for layout, one in ((few, usual), (few, wider), (many, usual)))
+    for name, u in base.u.items():
+        assert source.u[name] >= u * (1 - 1e-9), name
+        assert run.u[name] <= u * (1 + 1e-9), name
+    assert source.volumetric_um >= base.volumetric_um * (1 - 1e-9)
+    assert run.volumetric_um <= base.volumetric_um * (1 + 1e-9)
+
+
+@settings(max_examples=15, deadline=None)
+@given(larger=st.lists(st.floats(1.0, 30.0), min_size=4, max_size=4))
+def test_of_a_survey_that_was_driven_no_larger_size_shrinks_u(done, larger):
+    """The same of the fit itself, around the sizes that were found: only finding the others anew can make a u smaller."""
+    spread = done.spread
+    known = replace(spread, sizes=replace(spread.sizes, sought=np.zeros_like(spread.sizes.sought)))
+    factor = np.resize(larger, len(spread.names))[spread.group]
+    wider = replace(known, fit=sized(spread.fit, factor))
+    moved = spread.moved(done.quantities.combination)
+    assert np.all(wider.variance(moved) >= known.variance(moved) * (1 - 1e-9) - 1e-9)
 
 
 def test_a_run_more_never_makes_u_larger_by_much():

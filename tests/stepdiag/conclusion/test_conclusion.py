@@ -244,10 +244,20 @@ class TestBasis:
         (text,) = self.said(tool={"up_to_um_per_100_mm": 3.21})
         assert "100 mm from it may differ by up to 3.2 µm" in text
 
+    def test_air_that_was_assumed_is_said_as_such(self) -> None:
+        conditions = {"air_temperature_c": [20.1, 20.4], "assumed": {"air_pressure_hpa": 1013.25}}
+        (text,) = self.said(conditions=conditions)
+        assert text.startswith("Nobody measured the air, and the reading depends on it: air_pressure_hpa 1013.25 of the survey file")
+        (text,) = self.said("de", conditions=conditions)
+        assert "1013,25 aus der Messdatei" in text
+        (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})
+        assert "its temperature was assumed" in text
+
     def test_an_older_or_foreign_result_says_nothing(self) -> None:
         assert self.said() == []
         for foreign in (
             {"lengths": 3, "assumed": [], "tool": None},
+            {"conditions": {"assumed": 3}},
             {"lengths": {"tables": ["x"], "material_c": "warm"}, "assumed": {"a": {}}},
         ):
             assert self.said(**foreign) == []
