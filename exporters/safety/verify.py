@@ -31,9 +31,11 @@ from stepdiag.exporters.tables.tables import Table, joined, mean_correction_um
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
+from stepdiag.solver.methods.volumetric import coarse_functions
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.prediction import Predicted, predicted
 from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.stretches import harmed
 
 Correction = Callable[[Vector], Vector]
 """Commanded points (N, 3) in mm to what is added there in um."""
@@ -225,7 +227,11 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
     tables = tables_in(controller, files, reading)
     standing = _standing(controller, files, tables, reading)
     prediction = predict(result, *standing.acting(result, reading), nodes=nodes)
-    findings = (*standing_findings(standing, result, reading), *worse_findings(prediction, standing, result, reading))
+    findings = (
+        *standing_findings(standing, result, reading),
+        *worse_findings(prediction, standing, result, reading),
+        *harm_findings(prediction, result),
+    )
     return Verification(
         controller=controller.name,
         assumed=reading.assumed,
@@ -259,6 +265,27 @@ def worse_findings(prediction: Prediction, standing: Standing, result: Result, p
         yield Finding(code="worse-after", severity="error", text=text)
 
 
+def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
+    """Yield a warning for each stretch of an axis in which the files make the machine worse as predicted, though not as a whole, and for
+    functions of which nobody knows what they do between the targets."""
+    effect = prediction.anywhere
+    if not prediction.clearly_worse:
+        beside = effect.before_um - error_field_um(result, effect.points_mm)
+        for one in harmed(result, effect.points_mm, effect.after_um - effect.before_um, beside):
+            text = (
+                f"{one.axis} {one.low_mm:g} to {one.high_mm:g} mm: there the machine would err by {one.after.words()} um rms with these "
+                f"files, without them by {one.before.words()}; measure this stretch finer, or take its points out of the tables"
+            )
+            yield Finding(code="stretch-worse", severity="warning", text=text)
+    names = coarse_functions(result.errors)
+    if names:
+        text = (
+            f"{', '.join(names)}: waves hardly longer than two increments; between its targets a table of these could make the machine "
+            "worse anywhere along the axis, and no figure here knows it: drive the survey again with twice as many increments"
+        )
+        yield Finding(code="between-unknown", severity="warning", text=text)
+
+
 def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:
     """Return what a lattice is, function by function, in place of the one that the profile says was active while measuring."""
     on = profile is not None and profile.machine.measured_with == "on"
@@ -268,13 +295,14 @@ def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: i
         return held.correction_um(points_mm) - (active.correction_um(points_mm) if active is not None else 0.0)
 
     fault = judge_field(result, added, held.axes_mm)
+    prediction = predict_moved(result, added, nodes=nodes)
     return Verification(
         controller=lattice.NAME,
         assumed=False,
         tables=(),
-        prediction=predict_moved(result, added, nodes=nodes),
+        prediction=prediction,
         judgements=judge_lattice(result, added, held.axes_mm),
-        findings=() if fault is None else (fault,),
+        findings=(*(() if fault is None else (fault,)), *harm_findings(prediction, result)),
     )
 
 

@@ -110,8 +110,8 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     return found
 
 
-def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
-    """Return the finding on functions whose waves are hardly longer than two increments: between the targets nobody knows them."""
+def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
+    """Return the functions whose waves are hardly longer than two increments: between the targets nobody knows them."""
     names = []
     for name in DISPLACEMENTS:
         value = _evenly(errors[name])
@@ -120,6 +120,12 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
             arch, _ = arch_um(value, 0.0 if u_readings is None else rms(u_readings))
             if arch > HARMFUL * rms(value - np.linspace(value[0], value[-1], len(value))):
                 names.append(name)
+    return names
+
+
+def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
+    """Return the finding on `coarse_functions`."""
+    names = coarse_functions(errors)
     if not names:
         return []
     text = (

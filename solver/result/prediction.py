@@ -86,16 +86,40 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
     known = posterior is not None
     return Predicted(
         **{
-            name: {when: FieldFigures(rms_um=_told(drawn[0], known), largest_um=_told(drawn[1], known)) for when, drawn in part.items()}
+            name: {when: FieldFigures(rms_um=told(drawn[0], known), largest_um=told(drawn[1], known)) for when, drawn in part.items()}
             for name, part in parts.items()
         },
     )
 
 
-def _told(drawn: Vector, known: bool) -> Interval:
+def told(drawn: Vector, known: bool) -> Interval:
     """Return the median of draws and the interval that holds all but `TAIL` of them on either side."""
     low, value, high = (float(end) for end in np.quantile(drawn, (TAIL, 0.5, 1.0 - TAIL)))
     return Interval(value_um=value, low_um=low, high_um=high) if known else Interval(value_um=value)
+
+
+def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> tuple[Vector, Vector]:
+    """Return the squared length of the error vector at the points for each of `FOR_LARGEST` draws, rigid motion removed, before and after a
+    correction, shapes (draws, N); arguments as of `predicted`. One draw where the result has no posterior."""
+    posterior = result.posterior
+    before = error_field_um(result, points_mm) + beside_um
+    if posterior is not None:
+        before = before + bend_um(result, points_mm)
+    amount = np.ones((1, 1)) if posterior is None else posterior.drawn(FOR_LARGEST)
+    between = _between(result, posterior, points_mm, len(amount))
+    motions = rigid_motions(result.volume, points_mm)
+    flat, found = _flat(_moved(result, posterior, points_mm), motions), _flat(before[None], motions)
+    noise = _flat(_adjusted_um(result, posterior, points_mm)[0], motions)
+    change = _flat(correction_um[None], motions)
+    square_um2 = max(float(np.sum(found**2)), 1e-30)
+    common_um2 = _common_um2(flat, noise, _together(amount))
+    squares = []
+    for field in (found, found + change):
+        over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
+        likely = field - min(over_um2 / square_um2, 1.0) * found
+        drawn = (amount @ np.vstack([likely + flat[:1], flat[1:]])).reshape(len(amount), -1, 3)
+        squares.append(np.sum(drawn**2 + between.square_um(slice(None)), axis=2))
+    return squares[0], squares[1]
 
 
 def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:

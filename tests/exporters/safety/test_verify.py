@@ -45,6 +45,30 @@ class TestPrediction:
         assert after.largest_um > 1.5 * before.largest_um
         assert prediction.worse
 
+    def test_a_stretch_in_which_the_files_harm_is_named_though_they_help_on_the_whole(self):
+        made = made_result({"EXX": [0, 14, -12, 16, 0.5]}, volume=VOLUME)
+        control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)
+        spoiled = made_result({"EXX": [0, 14, -12, 16, 24]}, volume=VOLUME)
+        files = control.render(control.plan(curves_of(spoiled), profile).tables, profile)
+        found = verify_files(made, files)
+        assert not found.prediction.clearly_worse
+        (one,) = [each for each in found.findings if each.code == "stretch-worse"]
+        axis, low, _, high = one.text.split()[:4]
+        end = VOLUME.origin_mm[0] + VOLUME.size_mm[0]
+        assert (axis, float(high)) == ("X", end)
+        assert float(low) == end - VOLUME.step_mm[0]
+        clean = verify_files(made, control.render(control.plan(curves_of(made), profile).tables, profile))
+        assert not [each for each in clean.findings if each.code == "stretch-worse"]
+
+    def test_waves_that_no_target_shows_are_said_of_their_tables(self):
+        fine = replace(VOLUME, increments=10)
+        wave = 8.0 * np.sin(2.0 * np.pi * 4.5 * np.arange(11) / 10 + 0.7)
+        made = made_result({"EXX": (wave - wave[0]).tolist()}, volume=fine)
+        control, profile = controller_named("siemens"), profile_of("siemens", fine)
+        found = verify_files(made, control.render(control.plan(curves_of(made), profile).tables, profile))
+        assert [each.text.partition(":")[0] for each in found.findings if each.code == "between-unknown"] == ["EXX"]
+        assert not [each for each in verify_files(RESULT, siemens_files()).findings if each.code == "between-unknown"]
+
     def test_without_rigid_motion_a_squareness_folded_the_other_way_is_no_error(self):
         control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)
         curves = curves_of(RESULT, fold={"C0Y": "EYX", "B0Z": "EZX", "A0Z": "EZY"})

@@ -1,0 +1,33 @@
+"""Tables that help on the whole and harm on a stretch of one axis: the stretch is named, and no other."""
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.geometry.volume import anywhere_mm
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.stretches import harmed
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+
+
+@pytest.fixture(scope="module", params=[(*DIAGONALS, *LINEAR), DIAGONALS], ids=["with linear runs", "diagonals alone"])
+def result(request):
+    return solve(Bench(seed=3, angle_urad=10.0).survey(request.param))
+
+
+def test_tables_of_what_was_found_harm_nowhere(result):
+    points = anywhere_mm(result.volume)
+    assert harmed(result, points, -error_field_um(result, points)) == []
+
+
+@pytest.mark.parametrize(("axis", "low", "high"), [(0, 300.0, 400.0), (2, 0.0, 60.0)])
+def test_a_stretch_in_which_the_sign_is_turned_is_named_and_no_other(result, axis, low, high):
+    points = anywhere_mm(result.volume)
+    right = -error_field_um(result, points)
+    turned = (points[:, axis] > low) & (points[:, axis] < high)
+    (one,) = harmed(result, points, np.where(turned[:, None], -right, right))
+    assert one.axis == "XYZ"[axis]
+    assert (one.low_mm, one.high_mm) == pytest.approx((low, high))
+    assert one.times > 1.5
+    assert one.before.low_um is not None
+    assert one.after.high_um is not None
