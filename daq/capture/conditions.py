@@ -11,9 +11,8 @@ from typing import Protocol
 
 import msgspec
 
-from stepdiag.daq.formats.instruments.air import told_by
 from stepdiag.daq.formats.signals import Signals
-from stepdiag.daq.survey.formats import air_pattern
+from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
 from stepdiag.solver.standards.air import HALL
@@ -83,10 +82,16 @@ def with_air(survey: Survey, signals: Signals, sensor: StreamBuffer, now_ns: int
 
 
 def told_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
-    """Return the conditions that a sensor's pattern says it tells, or that the laser has told so far; none where neither is asked."""
-    if survey.air_sensor is not None:
-        return told_by(air_pattern(survey.air_sensor))
-    return tuple(name for name in sensor.told if name in COURSES) if survey.environment.source == "laser" else ()
+    """Return the conditions that a sensor or the laser is to tell, and those that the laser tells besides; none where neither is asked."""
+    own = promised(survey)
+    told = sensor.told if survey.environment.source == "laser" else ()
+    return (*own, *(name for name in told if name in COURSES and name not in own))
+
+
+def needed_conditions(survey: Survey) -> tuple[str, ...]:
+    """Return the conditions that the readings of a survey depend on."""
+    air = () if survey.laser.compensated else ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
+    return (*air, *(("material_temperature_c",) if survey.machine.apply_expansion else ()))
 
 
 def believed_before(
@@ -105,8 +110,7 @@ class Conditions:
 
     def __init__(self, survey: Survey, credible: Mapping[str, Credible]) -> None:
         self._environment = survey.environment
-        air = () if survey.laser.compensated else ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
-        self._needed = (*air, *(("material_temperature_c",) if survey.machine.apply_expansion else ()))
+        self._needed = needed_conditions(survey)
         self._credible = dict(credible)
         self._trouble: dict[str, str] = {}
         self._jumped: dict[str, list[float]] = {}

@@ -12,7 +12,7 @@ import msgspec
 
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.conditions import believed_before, with_air
+from stepdiag.daq.capture.conditions import believed_before, told_names, with_air
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.capture.standing.dwell import same_stop
@@ -23,8 +23,9 @@ from stepdiag.daq.log.topics import Note, finding_note, log_note, sample_note, s
 from stepdiag.daq.log.writer import ExitStatus, LogHeader
 from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.recording.listening import Listening
 from stepdiag.daq.recording.verdicts import Verdicts
-from stepdiag.daq.records.events import Chunk, Event, ModbusBlock, Stream
+from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock, Stream
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
@@ -113,6 +114,7 @@ class Session:
         self._passes_left = 0
         self._noted_sample_ns = self._noted_signals_ns = 0
         self._idle = _idle_streams(survey)
+        self._listening = Listening(survey)
         self.capture: Capture | None = None
         self._samples = 0
         self.strip = Strip()
@@ -155,6 +157,8 @@ class Session:
             self.strip.add(last)
 
     def _take(self, event: Event) -> None:
+        if isinstance(event, LinkEvent):
+            self._listening.take_link(event)
         if self.capture is None:
             self._wait(event)
             return
@@ -227,20 +231,32 @@ class Session:
         if self.capture is not None:
             self._sink.note(finding_note(self._noted_signals_ns, finding))
 
+    def told(self) -> dict[str, float]:
+        """Return what a sensor or the laser told last of air and material, where the survey takes them from it."""
+        sensor = self._idle_air() if self.capture is None else self.capture.air
+        return {name: sensor.told[name] for name in told_names(self.survey, sensor) if name in sensor.told}
+
     def laser_samples(self) -> Samples | None:
         """Return the newest batch of the laser, recorded or not; None before the first."""
         return self._idle["laser"].last if self.capture is None else self.capture.laser.last
 
     def _wait(self, event: Event) -> None:
         self._remember(event)
-        if isinstance(event, Chunk) and event.stream in self._idle:
-            self._idle[event.stream].feed(event.data, event.arrival_ns)
+        if isinstance(event, Chunk):
+            self._hear(event)
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
             if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):
                 self._standing = None
             if self._begins(signals):
                 self._begin_log(time_of(event))
+
+    def _hear(self, chunk: Chunk) -> None:
+        """Follow a stream while nothing is recorded of it."""
+        if chunk.stream in self._idle:
+            self._idle[chunk.stream].feed(chunk.data, chunk.arrival_ns)
+        for found in self._listening.take(chunk):
+            self._heed(found)
 
     def _idle_air(self) -> StreamBuffer:
         """Return the stream that tells of air and material between two logs, where the survey takes them from one."""

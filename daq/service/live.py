@@ -17,7 +17,7 @@ LARGEST_BYTES = 100_000
 
 
 class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """One moment of a daemon; ``time_s`` since 1970."""
+    """One moment of a daemon; ``time_s`` since 1970. ``told`` is what a sensor or the laser told last of air and material."""
 
     time_s: float
     waits_for: str
@@ -26,6 +26,7 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
     plc: LinkStatus
     head: LinkStatus | None = None
     air: LinkStatus | None = None
+    told: dict[str, float] = {}
 
 
 def write_live(folder: Path, status: LiveStatus) -> None:

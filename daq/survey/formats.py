@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from stepdiag.daq.formats.instruments.air import PTU300, AirSettings
+from stepdiag.daq.formats.instruments.air import PTU300, AirSettings, told_by
 from stepdiag.daq.formats.instruments.angles import ELCOMAT, WYLER, AnglesSettings
 from stepdiag.daq.formats.instruments.fourdof import FourdofSettings
 from stepdiag.daq.formats.instruments.framed import FramesSettings
@@ -19,6 +19,10 @@ from stepdiag.daq.formats.registry import FormatSettings, make_decoder
 from stepdiag.daq.records.events import Stream
 from stepdiag.daq.survey.models import AirSensor, FramesSection, Head, Laser, LineSection, Survey
 from stepdiag.daq.timing.samples import Decoder
+
+_AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
+LASER_TELLS = {"ids3010": _AIR, "lasertex": (*_AIR, "material_temperature_c")}
+"""What the own sensors of a laser tell where it has them: the IDS3010's environmental unit, Lasertex' wireless ones."""
 
 
 def laser_decoder(survey: Survey) -> Decoder:
@@ -118,6 +122,17 @@ def head_settings(head: Head) -> FormatSettings:
         beam_threshold=frames.beam_threshold,
         latency_s=head.latency_s,
     )
+
+
+def promised(survey: Survey) -> tuple[str, ...]:
+    """Return the conditions that the survey takes from a sensor or from the laser: those of the sensor's pattern, or those that a laser of
+    this kind tells and the machine does not.
+    """
+    if survey.air_sensor is not None:
+        return told_by(air_pattern(survey.air_sensor))
+    if survey.environment.source != "laser":
+        return ()
+    return tuple(name for name in LASER_TELLS.get(survey.laser.format, ()) if name not in survey.plc.said)
 
 
 def air_pattern(sensor: AirSensor) -> str:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag.daq.capture.conditions import told_names
+from stepdiag.daq.formats.recognise import KEPT
 from stepdiag.daq.formats.signals import SIGNAL_NAMES, SignalDecoder, Signals
 from stepdiag.daq.recording.survey_links import Statuses, SurveyLinks
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock
@@ -19,8 +20,6 @@ from stepdiag.solver.errors import DataError
 LOOK_S = 0.25
 """How often the watch looks at the links and shows them."""
 NS = 1e-9
-KEPT = 4096
-"""How much of the beginning of a stream is kept, to be shown and recognised where it makes no sense."""
 
 
 @dataclass(slots=True)
@@ -52,6 +51,7 @@ class StreamSeen:
     byte_count: int = 0
     samples: int = 0
     usable: int = 0
+    refused: int = 0
     position_mm: float | None = None
     beam: float | None = None
     last_flags: Flag = field(default_factory=lambda: Flag(0))
@@ -82,6 +82,7 @@ class StreamSeen:
             self._first_ns, self._before_first = arrival_ns, self.samples
         self._last_ns = arrival_ns
         self.usable += int(np.count_nonzero(np.isfinite(batch.position_mm)))
+        self.refused += int(np.count_nonzero(batch.flags & int(Flag.DEVICE_ERROR)))
         self.last_flags = Flag(int(batch.flags[-1]))
         self.position_mm, self.beam = _known(batch.position_mm[-1]), _known(batch.beam[-1])
 

@@ -7,8 +7,9 @@ from collections.abc import Iterator
 from typing import Literal
 
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
-from stepdiag.checking.recognise import recognise
-from stepdiag.daq.capture.remarks.unchecked import WITHOUT, unchecked
+from stepdiag.daq.capture.conditions import needed_conditions
+from stepdiag.daq.capture.remarks.unchecked import WITHOUT, assumed, unchecked
+from stepdiag.daq.formats.recognise import refused, senseless
 from stepdiag.daq.formats.signals import describe
 from stepdiag.daq.survey.bundle import compensation_findings
 from stepdiag.daq.survey.models import Plc
@@ -21,8 +22,6 @@ HEARTBEAT_S = 1.0
 """The heartbeat changes at least once a second (contract 2)."""
 JUDGED_AFTER_S = 2.5
 """What has to change or arrive is judged only after it had the time for it."""
-QUOTED = 24
-"""Bytes of a senseless stream that are shown."""
 GARBAGE_SHARE = 0.01
 RATE_SHARE = 0.05
 POLL_SHARE = 0.8
@@ -49,7 +48,8 @@ def diagnose(seen: Observation) -> tuple[Finding, ...]:
     found += [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
     found += _told(seen) if seen.sensor.samples else ()
     silent = seen.survey.plc.silent
-    found += unchecked(seen.survey) if silent else _machine(seen.machine, seen.survey.plc, seen.seconds, seen.air)
+    found += unchecked(seen.survey) if silent else assumed(seen.survey)
+    found += () if silent else _machine(seen.machine, seen.survey.plc, seen.seconds, seen.air)
     if seen.laser.samples:
         text = "which way the laser counts (laser.sign) and its fold (laser.optics) show only when the machine moves: at the first step"
         found.append(_finding("sign-untold", "info", text))
@@ -60,7 +60,7 @@ def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
     name = stream.link.name
     if not stream.byte_count:
         yield _absent(stream.link, seconds)
-    elif not stream.samples:
+    elif not stream.samples or (stream.refused == stream.samples and stream.counts["garbage"]):
         yield _finding(f"{name}-garbage", "error", _senseless(stream))
     else:
         yield from _instrument(stream, seconds)
@@ -73,21 +73,27 @@ def _told(seen: Observation) -> Iterator[Finding]:
     for name in sorted(seen.air):
         value = seen.sensor.told.get(name)
         if value is None:
-            text = f"the sensor does not tell {name}, which its pattern names: look at its display and at environment.sensor.pattern"
-            yield _finding("sensor-silent", "error", text)
+            yield _untold(seen, name)
         elif not HALL[name][0] < value <= HALL[name][1]:
             text = f"{name} reads {value:g}, which no hall has ({HALL[name][0]:g} to {HALL[name][1]:g}): check the sensor and its units"
             yield _finding("sensor-implausible", "warning", text)
 
 
+def _untold(seen: Observation, name: str) -> Finding:
+    """Return what is said of a condition that was to be told and is not: a warning where no reading depends on it."""
+    if seen.survey.air_sensor is not None:
+        text = f"the sensor does not tell {name}, which its pattern names: look at its display and at environment.sensor.pattern"
+        return _finding("sensor-silent", "error", text)
+    severity: Literal["error", "warning"] = "error" if name in needed_conditions(seen.survey) else "warning"
+    stated = getattr(seen.survey.environment, name)
+    text = f"the laser does not tell {name}, so {stated:g} of [environment] would count: connect its sensor, or state the conditions with"
+    return _finding("sensor-silent", severity, f'{text} environment.source = "fixed"')
+
+
 def _senseless(stream: StreamSeen) -> str:
-    """Return what a stream sends that makes no sense: what was seen, how it begins, and what it looks like."""
-    name = stream.link.name
-    quoted = stream.remarks.get("garbage") or stream.remarks.get("device") or f"{stream.byte_count} bytes, not one whole reading"
-    text = f"the {name} sends, but nothing it sends makes sense ({quoted}; it begins with {stream.heard[:QUOTED].hex(' ')})"
-    looks = recognise(stream.heard)
-    remedy = f'it looks like format = "{looks}"' if looks else "check its baud rate, format and port in the survey"
-    return f"{text}: {remedy}"
+    """Return what a stream sends that makes no sense."""
+    remark = stream.remarks.get("garbage") or stream.remarks.get("device") or ""
+    return senseless(stream.link.name, stream.heard, stream.byte_count, remark)
 
 
 def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
@@ -102,6 +108,9 @@ def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
         yield _finding(f"{name}-gap", "warning", f"{name}: {stream.remarks['gap']} ({stream.counts['gap']} times)")
     if stream.counts["restart"]:
         yield _finding(f"{name}-restart", "warning", f"{name}: {stream.remarks['restart']}: look at its power supply")
+    if stream.refused == stream.samples:
+        yield _finding(f"{name}-device", "error", refused(name, stream.remarks.get("device", "")))
+        return
     if "device" in stream.remarks:
         yield _finding(f"{name}-device", "info", f"the {name} says: {stream.remarks['device']}")
     yield from _light(stream)

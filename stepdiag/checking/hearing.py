@@ -11,12 +11,12 @@ from pathlib import Path
 import msgspec
 from serial.tools import list_ports
 
-from stepdiag.checking.recognise import recognise
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Settings
 from stepdiag.daq.formats.instruments.lasertex import LasertexSettings
 from stepdiag.daq.formats.instruments.nd import NdSettings
 from stepdiag.daq.formats.instruments.qudis import QudisSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
+from stepdiag.daq.formats.recognise import recognise
 from stepdiag.daq.formats.registry import FormatSettings, make_decoder
 from stepdiag.daq.formats.signals import SignalDecoder, Signals, plan_reads
 from stepdiag.daq.links.controls.machine import open_machine

@@ -120,6 +120,8 @@ def _live(found: "Standing") -> list[str]:
         return []
     links = {"laser": found.live.laser, "machine": found.live.plc, "head": found.live.head, "air": found.live.air}
     told = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
+    air = ", ".join(f"{name} {value:g}" for name, value in found.live.told.items())
+    told += [f"told of air and material: {air}"] if air else []
     return [*told, f"it waits for: {found.live.waits_for}", *filter(None, (found.live.message,))]
 
 

@@ -4,7 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from stepdiag.daq.capture.conditions import needed_conditions
 from stepdiag.daq.capture.place.route import agrees, base_setup, make_route
+from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS
@@ -35,7 +37,7 @@ def places_known(survey: Survey) -> bool:
 def unchecked(survey: Survey) -> tuple[Finding, ...]:
     """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped."""
     if survey.plc.silent:
-        return (Finding(code="no-signals", severity="warning", text="; ".join(_without_signals(survey))),)
+        return (Finding(code="no-signals", severity="warning", text="; ".join(_without_signals(survey))), *assumed(survey))
     texts = list(_without_position(survey)) if not places_known(survey) else []
     missing = [f"without {name} {WITHOUT[name]}" for name in OF_THE_STOPS if name not in survey.plc.said]
     findings = [Finding(code="position-unchecked", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
@@ -44,7 +46,20 @@ def unchecked(survey: Survey) -> tuple[Finding, ...]:
         findings.append(Finding(code="setup-unchecked", severity="warning", text=text))
     if missing:
         findings.append(Finding(code="signals-absent", severity="info", text="; ".join(missing)))
-    return tuple(findings)
+    return (*findings, *assumed(survey))
+
+
+def assumed(survey: Survey) -> tuple[Finding, ...]:
+    """Return which conditions nobody measures although the readings depend on them; nothing where a person states them as fixed."""
+    if survey.environment.source == "fixed":
+        return ()
+    told = (*survey.plc.said, *promised(survey))
+    needed = needed_conditions(survey)
+    values = [f"{name} {getattr(survey.environment, name):g}" for name in needed if name not in told]
+    if not values:
+        return ()
+    text = f"nobody tells {', '.join(values)}: these values of [environment] count as if they had been measured"
+    return (Finding(code="air-assumed", severity="warning", text=text),)
 
 
 def _without_signals(survey: Survey) -> Iterator[str]:

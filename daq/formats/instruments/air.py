@@ -96,7 +96,7 @@ class AirDecoder:
         return batch.samples(arrival_ns)
 
     def _add(self, line: bytes, batch: Batch) -> None:
-        found = self._pattern.fullmatch(line.decode("latin-1").strip("\r\n\0"))
+        found = self._pattern.fullmatch(line.decode("latin-1").strip("\r\n\0")) if len(line) <= _LINE_CAP else None
         if found is None:
             batch.notices.append(Notice(code="garbage", index=batch.count, text=f"a line that does not match: {quote(line)}"))
             return

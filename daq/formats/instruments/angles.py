@@ -87,7 +87,7 @@ class AnglesDecoder:
         return batch.samples(arrival_ns)
 
     def _add(self, line: bytes, batch: Batch) -> None:
-        found = self._pattern.fullmatch(line.decode("latin-1"))
+        found = self._pattern.fullmatch(line.decode("latin-1")) if len(line) <= _LINE_CAP else None
         values = self._values(found.groupdict()) if found is not None else None
         if values is None:
             batch.notices.append(Notice(code="garbage", index=batch.count, text=quote(line)))

@@ -48,6 +48,8 @@ _AIR = {
     5: ("getHumidityInPercent", "relative_humidity_percent"),
 }
 _MM = 1e-9
+_UNKNOWN_METHOD = -32601
+"""JSON-RPC 2.0, section 5.1."""
 _INVALID_AXES, _OVERDRIVEN = range(1, 8), 8
 """Warnings: 1 to 7 have a bit for every axis that is not valid."""
 
@@ -115,9 +117,13 @@ class Ids3010Decoder:
 
     def _refused(self, answer: _Answer, line: bytes, batch: Batch) -> None:
         """Take an answer that is none to what was asked; where it was the position, that is a sample that cannot be used."""
-        why = answer.error.get("message") if isinstance(answer.error, dict) else None
+        error = answer.error if isinstance(answer.error, dict) else {}
+        why = error.get("message")
         said = quote(why.encode()) if isinstance(why, str) else quote(line)
-        batch.notices.append(Notice(code="device", index=batch.count, text=f"the instrument answers {said}"))
+        text = f"the instrument answers {said}"
+        if error.get("code") == _UNKNOWN_METHOD:
+            text += "; its firmware may want the other laser.ids3010.interface"
+        batch.notices.append(Notice(code="device", index=batch.count, text=text))
         if answer.id == _DISPLACEMENT:
             self._append(float("nan"), Flag.DEVICE_ERROR, batch)
 

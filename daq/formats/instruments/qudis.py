@@ -70,7 +70,8 @@ class QudisDecoder:
         self._telegrams = _TelegramBuffer()
         self._track = CounterTrack([Wrap(0, 2**32 - 1, 1_000_000), Wrap(0, 2**31 - 1, 1_000_000)])
         self._state: int | None = None
-        source = 2 * settings.axis - 1 + settings.absolute
+        self._source = source = 2 * settings.axis - 1 + settings.absolute
+        self._other_source = False
         self.greeting = b"".join(
             [
                 *(telegram(_SET, _TRIGGER, channel, _NO_TRIGGER) for channel in range(_CHANNELS)),
@@ -78,7 +79,7 @@ class QudisDecoder:
                 *(telegram(_SET, address, 0, value) for address, value in ((_MARKER_ON, 1), (_MARKER_RESET, 1), (_MARKER_TIMEOUT, 0))),
                 *(telegram(_SET, address, 0, value) for address, value in ((_SOURCE, source), (_EVEN, 1), (_TRIGGER, _POSITIONS))),
                 *(telegram(_SET, address, 0, 1) for address in (_EVENTS_ON, _DATA_ON)),
-                telegram(_GET, _STATE, correlation=1),
+                *(telegram(_GET, address, correlation=1) for address in (_STATE, _SOURCE)),
             ]
         )
         self.nominal_rate_hz: float | None = _RATE_HZ / 2**settings.average
@@ -103,16 +104,28 @@ class QudisDecoder:
         words = np.frombuffer(told, dtype="<u4", offset=_HEADER.size).astype(np.int64)
         if opcode == _TELL and address == _DATA:
             self._add(index, words, batch)
+        elif opcode == _TELL and _DATA < address < _DATA + _CHANNELS:
+            text = f"readings of channel {address - _DATA}, and none but those of channel 0 were asked for"
+            batch.notices.append(Notice(code="device", index=batch.count, text=text))
         elif opcode == _ACK and len(words) and words[0]:
             reason = _REASONS.get(int(words[0]), f"reason {words[0]}")
             batch.notices.append(Notice(code="device", index=batch.count, text=f"the instrument refuses address {address:04x}: {reason}"))
         elif address == _STATE and len(words) == 1 + (opcode == _ACK):
             self._hear_state(int(words[-1]), batch)
+        elif opcode == _ACK and address == _SOURCE and index == 0 and len(words) == 2:
+            self._hear_source(int(words[1]), batch)
 
     def _hear_state(self, state: int, batch: Batch) -> None:
         if state != self._state and (text := _STATES.get(state, f"unknown state {state}")):
             batch.notices.append(Notice(code="device", index=batch.count, text=text))
         self._state = state
+
+    def _hear_source(self, source: int, batch: Batch) -> None:
+        """Take what channel 0 carries: an axis or a way of measuring that the instrument has not is not set, and another one goes on."""
+        self._other_source = source != self._source
+        if self._other_source:
+            text = f"channel 0 carries source {source}, asked for was {self._source}: this instrument has not that axis or feature"
+            batch.notices.append(Notice(code="device", index=batch.count, text=text))
 
     def _add(self, index: int, words: NDArray[np.int64], batch: Batch) -> None:
         low, high = words[0 : len(words) // 2 * 2 : 2], words[1::2]
@@ -125,7 +138,7 @@ class QudisDecoder:
         halves = (high & _LOW24) << 24 | (low & _LOW24)
         position_mm = np.where(halves >= 1 << 47, halves - (1 << 48), halves)[followed.keep] * (_MM * self._settings.sign)
         marker = ((low >> 24 & _MARKER7) | (high >> 24 & _MARKER7) << 7)[followed.keep]
-        wrong = Flag.DEVICE_ERROR if self._state not in (None, _READY) else Flag(0)
+        wrong = Flag.DEVICE_ERROR if self._state not in (None, _READY) or self._other_source else Flag(0)
         flags = np.full(len(position_mm), wrong, dtype=np.uint16)
         batch.add(followed.counter, position_mm, flags, channels=marker[:, None].astype(np.float64))
 

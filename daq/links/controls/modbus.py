@@ -18,6 +18,7 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from stepdiag.daq.links.controls.blocking import Waiter
 from stepdiag.daq.links.controls.blocking import unreachable as no_way
 from stepdiag.daq.links.controls.modbus_errors import (
     LostConnectionError,
@@ -213,14 +214,20 @@ async def open_link(settings: ModbusSettings, ranges: Sequence[ReadRange]) -> Mo
 
 
 async def _nobody(settings: ModbusSettings) -> LostConnectionError:
-    """Return why no connection came about: the library keeps the reason to itself, so the network is asked once more."""
+    """Return why no connection came about: the library keeps the reason to itself, so the network is asked once more.
+
+    A name server that does not answer has no limit of its own: its thread is left to it.
+    """
     if isinstance(settings, TcpSettings):
+        asking = Waiter("modbus again", lambda: None, lambda: None)
         try:
-            found_after_all = await asyncio.to_thread(socket.create_connection, (settings.host, settings.port), settings.connect_s)
-            found_after_all.close()
+            place = (settings.host, settings.port)
+            await asking.call(lambda: socket.create_connection(place, settings.connect_s).close(), 2.0 * settings.connect_s)
         except OSError as error:
             found, remedy = no_way(error, settings.connect_s, "Modbus TCP", _FIREWALL)
             return LostConnectionError(settings.address, expected="a connection", found=found, remedy=remedy)
+        finally:
+            asking.end()
     return unreachable(settings.address, settings.connect_s)
 
 

@@ -7,6 +7,7 @@ library: after an answer that did not come the connection is given up, and the n
 import logging
 import re
 import struct
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
@@ -25,8 +26,9 @@ logging.getLogger("snap7").setLevel(logging.CRITICAL)  # what it reports comes b
 Result = TypeVar("Result")
 CONNECT_S = 5.0
 """How long the library waits for a connection."""
-ASK_AGAIN = 250
-"""After so many polls what was refused is asked for again: somebody may have loaded the block meanwhile."""
+AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
+"""What was refused is asked for again after a second, for it may have passed, then after twice as long each time: somebody may load the
+block meanwhile, and the poll that finds out is not of one moment."""
 _FIREWALL = "on an 828D port 102 has to be opened in the firewall of the company network (recalled, not verified)"
 _REFUSED = re.compile(r"failed: (?P<words>.+) \(0x(?P<code>[0-9a-f]{2})\)\Z")
 _REMEDIES = {
@@ -54,19 +56,27 @@ class S7Settings:
 
 
 class S7Link(BlockingLink):
-    """One connection to the control; made by `open_link`, ended by ``close``."""
+    """One connection to the control; made by `open_link`, ended by ``close``. ``clock`` tells seconds."""
 
-    def __init__(self, settings: S7Settings, ranges: Sequence[ReadRange], client: "Client", waiter: Waiter) -> None:
+    def __init__(
+        self,
+        settings: S7Settings,
+        ranges: Sequence[ReadRange],
+        client: "Client",
+        waiter: Waiter,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:
         super().__init__(settings.address, settings.timeout_s, ranges, waiter)
         self._client = client
+        self._clock = clock
         self._refused: dict[ReadRange, RefusedRequestError] = {}
-        self._asked_alone = 0
+        self._again_s = 0.0
+        self._wait_s = AGAIN_FIRST_S
 
     def _fetch_all(self) -> list[bytes]:
-        """Ask for everything at once. Where a part of it is refused, each range is asked for alone once, and the others together again."""
-        self._asked_alone -= 1
+        """Ask for everything at once. Where a part of it is refused, each range is asked for alone now and then, the others together."""
         wanted = [each for each in self._ranges if each not in self._refused]
-        if wanted and not (self._refused and self._asked_alone < 0):
+        if wanted and not (self._refused and self._clock() >= self._again_s):
             try:
                 given = self._together(wanted)
             except RefusedRequestError as refusal:
@@ -86,7 +96,8 @@ class S7Link(BlockingLink):
     def _each_alone(self, refusal: RefusedRequestError | None) -> list[bytes]:
         """Find out which ranges are refused: nothing of this poll is of one moment. Raises the refusal that none of them explains."""
         data = super()._fetch_all()
-        self._refused, self._asked_alone = dict(self.refusals), ASK_AGAIN
+        self._refused, self._again_s = dict(self.refusals), self._clock() + self._wait_s
+        self._wait_s = min(2 * self._wait_s, AGAIN_LONGEST_S) if self._refused else AGAIN_FIRST_S
         if refusal is not None and not self._refused:
             raise refusal
         return data

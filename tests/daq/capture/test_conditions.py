@@ -5,10 +5,12 @@ import math
 import pytest
 
 from stepdiag.daq.capture.conditions import BELIEVED_STOPS, STALE_NS, Conditions, Credible, believed_before, with_air
+from stepdiag.daq.capture.remarks.unchecked import assumed, unchecked
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.formats import air_decoder
+from stepdiag.daq.survey.formats import air_decoder, laser_decoder
 from stepdiag.daq.timing.stream import StreamBuffer
+from testkit.running.survey_files import SMALLEST
 from testkit.timeline import survey_text
 
 GOOD = {"material_temperature_c": 20.1, "air_temperature_c": 21.5, "air_pressure_hpa": 1013.2, "relative_humidity_percent": 45.5}
@@ -132,3 +134,45 @@ def test_a_log_begins_with_what_a_sensor_told_since_the_log_before_as_far_as_it_
     stream.feed(b"cut\n" + line + b"\n", now_ns - age_ns)
     before = {"air_temperature_c": Credible(value=21.5, time_s=0.0), "air_pressure_hpa": Credible(value=1000.0, time_s=0.0)}
     assert believed_before(survey, stream, now_ns, 0, before) == {**before, "air_temperature_c": begins_with}
+
+
+STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\n'
+OWN_AIR = {"ids3010": 3, "lasertex": 4}
+"""Lasers with sensors of their own, and how many conditions these tell."""
+
+
+def of_laser(name, more="", *, source="laser", compensated=False):
+    """Return a survey whose control tells of stops alone, and whose air the laser is to tell."""
+    laser = f'format = "{name}"\nport = "socket://laser:9090"\ncompensated = {str(compensated).lower()}'
+    text = SMALLEST.replace('format = "umd"\nport = "/dev/ttyUSB0"', laser)
+    return parse_survey(f'{text}\n{STOPPED}{more}[environment]\nsource = "{source}"\n', "s")
+
+
+@pytest.mark.parametrize("name", OWN_AIR)
+def test_a_laser_without_the_sensors_that_its_kind_has_is_a_doubt_and_not_20_c(name):
+    """An IDS3010 without its environmental unit: nobody knows the air, and nobody is left to believe that somebody does."""
+    survey = of_laser(name)
+    stream = StreamBuffer(laser_decoder(survey))
+    felt = with_air(survey, Signals(stopped=True), stream, 1, silent=math.nan)
+    judged = Conditions(survey, {}).judge(felt, 0.0)
+    assert judged.signals.air_temperature_c is None
+    assert [code for code, _ in judged.said] == ["sensor-silent"] * OWN_AIR[name]
+    assert [code for code, _ in judged.doubted] == ["air-unknown"] * 3
+
+
+def test_what_the_control_tells_is_not_waited_for_from_the_laser():
+    survey = of_laser("lasertex", '[plc.signals.material_temperature_c]\naddress = 10\ntype = "int16"\nscale = 0.01\n')
+    felt = with_air(survey, Signals(material_temperature_c=22.0), StreamBuffer(laser_decoder(survey)), 1, silent=math.nan)
+    assert felt.material_temperature_c == 22.0
+    assert math.isnan(felt.air_temperature_c)
+
+
+def test_conditions_that_nobody_measures_are_said():
+    """Before, during and after the survey; a person who states them is believed, a compensated laser needs none."""
+    ((code, text),) = [(each.code, each.text) for each in assumed(of_laser("umd", source="plc"))]
+    assert code == "air-assumed"
+    assert "air_temperature_c 20, air_pressure_hpa 1013.25, relative_humidity_percent 50" in text
+    assert assumed(of_laser("umd", source="fixed")) == ()
+    assert assumed(of_laser("umd", source="plc", compensated=True)) == ()
+    assert assumed(of_laser("ids3010")) == ()
+    assert [each.code for each in unchecked(of_laser("umd", source="plc"))][-1] == "air-assumed"

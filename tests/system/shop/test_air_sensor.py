@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import time
 from contextlib import contextmanager
 
 import numpy as np
@@ -11,9 +10,8 @@ import pytest
 
 from stepdiag.daq.records.survey_folder import logs_in
 from stepdiag.daq.replay import replay
-from stepdiag.daq.service.live import live_in
 from testkit.running.hall import daemon, hall, until
-from testkit.running.survey_runs import drive_and_replay, stepdiag
+from testkit.running.survey_runs import drive_and_replay, stepdiag, until_told
 
 pytestmark = pytest.mark.system
 
@@ -60,14 +58,6 @@ def sensed(folder, name, **options):
         yield place
 
 
-def until_the_sensor_spoke(place):
-    """Wait until the daemon has heard the sensor: a machine that stands at its first stop before that has air that nobody told."""
-    end = time.monotonic() + 60.0
-    while (live := live_in(place.folder / "hall")) is None or live.air.age_s is None:
-        assert time.monotonic() < end, live
-        time.sleep(0.05)
-
-
 def stops_of(place):
     """Return the stops in use of a survey, from its logs."""
     return [stop for each in replay(logs_in(place.round)).book.passes for stop, _ in each.chosen().values()]
@@ -83,7 +73,7 @@ def test_a_survey_takes_its_air_from_a_sensor_through_a_pulled_cable_and_a_kille
             {**EXPECTED, **({"material_temperature_c": 22.5} if name == "logger" else {})}
         )
         with daemon(place.survey, wait_for=("laser", "machine", "air")) as process:
-            until_the_sensor_spoke(place)
+            until_told(place, EXPECTED)
             place.start_setups(stop_after=1)
             until(process, "pass-ended")
             place.bench.say('fault {"kind": "air-unplug", "duration_s": 1.0}')
@@ -91,7 +81,7 @@ def test_a_survey_takes_its_air_from_a_sensor_through_a_pulled_cable_and_a_kille
             until(process, "link-connected", link="air")
             os.kill(process.process.pid, signal.SIGKILL)
             process.process.wait()
-        drive_and_replay(place)
+        drive_and_replay(place, EXPECTED)
         stops = stops_of(place)
         for field, value in EXPECTED.items():
             assert np.array([getattr(stop, field) for stop in stops]) == pytest.approx(value, abs=0.06), field

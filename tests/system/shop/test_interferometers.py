@@ -5,7 +5,8 @@ import json
 import pytest
 
 from testkit.running.hall import hall
-from testkit.running.survey_runs import drive_and_replay, stepdiag
+from testkit.running.survey_runs import drive_and_replay, drive_one_and_kill, stepdiag
+from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
 
@@ -19,7 +20,7 @@ HALL = "[hall]\nair_c = { start = 21.0 }\nmaterial_c = { start = 23.0 }\n"
 
 
 @pytest.mark.parametrize("laser", LASERS)
-def test_a_survey_is_recorded_solved_and_replayed_to_the_same_bytes(tmp_path, laser):
+def test_a_survey_is_recorded_through_a_killed_daemon_solved_and_replayed_to_the_same_bytes(tmp_path, laser):
     """Checked first as a person would; air and material are those that the instrument itself tells."""
     bench, survey, air = LASERS[laser]
     with hall(tmp_path, laser=laser, laser_bench=bench, laser_survey=survey, faults=HALL, handshake=True, dwell=0.5, window=0.3) as place:
@@ -29,7 +30,9 @@ def test_a_survey_is_recorded_solved_and_replayed_to_the_same_bytes(tmp_path, la
         assert seen["samples"] > 50
         assert seen["garbage"] == 0
         assert {name: seen["told"].get(name) for name in air} == pytest.approx(air)
-        drive_and_replay(place)
+        drive_one_and_kill(place, told=air)
+        drive_and_replay(place, air)
+        nothing_silently_wrong(place)
         readings = (place.round / "readings.csv").read_text()
         if "material_temperature_c" in air:
             assert ",23" in readings

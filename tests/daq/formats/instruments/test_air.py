@@ -52,6 +52,12 @@ def test_what_is_no_measurement_is_named_and_tells_nothing(line):
     assert (values, flags, len(garbage)) == ({}, [], 1)
 
 
+def test_a_line_without_an_end_is_no_measurement_however_it_begins():
+    decoder = AirDecoder(AirSettings(pattern=r"(?P<air_temperature_c>[\d.]+);.*"))
+    values, garbage, flags = told(decoder, b"cut\n", *[b"21.5;1;"] * 300)
+    assert (values, flags, len(garbage)) == ({}, [], 1)
+
+
 def test_other_units_are_brought_to_ours():
     pattern = r"(?P<air_temperature_c>[\d.]+) (?P<material_temperature_c>[\d.]+) (?P<air_pressure_hpa>[\d.]+)"
     decoder = AskedAirDecoder(AirSettings(pattern=pattern, request="?", temperature_unit="F", pressure_unit="inHg"))

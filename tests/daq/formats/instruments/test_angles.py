@@ -62,6 +62,14 @@ def test_a_level_is_asked_and_its_second_field_counts():
         assert decoder.feed(line, 1).channels == pytest.approx(np.array([[12.5]]))
 
 
+def test_a_line_without_an_end_is_no_reading_however_it_begins():
+    """Half an answer again and again: cut off at its limit it would still fit a pattern whose end is open."""
+    decoder = AskedAnglesDecoder(AnglesSettings(pattern=WYLER, request="P", unit="urad"))
+    batches = [decoder.feed(b"0 12.5 ", 1) for _ in range(200)]
+    assert not any(map(len, batches))
+    assert [notice.code for batch in batches for notice in batch.notices] == ["garbage"]
+
+
 @pytest.mark.parametrize(("unit", "urad"), [("arcsec", ARCSEC), ("urad", 1.0), ("mrad", 1e3), ("deg", np.pi / 180 * 1e6)])
 def test_units(unit, urad):
     assert URAD[unit] == pytest.approx(urad)

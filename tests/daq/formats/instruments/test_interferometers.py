@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
-from stepdiag.checking.recognise import recognise
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Decoder, Ids3010Settings
 from stepdiag.daq.formats.instruments.lasertex import LasertexDecoder, LasertexSettings, command
 from stepdiag.daq.formats.instruments.qudis import QudisDecoder, QudisSettings
+from stepdiag.daq.formats.recognise import recognise
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.errors import UsageError
 from stepdiag.virtual.instruments.interferometers import lasertex_crc
@@ -170,6 +170,17 @@ def test_words_that_are_no_pairs_and_what_is_no_telegram_are_garbage():
     odd = struct.pack("<5i3I", 28, 4, 0x0F00, 0, 0, 1, 1 << 31, 1)
     assert codes(qudis(odd)) == ["garbage"]
     assert codes(qudis(b"\xff" * 11 + tell(0, (1, 0)))) == ["garbage"]
+
+
+def test_a_qudis_that_goes_on_with_another_axis_gives_no_reading_of_it():
+    """Told to send axis 3, which it has not, it sends axis 1: asked for what it sends, it says so."""
+    answer = struct.pack("<7i", 24, 3, 0x0031, 0, 1, 0, 1)
+    samples = qudis(answer + tell(0, (5, 0)), axis=3)
+    assert samples.flags.tolist() == [Flag.DEVICE_ERROR]
+    assert "source 1, asked for was 5" in samples.notices[0].text
+    right = qudis(struct.pack("<7i", 24, 3, 0x0031, 0, 1, 0, 5) + tell(0, (5, 0)), axis=3)
+    assert (right.flags.tolist(), right.notices) == ([0], ())
+    assert len(qudis(struct.pack("<7i", 24, 4, 0x0F01, 0, 0, 5, -(1 << 31)))) == 0
 
 
 def test_the_greeting_of_a_qudis_switches_one_channel_on():

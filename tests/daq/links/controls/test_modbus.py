@@ -373,3 +373,15 @@ def test_an_order_to_end_is_heeded_even_if_the_client_forgets_it(serve, monkeypa
         assert done == {task}
 
     asyncio.run(run())
+
+
+def test_a_name_server_that_never_answers_is_given_up(monkeypatch):
+    """The library gave up already; who asks the network once more, for the reason, does not wait for ever either."""
+    answered = threading.Event()
+    monkeypatch.setattr("stepdiag.daq.links.controls.modbus.socket.create_connection", lambda *_: answered.wait(60.0))
+    place = TcpSettings(host="no-such-control.invalid", port=1, connect_s=0.1)
+    try:
+        with pytest.raises(LostConnectionError, match=r"found silence for 0\.1 s"):
+            asyncio.run(open_link(place, [BLOCK]))
+    finally:
+        answered.set()

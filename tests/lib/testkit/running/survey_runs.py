@@ -2,9 +2,12 @@
 
 import json
 import os
+import signal
 import subprocess
 import sys
+import time
 
+from stepdiag.daq.service.live import live_in
 from testkit.running.hall import daemon, until
 
 
@@ -21,9 +24,31 @@ def stepdiag(*arguments, environment=None):
     return done.returncode, done.stdout, done.stderr
 
 
-def drive_and_replay(place):
-    """Drive every setup of the hall, wait for the result, replay the logs to the same bytes; return what the daemon said."""
+def until_told(place, names):
+    """Wait until the daemon knows these conditions: a machine that stands at its first stop before has air that nobody told."""
+    end = time.monotonic() + 60.0
+    while (live := live_in(place.folder / "hall")) is None or not set(names) <= set(live.told):
+        assert time.monotonic() < end, live
+        time.sleep(0.05)
+
+
+def drive_one_and_kill(place, *, links=("laser", "machine"), told=()):
+    """Drive the first setup and kill the daemon after its pass, as a supply that fails would."""
+    with daemon(place.survey, wait_for=links) as process:
+        until_told(place, told)
+        place.start_setups(stop_after=1)
+        until(process, "pass-ended")
+        os.kill(process.process.pid, signal.SIGKILL)
+        process.process.wait()
+
+
+def drive_and_replay(place, told=()):
+    """Drive every setup of the hall, wait for the result, replay the logs to the same bytes; return what the daemon said.
+
+    ``told`` names the conditions that have to be known first.
+    """
     with daemon(place.survey) as process:
+        until_told(place, told)
         place.start_setups()
         said = until(process, "survey-complete")
     assert said[-1]["exit_code"] == 0, said[-1]

@@ -1,4 +1,7 @@
-"""Which instrument it is that sends, by its first bytes: every format that needs no description is tried on them."""
+"""Which instrument it is that sends, by its first bytes: every format that needs no description is tried on them.
+
+And the words for a stream of which nothing makes sense: `check` says them, and the journal of a daemon.
+"""
 
 from collections.abc import Iterator
 
@@ -14,6 +17,10 @@ from stepdiag.daq.timing.samples import Decoder
 
 LEAST_SAMPLES = 2
 """Garbage makes one reading by accident; it does not make two."""
+KEPT = 4096
+"""How much of the beginning of a stream is kept, to be shown and recognised where it makes no sense."""
+QUOTED = 24
+"""Bytes of a senseless stream that are shown."""
 
 
 def recognise(heard: bytes) -> str:
@@ -28,6 +35,23 @@ def recognise(heard: bytes) -> str:
         if len(samples) >= LEAST_SAMPLES and garbage <= 1 and known:
             return name
     return ""
+
+
+def senseless(name: str, heard: bytes, count: int, remark: str) -> str:
+    """Return what is said of a stream that gave no reading: what was seen, how it begins, what it looks like, what to do.
+
+    ``heard`` are its first bytes of ``count``, ``remark`` what its decoder said last.
+    """
+    found = remark or f"{count} bytes, not one whole reading"
+    looks = recognise(heard)
+    text = f"the {name} sends, but nothing it sends makes sense ({found}; it begins with {heard[:QUOTED].hex(' ')})"
+    remedy = f'it looks like format = "{looks}"' if looks else "check its baud rate, format and port in the survey"
+    return f"{text}: {remedy}"
+
+
+def refused(name: str, remark: str) -> str:
+    """Return what is said of an instrument that answers, and never with a reading that can be used."""
+    return f"the {name} answers, and no reading can be used: {remark or 'it reports an error'}"
 
 
 def _candidates() -> Iterator[tuple[str, Decoder]]:
