@@ -185,9 +185,9 @@ def _in_time(trend: Trend, life: Life) -> bool:
     return told.earliest is not None and told.earliest <= day and (told.latest is None or day <= told.latest)
 
 
-def lives_of(machines: int, surveys: int) -> dict[str, Life]:
+def lives_of(machines: int, surveys: int, first: int = 0) -> dict[str, Life]:
     """Return the fates of a fleet by name."""
-    return {life.name: life for life in (life_of(number, surveys) for number in range(machines))}
+    return {life.name: life for life in (life_of(number, surveys) for number in range(first, first + machines))}
 
 
 def trends_of(store: Store) -> list[Trend]:
@@ -195,14 +195,15 @@ def trends_of(store: Store) -> list[Trend]:
     return [trend_of(each, TOLERANCE_URAD if each.quantity == WATCHED else None) for each in series_in(store)]
 
 
-def generate(address: str, machines: int, surveys: int, workers: int) -> Iterator[int]:
-    """Make a fleet, machine by machine; yield how many surveys were solved for each."""
+def generate(address: str, machines: int, surveys: int, workers: int, first: int = 0) -> Iterator[int]:
+    """Make a fleet, machine by machine from number ``first`` on; yield how many surveys were solved for each."""
     Store(address, create=True)
+    numbers = range(first, first + machines)
     if workers == 1:
-        yield from (make_machine(address, surveys, number) for number in range(machines))
+        yield from (make_machine(address, surveys, number) for number in numbers)
         return
     with ProcessPoolExecutor(workers) as pool:
-        yield from pool.map(partial(make_machine, address, surveys), range(machines))
+        yield from pool.map(partial(make_machine, address, surveys), numbers)
 
 
 def main() -> None:
@@ -212,13 +213,14 @@ def main() -> None:
     parser.add_argument("--machines", type=int, default=200)
     parser.add_argument("--surveys", type=int, default=40, help="of each machine, four a year")
     parser.add_argument("--workers", type=int, default=2)
+    parser.add_argument("--first", type=int, default=0, help="number of the first machine: others are other machines")
     options = parser.parse_args()
     began = time.monotonic()
-    solved = sum(generate(options.store, options.machines, options.surveys, options.workers))
+    solved = sum(generate(options.store, options.machines, options.surveys, options.workers, options.first))
     store = Store(options.store)
     refresh_index(store, most_loose=0)
     print(f"{solved} surveys driven and solved in {time.monotonic() - began:.0f} s")
-    print(judged(trends_of(store), lives_of(options.machines, options.surveys)))
+    print(judged(trends_of(store), lives_of(options.machines, options.surveys, options.first)))
 
 
 if __name__ == "__main__":

@@ -16,6 +16,9 @@ from stepdiag.solver.errors import DataError, UsageError
 
 AT_ONCE_NS = 30_000_000_000
 """Samples are handed out in blocks of so long a time: enough for the clock under them, little in memory."""
+MOST_LINES, MOST_LINES_PER_BYTE = 250_000, 2
+"""What a log may hold of its stream: so many lines, and so many for each of its bytes. A recorder's take five bytes and more; a log of
+46 kB was made that unpacks to 1.2 million, each of which is worked on for 20 us."""
 COLUMNS = ("time_ns", "mono_ns", "counter", "position_mm", "beam", "flags")
 
 
@@ -45,16 +48,21 @@ class Decoded:
 def decoded(log: Log, stream: Stream = "laser") -> Iterator[Decoded]:
     """Yield the samples of one stream of a log, block by block.
 
-    Raises UsageError for a stream that its survey does not have, DataError where the log holds not one sample of it.
+    Raises UsageError for a stream that its survey does not have, DataError where the log holds not one sample of it, or more lines than
+    its bytes can stand for.
     """
     survey = parse_survey(log.header.survey_text, f"{log.path.name}: survey.toml")
     made = decoders(survey)
     if stream not in made:
         raise UsageError("--stream", expected=f"{' or '.join(made)}: this survey has no other stream", found=stream)
-    buffer, begun_ns, any_yet = StreamBuffer(made[stream]), None, False
+    buffer, begun_ns, any_yet, lines = StreamBuffer(made[stream]), None, False, 0
+    most = MOST_LINES + MOST_LINES_PER_BYTE * log.path.stat().st_size
     for event in log.events():
         match event:
             case Chunk() if event.stream == stream:
+                lines += max(event.data.count(end) for end in b"\r\n")
+                if lines > most:
+                    raise DataError(log.path.name, expected=f"at most {most} lines in so many bytes", found=f"{lines} and more")
                 buffer.feed(event.data, event.arrival_ns)
                 begun_ns = begun_ns or event.arrival_ns
                 if event.arrival_ns - begun_ns >= AT_ONCE_NS:

@@ -22,6 +22,7 @@ from stepdiag.solver.geometry.volume import Vector
 
 Pair = tuple[float, float]
 Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}\Z", description='a day such as "2026-03-31"')]
+MOST_COEFFICIENTS = 20
 DetectorName = Literal["qd", "psd1", "psd2"]
 AxisName = Literal["x", "y"]
 
@@ -31,7 +32,7 @@ class AxisTable(msgspec.Struct, frozen=True, kw_only=True):
 
     sign: Literal[1, -1] = 1
     kind: Literal["polynomial", "erf"] = "polynomial"
-    coefficients_um: tuple[float, ...] = (0.0, 1000.0)
+    coefficients_um: Annotated[tuple[float, ...], Meta(min_length=1, max_length=MOST_COEFFICIENTS)] = (0.0, 1000.0)
     low: Annotated[float, Meta(ge=-1, lt=1)] = -1.0
     high: Annotated[float, Meta(gt=-1, le=1)] = 1.0
     u_um: NotNegative = 0.0

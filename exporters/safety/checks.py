@@ -24,6 +24,8 @@ from stepdiag.solver.result.result import Result
 SIGN_TEST_DAYS = 365
 """A sign test is evidence for twelve months."""
 _ZERO_UM = 1e-3
+_ONE_PLACE_MM = 1e-6
+"""Positions so close to each other are one: no control knows them apart, and a slope between them is none."""
 _METRIC_ONLY = ("siemens", "fanuc", "heidenhain", "beckhoff", "mitsubishi", "fagor")
 
 
@@ -52,7 +54,7 @@ def check_finite(case: Case) -> Iterator[Finding]:
     for table in case.tables:
         if not (np.isfinite(table.value_um).all() and np.isfinite(table.position_mm).all()):
             yield _error("table-not-finite", f"{table.label}: a value or position is not a number")
-        elif np.any(np.diff(table.position_mm) <= 0):
+        elif np.any(np.diff(table.position_mm) <= _ONE_PLACE_MM):
             yield _error("grid-not-ascending", f"{table.label}: positions do not rise")
 
 
@@ -229,7 +231,7 @@ def run_checks(case: Case) -> tuple[Finding, ...]:
     return broken or tuple(finding for check in CHECKS for finding in check(case))
 
 
-LIMITS: tuple[Check, ...] = (check_finite, check_values, check_slope, check_points, check_units)
+LIMITS: tuple[Check, ...] = (check_values, check_slope, check_points, check_units)
 """The checks that need nothing but a table, its control and a profile."""
 
 
@@ -237,7 +239,8 @@ def limit_findings(controller: Controller, profile: Profile, result: Result, tab
     """Return what the limits of control and profile say about tables, wherever they come from."""
     today = date.min  # no check of a limit asks for the day
     case = Case(controller=controller, profile=profile, result=result, curves=(), tables=tables, previous=(), today=today)
-    return tuple(finding for check in LIMITS for finding in check(case))
+    broken = tuple(check_finite(case))
+    return broken or tuple(finding for check in LIMITS for finding in check(case))
 
 
 def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterator[Finding]:

@@ -97,6 +97,9 @@ def _short(values: Vector) -> list[float]:
 def parse_posterior(root: Node) -> Posterior:
     """Return the posterior of a result. Raises ``DataError`` that names the field."""
     positions = {axis: root.child("position_mm").child(axis).numbers() for axis in "XYZ"}
+    for axis, position in positions.items():
+        if len(position) < 2 or np.any(np.diff(position) <= 0):
+            root.child("position_mm").child(axis).refuse("at least two ascending positions")
 
     def size(name: str) -> int:
         return len(positions[name[2]]) if name[0] == "E" else 1

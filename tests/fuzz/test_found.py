@@ -3,6 +3,7 @@
 import base64
 import json
 import os
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -21,6 +22,7 @@ from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.assumed import parse_uncertainty
 from stepdiag.daq.survey.bundle import bundle_from_run, read_bundle
 from stepdiag.daq.survey.file import load_survey, parse_survey
+from stepdiag.daq.survey.head_file import parse_head_file
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.files import read_bytes
 from stepdiag.exporters.files.settings import read_toml
@@ -40,7 +42,8 @@ from stepdiag.solver.result.result import parse_result
 from testkit.exact.machines import EOB, MACHINES, profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
 from testkit.exact.surveys import Bench
-from testkit.hostile.foreign import READINGS, page_order
+from testkit.hostile.doors import doors
+from testkit.hostile.foreign import HEAD, READINGS, page_order
 from testkit.hostile.foreign_logs import SURVEY, contents, log_of, recorded
 from testkit.running.survey_files import SMALLEST
 from testkit.timeline import survey_text
@@ -423,3 +426,31 @@ def test_a_folder_that_no_file_system_takes_is_refused_when_the_survey_is_read(d
     """`status` said that the name is too long; the daemon ended with a traceback."""
     with pytest.raises(UsageError, match=r"survey\.directory"):
         parse_survey(SMALLEST.replace("[survey]\n", f'[survey]\ndirectory = "{directory}"\n'), "s.toml")
+
+
+@pytest.mark.parametrize("position", [[0.0, 1e9, 200.0], [0.0], [0.0, 0.0, 200.0]])
+def test_a_posterior_whose_positions_do_not_rise_is_refused(position):
+    """The spline between them ended `compare` with a traceback."""
+    found = json.loads(solve(parse_readings(READINGS.decode(), "r.csv")).to_json())
+    found["posterior"]["position_mm"]["Y"] = position
+    with pytest.raises(DataError, match="ascending positions"):
+        parse_result(json.dumps(found), "r.json")
+
+
+@pytest.mark.parametrize("count", [0, 21])
+def test_a_curve_of_a_head_has_coefficients(count):
+    """One without any ended `fourdof signs` with a traceback."""
+    text, changed = re.subn("coefficients_um = .*", f"coefficients_um = {[1.0] * count}", HEAD, count=1)
+    assert changed
+    with pytest.raises(UsageError, match="coefficients_um"):
+        parse_head_file(text.encode(), "head.toml")
+
+
+def test_positions_that_no_control_knows_apart_do_not_rise(tmp_path):
+    """A position of 1e-320 mm beside 0 made a slope that overflowed in `verify`."""
+    door = doors()["verify fagor table"]
+    changed = door.files[door.wrong].replace("\n100.0000;", "\n1e-320;")
+    assert changed != door.files[door.wrong]
+    (tmp_path / "here").mkdir()
+    told = door.with_text(changed).go_through(tmp_path / "here")
+    assert (told.code, "grid-not-ascending" in told.refusal + told.out) == (5, True), told

@@ -91,8 +91,8 @@ def test_changed_answers_are_answers_or_troubles(name, monkeypatch):
     control = s7_control if name == "s7" else tnc_control
     with control() as running, between(running.port, OPENING[name], random.Random(5)) as port:
         heard = asyncio.run(_all_heard(name, port))
-    assert heard == {"read": heard["read"], "trouble": heard["trouble"]}
     assert heard["trouble"] > 0
+    assert heard["read"] > 0, "nothing was read: the changed bytes never came to be judged"
 
 
 async def _all_heard(name, port):
