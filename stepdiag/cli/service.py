@@ -18,6 +18,7 @@ def register(app: typer.Typer) -> None:
     service = typer.Typer(no_args_is_help=True, help="A survey as a service of systemd.")
     service.command("install")(install)
     service.command("remove")(remove)
+    service.command("publish")(publish)
     app.add_typer(service, name="service")
 
 
@@ -36,11 +37,45 @@ def install(file: SurveyFile, dry_run: DryRun = False, root: Root = Path("/")) -
         typer.echo(f"      systemctl enable --now stepdiag@{file.stem}")
 
 
+def publish(
+    file: SurveyFile,
+    broker: Annotated[str, typer.Option(help="HOST or HOST:PORT of an MQTT broker.")] = "",
+    opcua: Annotated[str, typer.Option(help="Or: ADDRESS or ADDRESS:PORT of this computer, for an OPC UA server.")] = "",
+    ca: Annotated[Path | None, typer.Option("--ca", help="The certificate of the broker's authority, below /etc.")] = None,
+    certificate: Annotated[Path | None, typer.Option(help="The OPC UA server's certificate, below /etc.")] = None,
+    plain: Annotated[bool, typer.Option("--plain", help="Without encryption.")] = False,
+    end: Annotated[bool, typer.Option("--remove", help="Remove what this command wrote.")] = False,
+    dry_run: DryRun = False,
+    root: Root = Path("/"),
+) -> None:
+    """Write a unit of its own for `stepdiag publish`, with few rights.
+
+    User, password and key are files of mode 600 beside the survey file: NAME.mqtt-user, NAME.mqtt-password, NAME.opcua-user and so on.
+    """
+    from stepdiag.cli.publish import OPCUA_PORT, PORT, SECURE_PORT
+    from stepdiag.daemon.installation import carry_out
+    from stepdiag.daemon.publication import Publication, plan_end, plan_publication
+    from stepdiag.solver.errors import UsageError
+
+    if not end and bool(broker) == bool(opcua):
+        raise UsageError(
+            "service publish", expected="--broker HOST[:PORT] or --opcua ADDRESS[:PORT]", found="both" if broker else "neither"
+        )
+    port = OPCUA_PORT if opcua else PORT if plain else SECURE_PORT
+    publication = Publication(broker=broker, opcua=opcua, port=port, ca=ca, certificate=certificate, plain=plain)
+    steps = plan_end(file, root) if end else plan_publication(file, root, publication)
+    _show(steps, texts=dry_run and not end)
+    if not dry_run:
+        carry_out(steps)
+        typer.echo("next: systemctl daemon-reload" + f" && systemctl enable --now stepdiag-publish@{file.stem}" * (not end))
+
+
 def remove(file: SurveyFile, dry_run: DryRun = False, root: Root = Path("/")) -> None:
     """Remove what `install` wrote; survey file, token and what was measured stay."""
     from stepdiag.daemon.installation import carry_out, plan_removal
+    from stepdiag.daemon.publication import plan_end
 
-    steps = plan_removal(file, root)
+    steps = [*plan_removal(file, root), *plan_end(file, root)]
     _show(steps, texts=False)
     if not dry_run:
         carry_out(steps)

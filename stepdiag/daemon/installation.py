@@ -49,17 +49,17 @@ class Step:
 def plan_install(survey_file: Path, root: Path) -> list[Step]:
     """Return what an installation below ``root`` does. Raises UsageError for a survey file that is wrong or stands elsewhere."""
     survey = load_survey(survey_file)
-    name = _name(survey_file, root)
-    steps = [_written(root / place, _shared(source, root)) for source, place in SHARED.items()]
+    name = name_of(survey_file, root)
+    steps = [written(root / place, shared(source, root)) for source, place in SHARED.items()]
     token = survey_file.parent / survey.page.token_file
     if survey.page.token_file:
         steps.append(Step(token, "keep" if token.exists() else "make secret"))
-    return [*steps, _written(root / _drop_in(name), drop_in(survey, Path("/") / SURVEYS))]
+    return [*steps, written(root / _drop_in(name), drop_in(survey, Path("/") / SURVEYS))]
 
 
 def plan_removal(survey_file: Path, root: Path) -> list[Step]:
     """Return what is removed: the drop-in, and what all surveys share once no other is installed. Survey, token and data stay."""
-    own = root / _drop_in(_name(survey_file, root))
+    own = root / _drop_in(name_of(survey_file, root))
     others = [path for path in (root / UNITS).glob(f"stepdiag@*.service.d/{DROP_IN}") if path != own]
     places = [own, *([] if others else [root / place for place in SHARED.values()])]
     return [Step(path, "remove") for path in places if path.exists()]
@@ -96,7 +96,8 @@ def _do(step: Step) -> None:
                 step.path.parent.rmdir()
 
 
-def _written(path: Path, text: str) -> Step:
+def written(path: Path, text: str) -> Step:
+    """Return what is to be done for a file to hold a text."""
     try:
         same = path.read_text(encoding="utf-8") == text
     except (OSError, UnicodeDecodeError):
@@ -104,7 +105,7 @@ def _written(path: Path, text: str) -> Step:
     return Step(path, "keep" if same else "write", text)
 
 
-def _name(survey_file: Path, root: Path) -> str:
+def name_of(survey_file: Path, root: Path) -> str:
     """Return the name of the instance. Raises UsageError for a file that the unit would not find."""
     expected = root / SURVEYS
     name = survey_file.stem
@@ -121,19 +122,19 @@ def _drop_in(name: str) -> Path:
     return UNITS / f"stepdiag@{name}.service.d" / DROP_IN
 
 
-def _shared(source: str, root: Path) -> str:
+def shared(source: str, root: Path) -> str:
     """Return a file for systemd as it came with this program, the unit with the places of this installation. Raises UsageError."""
     for folder in (Path(sys.prefix) / "share/stepdiag/systemd", Path(str(files("stepdiag"))).parent / "systemd"):
         if (folder / source).is_file():
             text = (folder / source).read_text(encoding="utf-8")
-            return at_its_places(text, places_of_program(), reachable=root == Path("/")) if source == UNIT else text
+            return at_its_places(text, places_of_program(), reachable=root == Path("/")) if source.endswith(".service") else text
     raise UsageError(source, expected="the files for systemd that come with the program", found="none", remedy="install the wheel again")
 
 
 def _network(survey: Survey) -> Iterator[str]:
     """Allow the devices alone, or private networks where one has a name instead of an address; and who looks at the page."""
     page = survey.page
-    allowed = [each for host in _devices(survey) if not is_loopback(host) for each in _address(host) or PRIVATE_NETWORKS]
+    allowed = [each for host in _devices(survey) if not is_loopback(host) for each in address_of(host) or PRIVATE_NETWORKS]
     if (page.enabled and not is_loopback(page.host)) or (survey.metrics.enabled and not is_loopback(survey.metrics.host)):
         allowed += PRIVATE_NETWORKS
     yield "IPAddressAllow="
@@ -165,7 +166,7 @@ def _credentials(survey: Survey, folder: Path) -> Iterator[str]:
         yield f"LoadCredential={name}:{folder / file}"
 
 
-def _address(host: str) -> list[str]:
+def address_of(host: str) -> list[str]:
     """Return the address that a host is, without the name of an interface; nothing where it is a name."""
     try:
         return [str(ipaddress.ip_address(host.partition("%")[0]))]

@@ -7,6 +7,8 @@ from pathlib import Path
 import pytest
 
 from stepdiag.daemon.installation import drop_in
+from stepdiag.daemon.publication import Publication
+from stepdiag.daemon.publication import drop_in as published
 from stepdiag.daq.survey.file import parse_survey
 
 pytestmark = pytest.mark.system
@@ -25,6 +27,7 @@ port = "/dev/ttyUSB0"
 host = "192.168.5.2"
 """
 UNIT = Path(__file__).parents[3] / "systemd" / "stepdiag@.service"
+PUBLISH = UNIT.with_name("stepdiag-publish@.service")
 
 
 def analyze(*arguments):
@@ -45,6 +48,19 @@ def test_so_it_is_with_a_plc_on_the_network(tmp_path, host):
     opened = drop_in(survey, Path("/etc/stepdiag")).partition("[Service]")[2]
     unit = tmp_path / UNIT.name
     unit.write_text(UNIT.read_text().replace("[Install]", f"[Service]{opened}[Install]"))
+    code, said, _ = analyze("security", "--offline=true", "--threshold=12", unit)
+    assert code == 0, said.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    "publication",
+    [Publication(broker="broker.works", port=8883), Publication(opcua="0.0.0.0", port=4840, plain=True)],
+    ids=["broker", "opcua"],
+)
+def test_so_it_is_of_what_publishes(tmp_path, publication):
+    opened = published("mill", tmp_path, publication).partition("[Service]")[2]
+    unit = tmp_path / PUBLISH.name
+    unit.write_text(PUBLISH.read_text().replace("[Install]", f"[Service]{opened}[Install]"))
     code, said, _ = analyze("security", "--offline=true", "--threshold=12", unit)
     assert code == 0, said.splitlines()[-1]
 

@@ -1,0 +1,88 @@
+"""What other programs hear of a survey as a service of systemd: its unit, and a drop-in that says to whom and lets through them alone."""
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from stepdiag.daemon.installation import DROP_IN, PRIVATE_NETWORKS, SURVEYS, UNITS, WRITTEN, Step, address_of, name_of, shared, written
+from stepdiag.daq.links.ports.address import host_and_port
+from stepdiag.daq.survey.file import load_survey
+from stepdiag.page.settings import is_loopback
+from stepdiag.solver.errors import UsageError
+
+UNIT = "stepdiag-publish@.service"
+_PLAIN = re.compile(r"[A-Za-z0-9._:/@\[\]-]+")
+"""What a word of a unit may be made of without being anything else."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Publication:
+    """To a broker, or as a server of OPC UA; ``port`` stands for one that is not named. Files are absolute, below /etc."""
+
+    broker: str = ""
+    opcua: str = ""
+    port: int
+    ca: Path | None = None
+    certificate: Path | None = None
+    plain: bool = False
+
+    @property
+    def secrets(self) -> tuple[str, ...]:
+        """Return the names of the credentials that it takes."""
+        return ("mqtt-user", "mqtt-password") if self.broker else ("opcua-user", "opcua-password", *(() if self.plain else ("opcua-key",)))
+
+
+def plan_publication(survey_file: Path, root: Path, publication: Publication) -> list[Step]:
+    """Return what an installation below ``root`` does. Raises UsageError for a survey file that is wrong or stands elsewhere."""
+    load_survey(survey_file)
+    name = name_of(survey_file, root)
+    text = drop_in(name, survey_file.parent, publication)
+    return [written(root / UNITS / UNIT, shared(UNIT, root)), written(root / _drop_in(name), text)]
+
+
+def plan_end(survey_file: Path, root: Path) -> list[Step]:
+    """Return what is removed: the drop-in, and the unit once no other survey is published. Secrets stay."""
+    own = root / _drop_in(name_of(survey_file, root))
+    others = [path for path in (root / UNITS).glob(f"stepdiag-publish@*.service.d/{DROP_IN}") if path != own]
+    return [Step(path, "remove") for path in (own, *([] if others else [root / UNITS / UNIT])) if path.exists()]
+
+
+def drop_in(name: str, folder: Path, publication: Publication) -> str:
+    """Return the drop-in; the secrets that stand in ``folder`` as NAME.mqtt-user and the like become credentials. Raises UsageError."""
+    host, port = _address(publication)
+    lines = [f"Environment=PUBLISH={_words(publication)}", "IPAddressAllow="]
+    lines += [f"IPAddressAllow={each}" for each in ("localhost", *_reached(host, publication))]
+    lines += [f"SocketBindAllow=tcp:{port}"] * bool(publication.opcua)
+    lines += [f"LoadCredential={each}:/{SURVEYS}/{name}.{each}" for each in publication.secrets if (folder / f"{name}.{each}").is_file()]
+    return WRITTEN + "[Service]\n" + "".join(f"{line}\n" for line in lines)
+
+
+def _words(publication: Publication) -> str:
+    """Return the options as they stand in the unit, between quotes."""
+    given = {"broker": publication.broker, "opcua": publication.opcua, "ca": publication.ca, "certificate": publication.certificate}
+    for option, value in given.items():
+        if value is not None and str(value) and not _PLAIN.fullmatch(str(value)):
+            raise UsageError(f"--{option}", expected="letters, digits and ._:/@[]-", found=repr(str(value)))
+        if isinstance(value, Path) and Path("/etc") not in value.parents:
+            raise UsageError(f"--{option}", expected="a file below /etc, which the service sees", found=str(value))
+    words = [f"--{option} {value}" for option, value in given.items() if value]
+    return '"' + " ".join([*words, *["--plain"] * publication.plain]) + '"'
+
+
+def _address(publication: Publication) -> tuple[str, int]:
+    option, text = ("--broker", publication.broker) if publication.broker else ("--opcua", publication.opcua)
+    found = host_and_port(text, publication.port)
+    if found is None:
+        raise UsageError(option, expected="HOST, HOST:PORT or [ADDRESS]:PORT", found=repr(text))
+    return found
+
+
+def _reached(host: str, publication: Publication) -> Iterator[str]:
+    """Yield who is let through: the broker alone, or private networks where it has a name; of a server, those who may come."""
+    if not is_loopback(host):
+        yield from PRIVATE_NETWORKS if publication.opcua else address_of(host) or PRIVATE_NETWORKS
+
+
+def _drop_in(name: str) -> Path:
+    return UNITS / f"stepdiag-publish@{name}.service.d" / DROP_IN

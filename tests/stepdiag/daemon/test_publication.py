@@ -1,0 +1,140 @@
+"""`stepdiag publish` as a service: what is written, to whom it opens a way, and what is taken away again."""
+
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from testkit.cli import stepdiag
+
+SURVEY = """
+[survey]
+name = "mill"
+machine = "m"
+directory = "/var/lib/stepdiag"
+[volume]
+size_mm = [500, 400, 300]
+increments = 10
+[laser]
+format = "umd"
+port = "/dev/ttyUSB0"
+[plc]
+host = "192.168.4.20"
+"""
+UNIT = "etc/systemd/system/stepdiag-publish@.service"
+DROP_IN = "etc/systemd/system/stepdiag-publish@mill.service.d/50-survey.conf"
+BROKER = ("--broker", "192.168.4.30:8883", "--ca", "/etc/stepdiag/works.pem")
+NETWORKS = ["link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00::/7"]
+
+
+@pytest.fixture
+def root(tmp_path: Path) -> Path:
+    """A root file system with a survey file in its place."""
+    (tmp_path / "etc/stepdiag").mkdir(parents=True)
+    (tmp_path / "etc/stepdiag/mill.toml").write_text(SURVEY, encoding="utf-8")
+    return tmp_path
+
+
+def service(action: str, root: Path, *options: str, name: str = "mill") -> str:
+    return str(stepdiag("service", action, root / f"etc/stepdiag/{name}.toml", "--root", root, *options).out)
+
+
+def written(root: Path) -> dict[str, tuple[str, int]]:
+    return {str(path.relative_to(root)): (path.read_text(), path.stat().st_mtime_ns) for path in sorted(root.rglob("*")) if path.is_file()}
+
+
+def lines(root: Path, key: str) -> list[str]:
+    return [line.partition("=")[2] for line in (root / DROP_IN).read_text().splitlines() if line.startswith(f"{key}=")]
+
+
+def test_the_broker_alone_is_reached_and_secrets_are_credentials(root: Path) -> None:
+    for secret in ("mqtt-user", "mqtt-password", "opcua-key"):
+        (root / f"etc/stepdiag/mill.{secret}").write_text("not-to-be-guessed")
+    service("publish", root, *BROKER)
+    assert lines(root, "IPAddressAllow") == ["", "localhost", "192.168.4.30"]
+    assert lines(root, "SocketBindAllow") == []
+    assert lines(root, "Environment") == ['PUBLISH="--broker 192.168.4.30:8883 --ca /etc/stepdiag/works.pem"']
+    assert lines(root, "LoadCredential") == [f"{each}:/etc/stepdiag/mill.{each}" for each in ("mqtt-user", "mqtt-password")]
+    assert "not-to-be-guessed" not in (root / DROP_IN).read_text() + (root / UNIT).read_text()
+
+
+@pytest.mark.parametrize(
+    ("options", "reached", "bound"),
+    [
+        (("--broker", "broker.works"), NETWORKS, []),
+        (("--broker", "127.0.0.1", "--plain"), [], []),
+        (("--opcua", "192.168.4.2", "--certificate", "/etc/stepdiag/server.pem"), NETWORKS, ["tcp:4840"]),
+        (("--opcua", "127.0.0.1:4900", "--plain"), [], ["tcp:4900"]),
+    ],
+)
+def test_a_name_or_a_server_is_opened_to_private_networks(
+    root: Path, options: tuple[str, ...], reached: list[str], bound: list[str]
+) -> None:
+    service("publish", root, *options)
+    assert lines(root, "IPAddressAllow") == ["", "localhost", *reached]
+    assert lines(root, "SocketBindAllow") == bound
+
+
+def test_again_it_changes_nothing_and_a_dry_run_writes_nothing(root: Path) -> None:
+    before = written(root)
+    assert "IPAddressAllow=192.168.4.30" in service("publish", root, *BROKER, "--dry-run")
+    assert written(root) == before
+    service("publish", root, *BROKER)
+    before = written(root)
+    assert "write" not in service("publish", root, *BROKER)
+    assert written(root) == before
+    service("publish", root, "--broker", "192.168.4.31")
+    assert {name for name, told in written(root).items() if told != before[name]} == {DROP_IN}
+
+
+def test_it_goes_by_itself_or_with_its_survey(root: Path) -> None:
+    """The unit that all share goes with the last one; secrets and surveys stay."""
+    (root / "etc/stepdiag/lathe.toml").write_text(SURVEY, encoding="utf-8")
+    (root / "etc/stepdiag/mill.mqtt-password").write_text("secret")
+    service("install", root)
+    service("publish", root, *BROKER)
+    service("publish", root, *BROKER, name="lathe")
+    service("publish", root, "--remove", "--dry-run")
+    assert (root / DROP_IN).exists()
+    service("publish", root, "--remove")
+    assert not (root / DROP_IN).parent.exists()
+    assert (root / UNIT).exists()
+    service("publish", root, *BROKER)
+    service("remove", root)
+    assert not (root / DROP_IN).exists()
+    service("remove", root, name="lathe")
+    assert set(written(root)) == {"etc/stepdiag/mill.toml", "etc/stepdiag/lathe.toml", "etc/stepdiag/mill.mqtt-password"}
+    assert "nothing to do" in service("publish", root, "--remove")
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ((), "neither"),
+        (("--broker", "a", "--opcua", "b"), "both"),
+        (("--broker", "a b"), "HOST:PORT"),
+        (("--broker", "a", "--ca", '/etc/x" --plain'), "letters, digits"),
+        (("--broker", "a", "--ca", "/etc/x\nExecStart=/bin/sh"), "letters, digits"),
+        (("--broker", "a", "--ca", "/home/me/ca.pem"), "below /etc"),
+        (("--broker", "a", "--ca", "ca.pem"), "below /etc"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused(root: Path, options: tuple[str, ...], words: str) -> None:
+    told = stepdiag("service", "publish", root / "etc/stepdiag/mill.toml", "--root", root, *options)
+    assert (told.code, words in told.refusal) == (2, True), told
+    assert not (root / UNIT).exists()
+
+
+def test_a_survey_elsewhere_is_refused_with_the_way(root: Path) -> None:
+    (root / "mill.toml").write_text(SURVEY, encoding="utf-8")
+    told = stepdiag("service", "publish", root / "mill.toml", "--root", root, *BROKER)
+    assert (told.code, "copy it there" in told.refusal) == (2, True)
+
+
+def test_systemd_finds_nothing_wrong_with_what_is_written(root: Path) -> None:
+    service("publish", root, *BROKER)
+    done = subprocess.run(
+        ["systemd-analyze", "verify", "stepdiag-publish@mill.service"], capture_output=True, text=True, timeout=60, check=False,
+        env={"SYSTEMD_UNIT_PATH": f"{root}/etc/systemd/system:/lib/systemd/system", "PATH": "/usr/bin:/bin"},
+    )  # fmt: skip
+    assert (done.returncode, done.stderr) == (0, "")
