@@ -9,8 +9,9 @@ from collections.abc import Collection, Iterator, Sequence
 
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.checks import Case, limit_findings
-from stepdiag.exporters.safety.judgement import judge, worst
 from stepdiag.exporters.safety.standing import Standing
+from stepdiag.exporters.safety.verdicts.judge import judge
+from stepdiag.exporters.safety.verdicts.verdict import worst
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.findings import Finding

@@ -17,10 +17,11 @@ from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.safety.checks import limit_findings
 from stepdiag.exporters.safety.compensation import require_agreement, stated_in
 from stepdiag.exporters.safety.identity import require_same_machine
-from stepdiag.exporters.safety.judgement import Judgement, judge
-from stepdiag.exporters.safety.lattice_judgement import judge_field, judge_lattice
 from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.standing import Standing, identifies, standing_findings
+from stepdiag.exporters.safety.verdicts.judge import judge
+from stepdiag.exporters.safety.verdicts.lattice import judge_field, judge_lattice
+from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.angular import require_chain
 from stepdiag.exporters.tables.controller import Controller

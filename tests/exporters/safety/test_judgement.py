@@ -9,8 +9,9 @@ import pytest
 
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.compensation import stated
-from stepdiag.exporters.safety.judgement import Judgement, judge
 from stepdiag.exporters.safety.standing import Standing
+from stepdiag.exporters.safety.verdicts.judge import judge
+from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.curves import FUNCTIONS

@@ -11,8 +11,10 @@ import numpy as np
 
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.judgement import ALIKE, NODES, SAME, SURE_UM, Judgement, grid_mm, growing_um, judge, rms
 from stepdiag.exporters.safety.standing import Standing
+from stepdiag.exporters.safety.verdicts.judge import judge
+from stepdiag.exporters.safety.verdicts.measures import ALIKE, NODES, SAME, SURE_UM, grid_mm, growing_um, rms
+from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table

@@ -1,0 +1,155 @@
+"""The verdict on a table of one axis: the curve that is asked for, and what goes wrong with one in practice.
+
+What does not fit is tried turned in sign, as the table of another axis or function, shifted, and scaled.
+"""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stepdiag.exporters.safety.verdicts.case import TableCase
+from stepdiag.exporters.safety.verdicts.measures import ALIKE, POINTS, SAME, SURE_UM, centred, rms
+from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
+from stepdiag.exporters.safety.verdicts.wanted import Wanted
+from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
+from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+
+_OTHER = 0.35
+"""What another explanation may leave to be believed."""
+_EXACT = 0.1
+"""What the table of another function leaves when it is just that."""
+_COVERED = 0.5
+"""Share of the measured travel that a table has to cover."""
+_EXCUSED = 0.25
+"""Share of a correction that its uncertainty may hide."""
+
+
+def of_curve(case: TableCase, wanted: Wanted, volume: Volume) -> Judgement:
+    own = wanted.as_slope(case.table.name) if case.is_slope else wanted.of(case.table.name)
+    if not own:
+        return case.says("unidentified", "the result does not identify what it corrects: nothing to compare it with")
+    own = [case.unstepped(curve) for curve in own]
+    plain = replace(case, turn_um_mm=0.0)
+    known, turned = ([fit for curve in own if (fit := _Fit.of(each, curve)) is not None] for each in (plain, case))
+    if any(fit.is_right for fit in (*known, *turned)):
+        return case.says("right", "what the result asks for", min((*known, *turned), key=lambda fit: fit.left).factor)
+    case = plain
+    if known and all(fit.moved_um < fit.sure_um for fit in known):
+        return case.says("empty", f"no correction, where the result asks for {max(fit.wanted_um for fit in known):.1f} um")
+    return (
+        _turned(case, known)
+        or _swapped(case, wanted, min((fit.left_scaled for fit in known), default=1.0))
+        or _shifted(case, own, volume)
+        or _scaled(case, known)
+        or case.says("unlike", "nothing like what the result asks for: of another machine, another survey, or damaged")
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A table against one curve, over the travel they share: sizes in um (rms), what it leaves as a share, and its factor."""
+
+    wanted_um: float
+    moved_um: float
+    left: float
+    turned: float
+    factor: float
+    alike: float
+    sure_um: float
+
+    @property
+    def is_right(self) -> bool:
+        """Return whether the table corrects the curve, or both are too small to tell."""
+        return self.left <= SAME or max(self.wanted_um, self.moved_um) < self.sure_um
+
+    @property
+    def left_scaled(self) -> float:
+        """Return what the table leaves of the curve, as a share, once it is brought to the right size."""
+        return float(np.sqrt(max(0.0, 1.0 - self.alike**2)))
+
+    @classmethod
+    def of(cls, case: TableCase, curve: Curve, shift_mm: float = 0.0) -> "_Fit | None":
+        """Return the comparison; None where the table does not cover the measured travel."""
+        position = curve.position_mm[[0, -1]] if case.table.law.ends == "extended" else case.table.position_mm + shift_mm
+        first, last = curve.position_mm[[0, -1]]
+        low, high = max(first, position[0]), min(last, position[-1])
+        if high - low < _COVERED * (last - first):
+            return None
+        at = np.linspace(low, high, POINTS)
+        moved = centred(case.moved_um(at - shift_mm) - case.turn_um_mm * at)
+        wanted = centred(_held(-curve.at(at), at, position))
+        size, size_moved = rms(wanted), rms(moved)
+        # what a survey is unsure of excuses little: the table is judged against what this result asks for, not against the machine
+        sure = max(SURE_UM, case.table.quantum_um, min(2.0 * _typical_u(curve), _EXCUSED * size))
+        product = float(np.mean(moved * wanted))
+        return cls(
+            wanted_um=size,
+            moved_um=size_moved,
+            left=min(rms(moved - wanted), rms(case.off_um(curve, at, shift_mm))) / max(size, sure),
+            turned=rms(moved + wanted) / max(size, sure),
+            factor=product / size**2 if size > 0 else np.nan,
+            alike=product / (size * size_moved) if size > 0 and size_moved > 0 else 0.0,
+            sure_um=sure,
+        )
+
+
+def _turned(case: TableCase, fits: Iterable[_Fit]) -> Judgement | None:
+    if any(fit.turned <= SAME and fit.wanted_um > fit.sure_um for fit in fits):
+        return case.says("sign-turned", "the right shape with the opposite sign: it would double the error", -1.0)
+    return None
+
+
+def _swapped(case: TableCase, wanted: Wanted, left_scaled: float) -> Judgement | None:
+    """Return a judgement where the table is that of another function, the mirrored one of the same two axes first.
+
+    Not where the right shape in another size explains the table as well, unless the other function fits in size and all.
+    """
+    own = case.table.name
+    mirrored = f"E{own[2]}{own[1]}"
+    for name in (mirrored, *(each for each in FUNCTIONS if each not in (own, mirrored))):
+        for fit in (_Fit.of(case, curve) for curve in wanted.of(name) if name != own):
+            if fit is None or fit.wanted_um < 2.0 * fit.sure_um or min(fit.left, fit.turned) > min(_OTHER, max(_EXACT, left_scaled)):
+                continue
+            turned = " with the opposite sign" if fit.turned < fit.left else ""
+            code: Code = "input-output-swapped" if name == mirrored else "axes-swapped"
+            return case.says(code, f"this is the table of {name}{turned}")
+    return None
+
+
+def _shifted(case: TableCase, own: Sequence[Curve], volume: Volume) -> Judgement | None:
+    """Return a judgement where the table lies elsewhere than the measured volume."""
+    if case.table.law.ends == "extended":
+        return None
+    first, last = case.table.position_mm[[0, -1]]
+    axis = AXES.index(case.table.input_axis.lower())
+    low, high = volume.origin_mm[axis], volume.origin_mm[axis] + volume.size_mm[axis]
+    for shift in (low - first, high - last):
+        fits = [_Fit.of(case, curve, shift) for curve in own] if abs(shift) > 1e-6 else []
+        if any(fit is not None and fit.left <= _OTHER and fit.wanted_um > fit.sure_um for fit in fits):
+            return case.says("beside-volume", f"right if it lay {shift:+g} mm from where it lies ({first:g} to {last:g} mm)")
+    if min(last, high) - max(first, low) < _COVERED * (high - low):
+        return case.says("beside-volume", f"{first:g} to {last:g} mm, the measured travel is {low:g} to {high:g} mm")
+    return None
+
+
+def _scaled(case: TableCase, fits: Sequence[_Fit]) -> Judgement | None:
+    alike = [fit for fit in fits if abs(fit.alike) >= ALIKE and fit.wanted_um > fit.sure_um]
+    if not alike:
+        return None
+    factor = max(alike, key=lambda fit: abs(fit.alike)).factor
+    sign = " and turned in sign" if factor < 0 else ""
+    return case.says("scaled", f"the right shape, {abs(factor):.3g} times as large as it should be{sign}", factor)
+
+
+def _held(values: Vector, at: Vector, position_mm: Vector) -> Vector:
+    """Return what a table with points at ``position_mm`` can hold of values best: straight lines between its points."""
+    if len(position_mm) >= POINTS:
+        return values
+    hats = np.array([np.interp(at, position_mm, row) for row in np.eye(len(position_mm))]).T
+    return np.asarray(hats @ np.linalg.lstsq(hats, values, rcond=None)[0])
+
+
+def _typical_u(curve: Curve) -> float:
+    known = curve.u_um[np.isfinite(curve.u_um)]
+    return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0

@@ -1,0 +1,31 @@
+"""The curves that a result asks for, as a table of one axis, or a control with one slope a pair, would hold them."""
+
+from dataclasses import replace
+
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
+from stepdiag.solver.errors import DataError
+from stepdiag.solver.result.result import Result
+
+
+class Wanted:
+    """The curves that the result asks for, each squareness in one or the other of its two functions."""
+
+    def __init__(self, result: Result) -> None:
+        other = {name: next(one for one in slopes if one != FOLD_DEFAULT[name]) for name, slopes in SQUARENESS_SLOPE.items()}
+        self._curves: dict[str, list[Curve]] = {name: [] for name in FUNCTIONS}
+        for name in FUNCTIONS:
+            for fold in (FOLD_DEFAULT, other):
+                try:
+                    self._curves[name] += fitted(result, [name], fold).curves
+                except DataError:
+                    continue
+
+    def of(self, name: str) -> list[Curve]:
+        return self._curves.get(name, [])
+
+    def as_slope(self, name: str) -> list[Curve]:
+        """Return the curves for a control that holds one slope for both functions of a pair of axes: that of the other one is added."""
+        plain = [curve for curve in self.of(f"E{name[2]}{name[1]}") if not any(part in SQUARENESS_SLOPE for part in curve.parts)]
+        slope = straight_line_um_mm(plain[0]) if plain else 0.0
+        return [replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None) for curve in self.of(name)]
