@@ -17,6 +17,7 @@ from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.safety.checks import refuse
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.gate import require_clean
+from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um
 from stepdiag.exporters.safety.standing import Standing, lost_in_field
 from stepdiag.exporters.safety.verify import Prediction, predict_moved, worse_findings
 from stepdiag.exporters.tables import lattice
@@ -27,17 +28,19 @@ from stepdiag.exporters.tables.tables import mean_correction_um
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.interval import interval_of
-from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.result import DISPLACEMENTS, Result
 
 
 def export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportReport:
     """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
-    file = lattice.render(lattice.lattice_of(result, step_mm))
+    held = lattice.lattice_of(result, step_mm)
+    file, said = lattice.render(held), tuple(_beside(result, held))
     text = f"{file.name}: what has to be added to the command at each vertex, in um; step {step_mm:g} mm\n"
     text += f"compensation while measuring: {stated_in(result).words()}; where it was on, the vectors come on top of what was active\n"
+    text += "".join(f"{item.code}: {item.text}\n" for item in said)
     require_clean([file])
     names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
-    return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=(), tables=(), prediction=None, text=text)
+    return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=said, tables=(), prediction=None, text=text)
 
 
 def export_etalon(result: Result, out_dir: Path) -> ExportReport:
@@ -59,7 +62,12 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
     kinematics.require_room(axes, profile)
     active = _active(profile)
     held = lattice.lattice_on(result, axes, active)
-    findings = (*_findings(result, held, profile.limits), *lost_in_field(result, _replaced(profile)), *_said(result, profile))
+    findings = (
+        *_findings(result, held, profile.limits),
+        *lost_in_field(result, _replaced(profile)),
+        *_said(result, profile),
+        *_beside(result, held),
+    )
     refuse([item for item in findings if item.severity != "info"], accept, "export for linuxcnc")
     points_moved = (held.correction_um, active.correction_um if active is not None else None)
     prediction = predict_moved(result, *points_moved)
@@ -119,11 +127,22 @@ def _said(result: Result, profile: Profile) -> Iterator[Finding]:
         if function.value is not None and name[1] == name[2] and np.max(np.abs(function.value)) > 0:
             text = f"{name}: the lattice holds the mean of both directions; the reversal error is left to BACKLASH"
             yield Finding(code="direction-averaged", severity="info", text=text)
+            yield from backlash_offered(result, name[2], profile, ends_backlash=False)
     for letter in "XYZ":
         working = profile.axis(letter).working_mm
         if working is not None:
             text = f"axes.{letter}.working_mm: a lattice holds the whole volume, nothing has to be weighed"
             yield Finding(code="working-zone-unused", severity="info", text=text)
+
+
+def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
+    """Yield what the lattice leaves between its vertices, where they do not stand at the measured positions."""
+    missed = {
+        name: missed_um(held.axes_mm["XYZ".index(name[2])], known.position_mm, known.value)
+        for name in DISPLACEMENTS
+        if (known := result.errors.get(name)) is not None and known.value is not None
+    }
+    yield from coarse("the lattice", missed)
 
 
 def _report(result: Result, profile: Profile, findings: Collection[Finding], prediction: Prediction) -> str:

@@ -1,15 +1,19 @@
 """What has to be said about an export and never refuses it: assumptions, preconditions, what is missing."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 
 from stepdiag.exporters.safety.checks import Case, untested_kinds
-from stepdiag.exporters.tables.curves import POSITIONING
+from stepdiag.exporters.tables.curves import POSITIONING, SIGNIFICANT
+from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.sampling import is_directional
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.result import Result
 
 _COARSE_UM = 0.5
-"""What a wide table may leave before it is said: about the uncertainty of a good survey."""
+"""What a table may leave between its points before it is said: about the uncertainty of a good survey."""
 
 
 def remarks(case: Case) -> tuple[Finding, ...]:
@@ -45,19 +49,27 @@ def _sign(case: Case) -> Iterator[Finding]:
 
 
 def _coarse(case: Case) -> Iterator[Finding]:
-    """Say what tables leave whose points lie wider apart than the measured positions."""
+    """Say what tables leave whose points do not stand where the errors were measured."""
     written = {table.name for table in case.tables}
-    left = []
-    for curve in case.curves:
-        grid = case.profile.grid_mm(curve.input_axis)
-        missed = np.abs(curve.mean_um - np.interp(curve.position_mm, grid, curve.at(grid)))
-        inside = (curve.position_mm >= grid[0]) & (curve.position_mm <= grid[-1])
-        worst_um = float(np.max(missed[inside], initial=0.0))
-        if curve.name in written and np.diff(grid).max() > 1.001 * np.diff(curve.position_mm).max() and worst_um >= _COARSE_UM:
-            left.append(f"{curve.name} {worst_um:.1f} um")
+    left = {}
+    for curve in (curve for curve in case.curves if curve.name in written):
+        left[curve.name] = missed_um(case.profile.grid_mm(curve.input_axis), curve.position_mm, curve.mean_um)
+    yield from coarse("these tables", left)
+
+
+def missed_um(grid_mm: Vector, position_mm: Vector, value_um: Vector) -> float:
+    """Return by how much straight lines between the points of a grid miss a value at the most, at the positions within the grid."""
+    joined = np.interp(position_mm, grid_mm, np.interp(grid_mm, position_mm, value_um))
+    inside = (position_mm >= grid_mm[0]) & (position_mm <= grid_mm[-1])
+    return float(np.max(np.abs(value_um - joined)[inside], initial=0.0))
+
+
+def coarse(whose: str, missed: Mapping[str, float]) -> Iterator[Finding]:
+    """Yield the remark that the points of ``whose`` miss functions by more than a survey's uncertainty."""
+    left = [f"{name} {um:.1f} um" for name, um in missed.items() if um >= _COARSE_UM]
     if left:
-        text = f"the points of these tables lie wider apart than the measured positions, which leaves up to: {', '.join(left)}"
-        yield _note("step-coarse", text + "; take a smaller step")
+        text = f"the points of {whose} do not stand at the measured positions, which leaves up to: {', '.join(left)}"
+        yield _note("step-coarse", text + "; take a step that meets them, or a smaller one")
 
 
 def _ends(case: Case) -> Iterator[Finding]:
@@ -80,19 +92,41 @@ def _state(case: Case) -> Iterator[Finding]:
 
 def _reversal(case: Case) -> Iterator[Finding]:
     """Offer the backlash number with its U, or say that there is none; and say where a table for each direction would hold chance only."""
-    numbers = case.result.extra.get("backlash")
     for curve in case.curves:
         if curve.name not in POSITIONING:
             continue
-        number = numbers.get(curve.input_axis) if isinstance(numbers, dict) else None
-        if isinstance(number, dict) and curve.reverse_um is not None and case.profile.machine.direction == "mean":
-            text = f"{curve.name}: the table holds the mean of both directions; backlash {-number['value']:.2f} um (in - minus in +), "
-            yield _note("reversal-value", text + f"U {2 * number['u']:.2f} um (k = 2): for the backlash parameter")
+        own = [table for table in case.tables if table.name == curve.name]
+        both = is_directional(curve, case.profile) and any(table.direction for table in own)
+        if curve.reverse_um is not None and not both:
+            ends = any(case.controller.limits(table, case.profile).ends_backlash for table in own)
+            yield from backlash_offered(case.result, curve.input_axis, case.profile, ends_backlash=ends)
         elif curve.reverse_um is None and case.profile.machine.direction == "both":
             text = (
                 f"{curve.name}: no significant reversal, or passes that share no zero of the count: the mean of both directions is written"
             )
             yield _note("reversal-insignificant", text)
+
+
+def backlash_offered(result: Result, letter: str, profile: Profile, *, ends_backlash: bool) -> Iterator[Finding]:
+    """Yield the backlash of an axis with its U and where it goes, or nothing where the survey knows none that is more than chance.
+
+    It was measured with the control's own parameter at work, so it comes on top of what that held; a control that ``ends_backlash`` does
+    not look at that parameter where it has a table.
+    """
+    numbers = result.extra.get("backlash")
+    number = numbers.get(letter) if isinstance(numbers, dict) else None
+    if not isinstance(number, dict) or abs(number["value"]) <= SIGNIFICANT * number["u"]:
+        return
+    more_um, then_um = -number["value"], profile.axis(letter).backlash_um
+    text = f"E{letter}{letter}: the table holds the mean of both directions; backlash {more_um:.2f} um (in - minus in +), "
+    text += f"U {2 * number['u']:.2f} um (k = 2): "
+    if ends_backlash:
+        text += 'direction = "both" writes it into the table, beside which the backlash parameter does not act'
+    elif then_um is None:
+        text += "to be added to what the backlash parameter held while measuring"
+    else:
+        text += f"the backlash parameter goes from {then_um:.2f} um to {then_um + more_um:.2f} um"
+    yield _note("reversal-value", text)
 
 
 def _runs(case: Case) -> Iterator[Finding]:

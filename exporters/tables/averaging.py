@@ -20,7 +20,7 @@ def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Find
     """Yield ``direction-averaged`` for every curve whose two directions go into one table although the profile asks for both."""
     for curve in curves:
         if is_directional(curve, profile):
-            text = f"{curve.name}: the mean of both directions is written, {curve.reversal_um:.1f} um of reversal are left to the backlash"
+            text = f"{curve.name}: the mean of both directions is written, the reversal is left to the backlash parameter"
             yield Finding(code="direction-averaged", severity="warning", text=text)
 
 

@@ -71,11 +71,6 @@ class Curve:
         """Return the mean of both directions, shape of ``position_mm``."""
         return self.forward_um if self.reverse_um is None else (self.forward_um + self.reverse_um) / 2
 
-    @property
-    def reversal_um(self) -> float:
-        """Return the mean of reverse minus forward in um; 0 where the directions are not separated."""
-        return 0.0 if self.reverse_um is None else float(np.mean(self.reverse_um - self.forward_um))
-
     def at(self, position_mm: Vector, direction: int = 0) -> Vector:
         """Return the error in um at positions, linear between the nodes and held outside them.
 

@@ -70,11 +70,12 @@ class TestWhatIsNotIdentified:
 
 class TestReversal:
     def test_mean_and_reversal_value(self):
-        """The result's reversal is approach in + minus approach in -; the curve's value is travel in - minus travel in +."""
+        """The result's reversal is approach in + minus approach in -; half of it belongs to each direction."""
         curve = curves_of(made_result({"EXX": [0, 1, 2, 3, 4]}, reversal={"EXX": [0, 4, 4, 4, 8]}), ["EXX"])[0]
         np.testing.assert_allclose(curve.mean_um, [0, 1, 2, 3, 4])
         np.testing.assert_allclose(curve.forward_um, [0, 3, 4, 5, 8])
-        assert curve.reversal_um == pytest.approx(-4.0)
+        assert curve.reverse_um is not None
+        np.testing.assert_allclose(curve.reverse_um, [0, -1, 0, 1, 0])
 
     def test_outside_the_measured_range_the_end_is_held(self):
         """What was not measured is not extrapolated."""

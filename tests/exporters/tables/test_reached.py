@@ -1,6 +1,7 @@
 """What each form of table reaches on exact machines: surveyed with noise and leaning mirrors, solved with angles that are known to 1 urad.
 
-The goals are those of the issue that asks for the fit: 1.6, 1.6 and 1.4 um rms for nine tables, about 1.0 um with products.
+The goals are those of the issue that asks for the fit: 1.6, 1.6 and 1.4 um rms for nine tables; with products as much as the whole field
+on the same points, about 1.0 um.
 """
 
 from dataclasses import dataclass, replace
@@ -30,7 +31,8 @@ from testkit.exact.surveys import Bench
 
 GOALS_UM = {0: 1.6, 1: 1.6, 3: 1.4}
 """By the seed of the machine, rms over the volume without rigid motion."""
-WITH_LEVERS_UM = 1.1
+WITH_LEVERS_UM = {0: 1.09, 1: 1.09, 3: 1.04}
+"""What the whole field of the result leaves there is 1.08, 1.07 and 1.04 um."""
 SECTIONS = 20
 
 
@@ -107,6 +109,7 @@ class TestReached:
     def test_levers_are_worth_a_lattice(self, seed, name, options):
         case = surveyed(seed)
         moved = virtual_um(name, case.files(name, **options), case.points_mm)
-        whole = lattice.lattice_of(case.result, 25.0).correction_um(case.points_mm)
-        assert case.left_um(moved) < WITH_LEVERS_UM
+        of = case.profile(name, **options)
+        whole = lattice.lattice_on(case.result, (of.grid_mm("X"), of.grid_mm("Y"), of.grid_mm("Z"))).correction_um(case.points_mm)
+        assert case.left_um(moved) < WITH_LEVERS_UM[seed]
         assert case.left_um(moved) < 1.02 * case.left_um(whole)

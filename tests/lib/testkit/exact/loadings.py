@@ -6,6 +6,7 @@ the command line, and a plant (`testkit.exact.plants`) keeps what is loaded into
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -47,6 +48,8 @@ class Step:
     predicted_um: float = 0.0
     unseen_um: float = 0.0
     """What the survey's curves do not know of the machine as it was measured, between their nodes and in its angles (rms)."""
+    entered: str = ""
+    """The backlash that somebody entered by hand after loading, as the export offered it, by axis."""
     known_um: float = 0.0
     """What the machine errs by afterwards without that: what the survey's curves and the loaded tables make together (rms)."""
     restored_um: float = 0.0
@@ -72,7 +75,7 @@ class Sequence:
     """Surveys and exports on one machine, drawn by a seed."""
 
     def __init__(self, seed: int, maker: str, folder: Path) -> None:
-        self.rng = np.random.default_rng(seed)
+        self.rng, self.hand = np.random.default_rng(seed), np.random.default_rng([seed, 1])
         self.maker, self.folder = maker, folder
         self.chain = str(self.rng.choice(["FXYZ", "XYFZ", "XFYZ", "ZYXF"]))
         far = self.rng.choice([0.0, 1.0])
@@ -84,7 +87,8 @@ class Sequence:
         wanted = Amplitudes(positioning_um=9.0, straightness_um=7.0, angle_urad=angle, scale_um_m=20.0, squareness_urad=20.0)
         low = (float(self.low[0]), float(self.low[1]), float(self.low[2]))
         self.machine = Machine(errors=random_errors(seed, low, (400.0, 400.0, 300.0), wanted), chain=self.chain)
-        self.reversal = {f"E{letter}{letter}": float(self.rng.uniform(-4.0, 4.0)) for letter in "XYZ"} if self.rng.random() < 0.3 else {}
+        turns = self.rng.random() < 0.3
+        self.turned_um = np.array([float(self.rng.uniform(-4.0, 4.0)) for _ in "XYZ"]) if turns else np.zeros(3)
         self.plant: Plant = PLANTS[maker](self.chain, low)
         self.reference_mm = low
 
@@ -105,7 +109,7 @@ class Sequence:
             (folder / name).write_bytes(data)
         digests = [{"name": n, "sha256": hashlib.sha256(d).hexdigest(), "date": "2026-01-01", "source": "archive"} for n, d in own.items()]
         survey = {"machine": "m", "compensation": "on", "active_files": digests} if measured_on else {"machine": "m", "compensation": "off"}
-        (folder / "result.json").write_text(replace(result, extra={"survey": survey}).to_json(), encoding="utf-8")
+        (folder / "result.json").write_text(replace(result, extra={**result.extra, "survey": survey}).to_json(), encoding="utf-8")
         text = self._profile(volume, sections, list(own), names, words, measured_on)
         (folder / "profile.toml").write_text(text, encoding="utf-8")
         asked = (
@@ -120,11 +124,13 @@ class Sequence:
         found = json.loads(told.out)["predicted"]["without_rigid_motion"]["after"]["rms_um"]
         points = anywhere_mm(volume)
         moved = plant.moved_um(points)
-        before = self._rms_um(volume, self.machine.error_at(points) + moved)
+        before = self._both_ways_um(volume, points)
         measured = self.machine.error_at(points) + (moved if measured_on else 0.0)
         unseen = measured - error_field_um(result, points) - (self._steps_between_um(volume, points) if measured_on else 0.0)
         plant.load(folder / "out")
+        entered = self._enter([finding["text"] for finding in json.loads(told.out)["findings"] if finding["code"] == "reversal-value"])
         after, restored = self.machine.error_at(points) + plant.moved_um(points), 0.0
+        after_um = self._both_ways_um(volume, points)
         if rng.random() < 0.3:
             plant.load(folder / "out", restore=True)
             restored = float(np.max(np.abs(plant.moved_um(points) - moved)))
@@ -132,9 +138,26 @@ class Sequence:
                 plant.load(folder / "out")
         return Step(
             maker=self.maker, asked=asked, code=0, judged=judged.code, said=judged.out + judged.refusal, before_um=before,
-            after_um=self._rms_um(volume, after), predicted_um=found["value"], unseen_um=self._rms_um(volume, unseen),
-            known_um=self._rms_um(volume, after - unseen), restored_um=restored,
+            after_um=after_um, predicted_um=found["value"], unseen_um=self._rms_um(volume, unseen),
+            known_um=self._rms_um(volume, after - unseen), restored_um=restored, entered=entered,
         )  # fmt: skip
+
+    def _both_ways_um(self, volume: Volume, points: np.ndarray) -> float:
+        """Return what the machine errs by as it is now, over both directions of travel (rms)."""
+        mean = self._rms_um(volume, self.machine.error_at(points) + self.plant.moved_um(points))
+        half = (self.turned_um + self.plant.turned_um(points, tables=True)) / 2.0
+        return float(np.hypot(mean, np.sqrt(np.mean(np.sum(half**2, axis=1)))))
+
+    def _enter(self, offers: list[str]) -> str:
+        """Enter the backlash as the export offers it, mostly; a number that a table keeps the control from looking at is left."""
+        entered = []
+        for text in offers:
+            axis, more = "XYZ".index(text[1]), float(text.split("; backlash ")[1].split(" um")[0])
+            if "both" not in text.split("(k = 2): ")[1] and self.hand.random() < 0.8:
+                goes = re.search(r"from (\S+) um to (\S+) um$", text)
+                self.plant.backlash_um[axis] = float(goes[2]) if goes else self.plant.backlash_um[axis] + more
+                entered.append(f"{text[1]} {self.plant.backlash_um[axis]:.2f}")
+        return ", ".join(entered)
 
     def _volume(self) -> tuple[int, Volume]:
         """Draw a volume within the travel, on a grid of 50 mm, mostly all of it."""
@@ -195,10 +218,12 @@ class Sequence:
             "B0Z": 1e3 * (slopes["EXZ"] + slopes["EZX"]),
             "A0Z": -1e3 * (slopes["EYZ"] + slopes["EZY"]),
         }
-        back = {name: [um] * nodes for name, um in self.reversal.items()} if not measured_on else {}
+        turned = (self.turned_um + self.plant.turned_um(points, tables=measured_on)).reshape(nodes, nodes, nodes, 3)
+        back = {f"E{each}{each}": turned[..., axis].mean(axis=tuple({0, 1, 2} - {axis})) for axis, each in enumerate("XYZ")}
         made = made_result(values, squareness=square, reversal=back, angles=angles, chain=self.chain, volume=volume, u_um=0.05)
         known = {name: Quantity(value=value, u=0.2) for name, value in square.items()}
-        return replace(made, squareness=known)
+        numbers = {name[1]: {"value": float(np.mean(value)), "u": 0.05, "unit": "um"} for name, value in back.items()}
+        return replace(made, squareness=known, extra={"backlash": numbers})
 
     def _asked(self) -> tuple[list[str], dict[str, str]]:
         """Draw the functions that are exported, and the section of the control."""
@@ -216,7 +241,7 @@ class Sequence:
         return names, {"section": section, "direction": "both" if self._directional() and rng.random() < 0.7 else "mean"}
 
     def _directional(self) -> bool:
-        return bool(self.reversal) and self.maker in ("siemens", "linuxcnc", "fagor")
+        return bool(self.turned_um.any()) and self.maker in ("siemens", "linuxcnc", "fagor")
 
     def _section(self) -> str:
         rng = self.rng
@@ -252,6 +277,8 @@ class Sequence:
         for axis, letter in enumerate("XYZ"):
             start = float(self.low[axis]) if whole else volume.origin_mm[axis]
             end = float(self.low[axis] + self.size[axis]) if whole else volume.origin_mm[axis] + volume.size_mm[axis]
-            lines += [f"[axes.{letter}]", f'name = "AX{axis + 1}"', f"step_mm = {STEP_MM * sections}", "backlash_um = 0.0"]
+            lines += [f"[axes.{letter}]", f'name = "AX{axis + 1}"', f"step_mm = {STEP_MM * sections}"]
+            said = self.maker == "linuxcnc" or words["direction"] == "both" or self.hand.random() < 0.7
+            lines += [f"backlash_um = {self.plant.backlash_um[axis]}"] if said else []
             lines += [f"reference_mm = {start}", f"start_mm = {start}", f"end_mm = {end}"]
         return "\n".join([*lines, "[limits]\nslope_um_mm = 5.0\nvalue_um = 300.0\nwarn_value_um = 200.0", words["section"]])

@@ -28,6 +28,8 @@ class Plant(ABC):
     def __init__(self, chain: str, reference_mm: tuple[float, float, float]) -> None:
         self.chain, self.reference_mm = chain, np.array(reference_mm)
         self.texts: dict[str, str] = {}
+        self.backlash_um = np.zeros(3)
+        """The control's own parameter, as somebody entered it: half of it is added in +, half taken off in -, once an axis has turned."""
 
     def load(self, folder: Path, *, restore: bool = False) -> None:
         """Copy the files of an export over those of the same name, the restore files where wanted."""
@@ -43,10 +45,20 @@ class Plant(ABC):
         """Return what is read out of the control."""
         return {name: text.encode("ascii") for name, text in self.texts.items()}
 
-    def moved_um(self, points_mm: Array) -> Array:
-        """Return what the control adds at points, mean of both directions of travel, in um."""
-        still = np.zeros(points_mm.shape)
-        return 1e3 * sum((table.correction_mm(points_mm, still) for table in self.tables()), still)
+    def moved_um(self, points_mm: Array, way: int = 0) -> Array:
+        """Return what the tables add at points in um, for travel of all axes in +1 or -1, or the mean of both."""
+        travel = np.full(points_mm.shape, float(way))
+        return 1e3 * sum((table.correction_mm(points_mm, travel) for table in self.tables()), 0.0 * travel)
+
+    def turned_um(self, points_mm: Array, *, tables: bool) -> Array:
+        """Return what the control makes in + more than in -: by its parameter, and by its tables where they act."""
+        acts = np.array([not (tables and self.ends_backlash(axis)) for axis in range(3)])
+        by_tables = self.moved_um(points_mm, 1) - self.moved_um(points_mm, -1) if tables else np.zeros(points_mm.shape)
+        return by_tables + acts * self.backlash_um
+
+    def ends_backlash(self, axis: int) -> bool:
+        """Tell whether a table of this axis keeps the control from looking at its backlash parameter."""
+        return False
 
     def steps_um(self, points_mm: Array) -> Array:
         """Return what of that are steps of the control, beside the straight lines through its points."""
@@ -98,8 +110,8 @@ class FanucPlant(Plant):
         )
         self.texts["PITCH.TXT"] = new_punch_file().replace(b"N10000", sets + b"N10000", 1).decode("ascii")
 
-    def moved_um(self, points_mm: Array) -> Array:
-        return super().moved_um(points_mm - self.reference_mm)
+    def moved_um(self, points_mm: Array, way: int = 0) -> Array:
+        return super().moved_um(points_mm - self.reference_mm, way)
 
     def steps_um(self, points_mm: Array) -> Array:
         at, still = points_mm - self.reference_mm, np.zeros(points_mm.shape)
@@ -186,6 +198,9 @@ class LinuxCncPlant(Plant):
         words = [line.split(" = ", 1)[1] for line in lines if line.startswith(("COMP_FILE =", "HALFILE"))]
         lattices = [found[1] for line in lines if (found := re.search(r"stepdiagkins .*lattice=(\S+)", line))]
         return [name for name in dict.fromkeys([*words, *lattices]) if name in self.texts and name != "stepdiagkins.hal"]
+
+    def ends_backlash(self, axis: int) -> bool:
+        return any(f"COMP_FILE = screw_{'xyz'[axis]}.comp" == line for lines in self.ini.values() for line in lines)
 
     def own(self) -> dict[str, bytes]:
         return {name: self.texts[name].encode("ascii") for name in self._named()}
