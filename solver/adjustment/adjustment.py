@@ -2,6 +2,7 @@
 
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, field
+from operator import is_
 
 import numpy as np
 from numpy.typing import NDArray
@@ -168,6 +169,7 @@ class _Task:
             nothing = np.zeros((len(layout), self.beside["angle origin"].shape[1]))
             self.effects.append(Effect(name="angle origin", text=text, pattern_um=nothing))
         self.sizes = Sizes(np.ones(0), np.ones(0, dtype=np.bool_), 1.0)
+        self.known: tuple[Fit | None, tuple[Effect, ...], Causes | None] = (None, (), None)
         self.settled = self.clean = False
 
     def run(self) -> Adjustment:
@@ -212,12 +214,21 @@ class _Task:
         return found
 
     def _found(self, fixed: Fit, effects: Sequence[Effect]) -> tuple[MixedFit, Sizes]:
-        pattern = np.hstack([np.zeros((len(self.rows), 0)), *(self._on_all_rows(effect) for effect in effects)])
         group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
-        usual = MixedFit(fixed, Causes.of(fixed, pattern), np.ones(pattern.shape[1]))
+        usual = MixedFit(fixed, self._causes(fixed, effects), np.ones(len(group)))
         sought = [effect.sought and (self.clean or effect.name in ("angles", BETWEEN)) for effect in effects]
         sizes = scored(usual, group, np.array(sought, dtype=np.bool_), self._noise)
         return sized(usual, sizes.factor[group] / np.sqrt(sizes.noise)), sizes
+
+    def _causes(self, fixed: Fit, effects: Sequence[Effect]) -> Causes:
+        """Return what a fit leaves of the effects; of the same fit and effects it is not worked out again."""
+        before, those, causes = self.known
+        if causes is not None and before is fixed and len(those) == len(effects) and all(map(is_, those, effects)):
+            return causes
+        pattern = np.hstack([np.zeros((len(self.rows), 0)), *(self._on_all_rows(effect) for effect in effects)])
+        causes = Causes.of(fixed, pattern)
+        self.known = (fixed, tuple(effects), causes)
+        return causes
 
     def _on_all_rows(self, effect: Effect) -> Vector:
         further = len(self.rows) - len(self.layout)

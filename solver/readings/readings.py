@@ -74,11 +74,13 @@ class Readings:
 
         Raises ``UsageError`` for an unknown setup name.
         """
-        rows: dict[PassKey, list[int]] = {}
-        for row, (setup, number) in enumerate(zip(self.setup, self.pass_number.tolist(), strict=True)):
-            rows.setdefault(PassKey(setup, number), []).append(row)
-        keys = sorted(rows, key=lambda key: (setup_of(key.setup).order, key.number))
-        return {key: np.array(sorted(rows[key], key=self.stop.__getitem__), dtype=np.int64) for key in keys}
+        names = sorted(dict.fromkeys(self.setup), key=lambda name: setup_of(name).order)
+        place = {name: index for index, name in enumerate(names)}
+        setup = np.array([place[name] for name in self.setup], dtype=np.int64)
+        order = np.lexsort((self.stop, self.pass_number, setup))
+        begins = np.flatnonzero((np.diff(setup[order]) != 0) | (np.diff(self.pass_number[order]) != 0)) + 1
+        parts = np.split(order, begins) if len(order) else []
+        return {PassKey(self.setup[rows[0]], int(self.pass_number[rows[0]])): rows for rows in parts}
 
     def select(self, rows: NDArray[np.int64] | Sequence[int]) -> "Readings":
         """Return the readings of these rows, in this order."""

@@ -45,8 +45,8 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
     is least known beside the columns before; of equal ones the first, so that rounding does not choose. What is left keeps its mean
     square over the volume.
     """
-    rest = found.copy()
-    across = rest @ fields
+    alone = np.diag(found).copy()
+    across = found @ fields
     open_um2 = np.sum(across * fields, axis=0)
     total = float(np.sum(open_um2))
     columns: list[Vector] = []
@@ -55,10 +55,10 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
         column = across[:, pivot] / np.sqrt(open_um2[pivot])
         seen = column @ fields
         columns.append(column)
-        rest -= np.outer(column, column)
+        alone -= column**2
         across -= np.outer(column, seen)
         open_um2 = np.maximum(open_um2 - seen**2, 0.0)
-    return np.column_stack([np.zeros((len(found), 0)), *columns]), _each(np.diag(rest), float(np.sum(open_um2)), total, fields)
+    return np.column_stack([np.zeros((len(found), 0)), *columns]), _each(alone, float(np.sum(open_um2)), total, fields)
 
 
 def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> Vector:
