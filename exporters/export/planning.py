@@ -72,7 +72,8 @@ def _once(
     """Return one plan, with the curves that are ``kept`` and the ``products`` that stay as they are."""
     on = profile.machine.measured_with == "on"
     gone = [table for table in before if table.multiplier is not None and table.name not in products] if on else []
-    fit = fitted(result, _names(result, control, profile), profile.machine.squareness_into, profile.zone, gone)
+    names = [name for name in _names(result, control, profile) if name not in kept]
+    fit = fitted(result, names, profile.machine.squareness_into, profile.zone, gone)
     curves: Sequence[Curve] = merged(fit.curves, before, profile) if on else fit.curves
     if kept:
         curves = sorted((*curves, *kept.values()), key=lambda curve: FUNCTIONS.index(curve.name))

@@ -13,7 +13,7 @@ import numpy as np
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.identity import identity_findings
 from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
-from stepdiag.exporters.fanuc.parameters import INTERVAL, SET_BY_HAND, Key, fitted, parameter_rows, parameters_of, stored_in
+from stepdiag.exporters.fanuc.parameters import BIDIRECTIONAL, INTERVAL, SET_BY_HAND, Key, fitted, parameter_rows, parameters_of, stored_in
 from stepdiag.exporters.fanuc.punch import FIRST_PITCH_LINE, PunchFile, read_punch
 from stepdiag.exporters.fanuc.reading import read_tables
 from stepdiag.exporters.fanuc.straightness import given_to
@@ -189,7 +189,7 @@ def _with_magnifications(options: FanucOptions, tables: Sequence[Table]) -> Fanu
 
 def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile], profile: Profile) -> None:
     """Refuse where inclination, straightness or a second direction would be lost for want of their parameter lines."""
-    needed = [key for key in parameters if key[0] not in SET_BY_HAND]
+    needed = [key for key, text in parameters.items() if key[0] not in SET_BY_HAND and (key[0], text) != (BIDIRECTIONAL, "0")]
     missing = [key for key in needed if all(master.parameter(*key) is None for master in masters)]
     if missing:
         raise SafetyError(

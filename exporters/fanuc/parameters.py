@@ -83,7 +83,9 @@ def _pitch_parameters(table: Table, profile: Profile, options: FanucOptions) -> 
             (3626, axis.number): str(axis.reverse_first_point),
             (3627, axis.number): str(round(table.offset_um / options.detection_unit_um)),
         }
+    single = options.experimental_bidirectional and profile.machine.direction == "both" and table.direction == 0
     return {
+        **({(BIDIRECTIONAL, axis.number): "0"} if single else {}),
         (3620, axis.number): str(points.reference),
         (3621, axis.number): str(points.lowest),
         (3622, axis.number): str(points.highest),

@@ -7,6 +7,7 @@ import numpy as np
 
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.options import LAST_POINT, AxisPoints, FanucOptions, StraightnessNumbers
+from stepdiag.exporters.fanuc.parameters import BIDIRECTIONAL
 from stepdiag.exporters.fanuc.punch import PunchFile
 from stepdiag.exporters.fanuc.straightness import found_in
 from stepdiag.exporters.files.listing import finite, whole
@@ -54,7 +55,7 @@ class _Reader:
         position: Vector = (
             self._profile.axis(letter).reference_mm + (np.arange(lowest - 1, highest + 1, dtype=np.float64) - reference) * interval
         )
-        both = self._options.experimental_bidirectional and self._profile.machine.direction == "both"
+        both = self._bidirectional(axis, highest - lowest + 1)
         require_rising(position, f"{self._names}: parameter 3624 A{axis.number}")
         forward = self._pitch_table(letter, position, lowest, 1 if both else 0, 0.0)
         if not both:
@@ -62,6 +63,18 @@ class _Reader:
         first = self._number(3626, axis.number, axis.reverse_first_point)
         offset = self._number(3627, axis.number, None) * self._options.detection_unit_um
         return [forward, self._pitch_table(letter, position, first, -1, offset)]
+
+    def _bidirectional(self, axis: AxisPoints, count: int) -> bool:
+        """Return whether an axis has a second table for travel in -: its 3605#0 says so, each axis for itself.
+
+        Where no file holds that parameter, the profile does, as far as there are data in the second range.
+        """
+        bits = self._find(BIDIRECTIONAL, axis.number)
+        if bits is not None:
+            return bits.endswith("1")
+        asked = self._options.experimental_bidirectional and self._profile.machine.direction == "both"
+        first = axis.reverse_first_point
+        return asked and any(self._data.get(point) for point in range(first, first + count))
 
     def inclination(self, letter: str) -> list[Table]:
         """Return the inclination compensation of an axis, where the files hold it."""

@@ -9,10 +9,12 @@ from testkit.exact.loadings import Sequence
 SEQUENCES = (
     ("siemens", 133), ("siemens", 5152), ("fanuc", 106), ("fanuc", 6238), ("heidenhain", 2), ("beckhoff", 3), ("mitsubishi", 110),
     ("fagor", 132), ("linuxcnc", 116), ("linuxcnc", 416), ("linuxcnc", 5023), ("linuxcnc", 5065),
+    ("mitsubishi", 8003),
 )  # fmt: skip
 """Sequences that once went wrong: old tables taken as gone, products and sets of other functions, turns between two functions, a product
 that does the work of an old one under other numbers, a residual finer than the lattice, a coefficient that stays although its partner is
-asked for, one that is asked for without its partner, coarser steps of which a survey on its nodes sees nothing."""
+asked for, one that is asked for without its partner, coarser steps of which a survey on its nodes sees nothing; and one in which somebody
+enters the backlash that each export offers."""
 
 
 @pytest.mark.parametrize(("maker", "seed"), SEQUENCES)

@@ -198,6 +198,20 @@ class TestDirections:
         assert b"N03626Q1A1P160A2" in text
         assert b"N03627Q1A1P6A2" in text
 
+    @pytest.mark.parametrize("active", [False, True])
+    def test_an_axis_without_a_reversal_keeps_one_table_beside_those_with_two(self, active, tmp_path):
+        """3605#0 is each axis' own: Y was read as half of itself, beside an empty table for travel in -, and refused."""
+        profile = profile_of("fanuc", VOLUME, sections=16, direction="both", reference_at=8)
+        own = profile.existing[0]
+        if active:
+            data = own.data.replace(b"N03605Q1A1P00000000A2P00000000", b"N03605Q1A1P00000000A2P00000001")
+            profile = replace(profile, existing=(replace(own, data=data),))
+        result = made_result({"EXX": EXAMPLE, "EYY": [0, 9, 14, 16, 12]}, reversal={"EXX": [6.0] * 5}, u_um=0.1)
+        accept = ["slope-steep", "reversal-unasked"]
+        report = export(result, "fanuc", profile, accept=accept, out_dir=tmp_path / "out")
+        assert {(table.name, table.direction) for table in report.tables} == {("EXX", 1), ("EXX", -1), ("EYY", 0), ("EZZ", 0)}
+        assert b"N03605Q1A1P00000001A2P00000000" in (tmp_path / "out" / "PITCH_UNTESTED_SIGN.TXT").read_bytes()
+
 
 class TestStraightLines:
     def test_straightness_without_parameter_numbers_is_in_the_report_only(self):

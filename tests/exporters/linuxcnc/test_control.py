@@ -206,3 +206,14 @@ def test_loaded_by_its_own_steps_the_second_coefficient_holds_the_first():
     steps = " ".join(LINUXCNC.instructions(held))
     assert "takes the place" in steps
     assert "add the new ones" not in steps
+
+
+def test_an_old_function_that_is_written_once_more_is_listed_once(tmp_path):
+    """EXY is asked for, its partner stands in the old coefficient C_yx and is kept as it was: not beside what the survey found of it."""
+    old = ControlFile(name="squareness.hal", data=b"setp matrixkins.C_yx 0.000010000\n")
+    profile = replace(example_profile(functions=["EXY"]), existing=(old,))
+    found = made_result({"EYX": [0.0, 2.0, 3.0, 1.0, 0.0]}, squareness={"C0Y": 20.0})
+    report = export(found, "linuxcnc", profile, out_dir=tmp_path / "out")
+    heads = [line.split(" = ")[0] for line in report.text.splitlines() if line.startswith(("EXY = ", "EYX = "))]
+    assert sorted(heads) == sorted(set(heads))
+    assert "EXY" in heads
