@@ -23,7 +23,7 @@ from stepdiag.daq.capture.standing.dwell import Dwell, DwellTracker
 from stepdiag.daq.capture.standing.standstill import Standstills
 from stepdiag.daq.capture.stop_capture import StopTaker
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
-from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
+from stepdiag.daq.records.events import LOST, Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
@@ -145,6 +145,8 @@ class Capture:
                 self.tracker.silent()
         elif event.state == "lost" and event.link in self._streams:
             self._streams[event.link].interrupted()
+        elif LOST in event.detail:
+            self._remarks.lost(event.link, event.detail.partition(LOST)[2], outcomes)
 
     def _take_block(self, block: ModbusBlock, outcomes: list[Outcome]) -> None:
         signals = self._decoder.decode(block)

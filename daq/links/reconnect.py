@@ -9,6 +9,7 @@ from collections.abc import Awaitable, Callable
 
 import structlog
 
+from stepdiag.daq.records.events import LOST
 from stepdiag.daq.records.status import LinkState
 from stepdiag.solver.errors import DeviceError
 
@@ -38,6 +39,7 @@ class Reconnector:
         self._session = session
         self._on_state = on_state
         self._warned = False
+        self._detail = ""
         self.state: LinkState = "connecting"
 
     async def run(self) -> None:
@@ -60,10 +62,13 @@ class Reconnector:
             wait_s = min(wait_s * WAIT_GROWTH, LONGEST_WAIT_S)
 
     def _report(self, state: LinkState, detail: str) -> None:
-        if state == self.state:
+        lost = LOST in detail and detail != self._detail
+        if state == self.state and not lost:
             return
-        self.state = state
-        if state == "connected":
+        self.state, self._detail = state, detail
+        if lost:
+            _log.warning("link-lost-bytes", link=self._name, detail=detail)
+        elif state == "connected":
             self._warned = False
             _log.info("link-connected", link=self._name, detail=detail)
         else:

@@ -76,8 +76,12 @@ class ModbusBlock(msgspec.Struct, frozen=True, gc=False):
     data: tuple[bytes, ...]
 
 
+LOST = "bytes lost: "
+"""What stands in a link's detail before what was lost on the way, and where."""
+
+
 class LinkEvent(msgspec.Struct, frozen=True, gc=False):
-    """A link changed its state."""
+    """A link changed its state, or lost bytes: its ``detail`` says so behind `LOST`."""
 
     time_ns: int
     link: Link

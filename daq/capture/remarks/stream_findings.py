@@ -1,11 +1,14 @@
 """What the streams of a log remark of themselves, in words for a person."""
 
+import re
+
 from stepdiag.daq.capture.outcome import Outcome
-from stepdiag.daq.records.events import Stream
+from stepdiag.daq.records.events import Link, Stream
 from stepdiag.daq.timing.samples import Notice
 from stepdiag.daq.timing.stream import StreamBuffer
 from stepdiag.solver.findings import Finding, Severity
 
+_FIGURES = re.compile(r"\d+")
 LISTEN_NS = 1_000_000_000
 """How often the remarks of the streams are asked for."""
 KINDS: dict[str, Severity] = {"garbage": "warning", "gap": "warning", "restart": "warning", "device": "info"}
@@ -30,6 +33,14 @@ class StreamRemarks:
         for stream, buffer in self._streams.items():
             for notice in buffer.heard():
                 self._say(stream, notice, outcomes)
+
+    def lost(self, link: Link, where: str, outcomes: list[Outcome]) -> None:
+        """Say where bytes were lost on the way; how often in figures is the link's own matter, each cause is said once a log."""
+        for cause in where.split("; "):
+            kind = f"{link} lost: {_FIGURES.sub('', cause)}"
+            if kind not in self._said:
+                self._said.add(kind)
+                outcomes.append(Finding(code=f"{link}-bytes-lost", severity="warning", text=f"{link}: bytes were lost: {cause}"))
 
     def _say(self, stream: Stream, notice: Notice, outcomes: list[Outcome]) -> None:
         said = f"{stream}: {notice.text if notice.code == 'device' else notice.code}"

@@ -44,6 +44,10 @@ class Device(Protocol):
         """Send ``data``. Raises OSError where the line is gone."""
         ...
 
+    def lost(self) -> str:
+        """Return in words what the line itself says was lost since it was opened, and where; nothing where it says nothing. Any thread."""
+        ...
+
     def close(self) -> None:
         """Close it."""
         ...

@@ -77,6 +77,10 @@ class NetworkPort:
         """Send ``data``."""
         self._connection.sendall(data)
 
+    def lost(self) -> str:
+        """Return nothing: TCP loses no byte of a connection that stands, and what the server lost it does not tell."""
+        return ""
+
     def close(self) -> None:
         """Close the connection."""
         with contextlib.suppress(OSError):

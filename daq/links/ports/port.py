@@ -76,6 +76,11 @@ class OpenPort:
                 os.eventfd_write(self._bell, 1)
                 self._rang = True
 
+    def lost(self) -> str:
+        """Return in words what the line itself says was lost since it was opened; nothing where it is closed. From any thread."""
+        with self._closing:
+            return "" if self._closed else self._device.lost()
+
     def release(self) -> None:
         """Say that the port is not wanted any more; ends every pause and read from now on."""
         self._released.set()

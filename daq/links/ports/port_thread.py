@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.port import OpenPort
 from stepdiag.daq.links.reconnect import Report
+from stepdiag.daq.records.events import LOST
 
 SILENT_AFTER_S = 2.0
 """Without a byte for so long a line is silent."""
@@ -58,7 +59,8 @@ class PortThread:
             if silent_s > SILENT_AFTER_S:
                 report("silent", f"{port.name}: no byte for {SILENT_AFTER_S:g} s; check that the instrument is on and its baud rate")
             else:
-                report("connected", port.detail)
+                lost = port.lost()
+                report("connected", port.detail + (f"; {LOST}{lost}" if lost else ""))
 
     async def _end(self, thread: threading.Thread) -> None:
         self._unwanted.set()

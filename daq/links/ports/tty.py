@@ -5,7 +5,9 @@ may wait for it, and costs twice the time.
 """
 
 import errno
+import fcntl
 import os
+import struct
 import termios
 
 import serial
@@ -18,6 +20,19 @@ _REMEDIES = {
     errno.EACCES: "give the user the right to the port (group dialout, or the udev rule that comes with the program)",
     errno.EBUSY: "another program has the port open: end it",
     errno.EAGAIN: "another program has the port open: end it",
+}
+
+
+TIOCGICOUNT = 0x545D
+"""ioctl_tty(2); not in `termios`."""
+_COUNTS = struct.Struct("20i")
+"""serial_icounter_struct of linux/serial.h: cts, dsr, rng, dcd, rx, tx, frame, overrun, parity, brk, buf_overrun, nine reserved."""
+_LOSSES = {
+    7: "the port's own buffer ran over {times}, adapter or computer were too slow",
+    10: "the system's buffer ran over {times}, this program did not read in time",
+    6: "framing was wrong {times}, look at baud rate, line settings and cable",
+    8: "parity was wrong {times}, look at parity and cable",
+    9: "the line was broken {times}, look at plug and cable",
 }
 
 
@@ -38,6 +53,7 @@ class Tty:
         except (OSError, ValueError, termios.error) as error:
             raise _refusal(settings.port, error) from error
         self.low_latency = _set_low_latency(self._serial)
+        self._counted = self._counts()
         latency = "low latency" if self.low_latency else "no low-latency mode"
         self.detail = f"{settings.port}, {settings.baud} baud, {latency}"
 
@@ -59,6 +75,18 @@ class Tty:
             self._serial.flush()
         except termios.error as error:
             raise OSError(str(error)) from error
+
+    def lost(self) -> str:
+        """Return what the driver has counted as lost since the port was opened; nothing where it does not count (a pty)."""
+        now = self._counts()
+        more = [after - before for before, after in zip(self._counted, now, strict=True)] if len(now) == len(self._counted) else []
+        return "; ".join(words.format(times=f"{more[at]} times") for at, words in _LOSSES.items() if more and more[at] > 0)
+
+    def _counts(self) -> tuple[int, ...]:
+        try:
+            return _COUNTS.unpack(fcntl.ioctl(self._line, TIOCGICOUNT, bytes(_COUNTS.size)))
+        except OSError:
+            return ()
 
     def close(self) -> None:
         """Close the port."""

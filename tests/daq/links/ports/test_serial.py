@@ -1,17 +1,20 @@
 """Serial links over real ptys: nothing lost, stamped where it is read, no thread that ends unseen."""
 
 import asyncio
+import struct
 import threading
 import time
 from dataclasses import replace
 
 import pytest
 
-from stepdiag.daq.links.ports import port_thread, serial
+from stepdiag.daq.links.ports import port_thread, serial, tty
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.port import OpenPort
 from stepdiag.daq.links.ports.port_thread import PortThread
 from stepdiag.daq.links.ports.serial import PolledSerial, SerialStream
+from stepdiag.daq.links.reconnect import Reconnector
+from stepdiag.daq.records.events import LOST
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.solver.errors import DeviceError
 from testkit.running.slaves import Pty, running, wait_until
@@ -329,3 +332,64 @@ def test_work_that_returns_ends_the_session_too(pty):
 
     asyncio.run(serve())
     assert not serial_threads()
+
+
+@pytest.fixture
+def counts(monkeypatch):
+    """A driver that counts as a real one does (a pty has no such counters): frame 6, overrun 7, parity 8, break 9, buffer 10."""
+    told, ioctl = [0] * 20, tty.fcntl.ioctl
+
+    def asked(line, request, *more):
+        return struct.pack("20i", *told) if request == tty.TIOCGICOUNT else ioctl(line, request, *more)
+
+    monkeypatch.setattr(tty.fcntl, "ioctl", asked)
+    return told
+
+
+@pytest.mark.parametrize(
+    ("place", "words"),
+    [
+        (7, "the port's own buffer ran over 3 times"),
+        (10, "the system's buffer ran over 3 times"),
+        (6, "framing was wrong 3 times"),
+        (8, "parity was wrong 3 times"),
+        (9, "the line was broken 3 times"),
+    ],
+)
+def test_bytes_lost_in_the_port_are_said_once_with_where_it_was(pty, counts, place, words):
+    """What was counted before the port was opened is nobody's loss."""
+    counts[place] = 40
+    states, heard = [], []
+
+    def work():
+        wait_until(lambda: states == ["connected"])
+        counts[place] += 3
+        wait_until(lambda: len(heard) >= 3)
+        pty.write(b"still there\n")
+        wait_until(lambda: chunks)
+
+    def on_state(state, detail):
+        heard.append((state, detail))
+        states[:] = [each for each, _ in heard if each != "connecting"]
+
+    chunks = []
+    stream = SerialStream(settings(pty), lambda data, _: chunks.append(data))
+
+    async def run():
+        link = asyncio.create_task(Reconnector("laser", stream.session, on_state).run())
+        await asyncio.to_thread(work)
+        link.cancel()
+        await asyncio.gather(link, return_exceptions=True)
+
+    asyncio.run(run())
+    assert [state for state, _ in heard[:3]] == ["connecting", "connected", "connected"]
+    assert LOST not in heard[1][1]
+    assert heard[2][1].partition(LOST)[2].startswith(words)
+    assert len([detail for _, detail in heard if LOST in detail]) == 1
+
+
+def test_a_line_that_does_not_count_says_nothing_of_losses(pty):
+    port = OpenPort(settings(pty))
+    assert port.lost() == ""
+    port.close()
+    assert port.lost() == ""
