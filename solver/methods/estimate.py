@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
 from stepdiag.solver.adjustment.diagnostics import closure_report, inflation, scale_misclosure, setup_findings, setup_reports
+from stepdiag.solver.adjustment.slips import slips_report
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
@@ -300,6 +301,9 @@ def _extra(done: Estimate) -> dict[str, Any]:
     numbers = backlash_numbers(done)
     if numbers:
         extra["backlash"] = numbers
+    slips = slips_report(found.as_usual(), found.layout, found.design)
+    if slips:
+        extra["unseen_slip"] = slips
     closure = closure_report(found.layout)
     return extra if closure is None else {**extra, "closure_um": closure}
 

@@ -7,7 +7,8 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, Vector
+from stepdiag.solver.adjustment.slips import KINDS, Unseen, least_seen
+from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import class_factors, likely_factors, normal_points
 from stepdiag.solver.linear.fit import fit
@@ -41,20 +42,18 @@ CURVED, BENT = 22.0, 6.7
 """What functions of five half waves that fall with their number leave beside the smooth curve through n + 1 targets, over shape / n^3, and
 between that and the straight lines that tables run along, over shape / n^2 (root mean square over the travel; measured on drawn ones)."""
 _NEXT_TO_NONE = 1e-3
-STANDS_OUT = 5.0
-"""Standard uncertainties at which a step of the count is told from chance (`solver.adjustment.hypotheses`)."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Foresight:
     """``u`` by name: root mean square over a function's nodes, absent where not identified; ``volumetric_um`` over the volume (k = 1).
 
-    ``unseen_step_um``: a slip of the laser's count on a diagonal may be as large as this without being told from what is usual.
+    ``unseen``: the slip of the laser's count on a diagonal that is seen least, None without a diagonal.
     """
 
     u: dict[str, float]
     volumetric_um: float
-    unseen_step_um: float
+    unseen: Unseen | None
     parts: Callable[[], "_Parts"]
 
     @cached_property
@@ -87,30 +86,9 @@ def foresee(layout: Layout, chain: str, assumed: Assumptions, increments: int) -
     return Foresight(
         u=_u(found, known, spread),
         volumetric_um=ahead.together_um(known),
-        unseen_step_um=_unseen_step_um(layout, mixed),
+        unseen=least_seen(mixed, layout, KINDS["diagonals"]),
         parts=lambda: ahead.parts(known),
     )
-
-
-def _unseen_step_um(layout: Layout, mixed: MixedFit) -> float:
-    """Return the smallest step of the count that stands out of what fit and usual causes leave wherever it is on a diagonal.
-
-    The step's own pattern against the covariance of the residuals (Baarda 1968, minimal detectable bias); 0 without a diagonal, infinite
-    where some step is told from nothing.
-    """
-    diagonals = [index for index, key in enumerate(layout.passes) if key.setup.partition("+")[0] in BODY_DIAGONALS]
-    steps = [
-        (layout.pass_index == index) & (layout.stop >= stop)
-        for index in diagonals
-        for stop in np.unique(layout.stop[layout.pass_index == index])[1:]
-    ]
-    if not steps:
-        return 0.0
-    slips = Causes.of(mixed.fixed, np.stack(steps, axis=1).astype(np.float64))
-    usual = mixed.root @ (mixed.causes.pattern.T @ slips.left)
-    told = np.diag(slips.seen) - np.sum(usual**2, axis=0)
-    least = float(np.min(told))
-    return STANDS_OUT / np.sqrt(least) if least > _NEXT_TO_NONE**2 else float("inf")
 
 
 def _u(found: Quantities, known: dict[str, bool], spread: Spread) -> dict[str, float]:

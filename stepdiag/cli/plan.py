@@ -12,6 +12,7 @@ from stepdiag.solver.errors import UsageError
 if TYPE_CHECKING:
     from stepdiag.daq.survey.models import Plan as PlanSection
     from stepdiag.daq.survey.models import Survey
+    from stepdiag.solver.adjustment.slips import Unseen
     from stepdiag.solver.planning.planner import Addition, Advice, Circumstances, Forecast
     from stepdiag.solver.planning.runs import Plan
 
@@ -144,12 +145,19 @@ def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
         "minutes": forecast.minutes,
         "volumetric_u_um": forecast.volumetric_um,
         "left_um": forecast.left_um.as_json(),
-        "unseen_step_um": forecast.ahead.unseen_step_um if isfinite(forecast.ahead.unseen_step_um) else None,
+        **_unseen_json(forecast.ahead.unseen),
         "angles": forecast.angles,
         "u": forecast.u,
         "resolved": list(forecast.resolved),
         "hidden": forecast.hidden,
     }  # fmt: skip
+
+
+def _unseen_json(unseen: "Unseen | None") -> dict[str, float | None]:
+    """Return how large a slip of the count could hide in a diagonal in half of the surveys, and from where on nearly none does."""
+    sizes = (0.0, 0.0) if unseen is None else (unseen.half_um, unseen.nearly_um)
+    half_um, nearly_um = (size if isfinite(size) else None for size in sizes)
+    return {"unseen_step_um": half_um, "seen_step_um": nearly_um}
 
 
 def _addition_json(addition: "Addition") -> dict[str, Any]:

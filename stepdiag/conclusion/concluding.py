@@ -10,13 +10,15 @@ from stepdiag.conclusion.sentences import Sentence
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS
-from stepdiag.solver.result.basis import ASSUMED, Basis, basis_of, scales_in_words
+from stepdiag.solver.result.basis import ASSUMED, Basis, UnseenSlip, basis_of, scales_in_words, unseen_slips
 from stepdiag.solver.result.interval import Interval, decimals_of
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
 
 MOST_WRONG = 5
 LEAST_SHARE = 0.1
 """An error below a tenth of the largest one is not what is wrong with the machine."""
+MATTERS = 0.5
+"""A slip of the count that may be unnoticed is said where it makes so much of what compensation leaves, or more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,7 +61,7 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
     counts = {severity: sum(one.severity == severity for one in result.findings) for severity in ("error", "warning", "info")}
     return Conclusion(
         wrong=tuple((one, _told(one)) for one in wrong),
-        unknown=tuple(_unknown(result)),
+        unknown=(*_unknown(result), *_unseen(unseen_slips(result), reach)),
         reach=reach,
         reached=tuple(_reached(reach, refused=_all_refused(exports))),
         basis=tuple(_basis(basis_of(result))),
@@ -111,6 +113,18 @@ def _unknown(result: Result) -> Iterator[Sentence]:
         yield Sentence(
             key="unknown_angles_all" if len(angles) == len(ROTATIONS) else "unknown_angles", arguments={"names": ", ".join(angles)}
         )
+
+
+def _unseen(slips: Sequence[UnseenSlip], reach: Reach) -> Iterator[Sentence]:
+    """Yield how large a slip of the count may have gone unnoticed, where that matters beside what compensation leaves: the worst one."""
+    blind = next((one for one in slips if one.half_um is None), None)
+    if blind is not None:
+        yield Sentence(key="unknown_slip_any", arguments={"place": blind.place})
+    worst = max((one for one in slips if one.half_um is not None), key=lambda one: one.volume_um or 0.0, default=None)
+    if worst is None or reach.rms_after is None or (worst.volume_um or 0.0) < MATTERS * reach.rms_after.value_um:
+        return
+    sizes = {"half": worst.half_um, "nearly": worst.nearly_um, "volume": worst.volume_um}
+    yield Sentence(key="unknown_slip", arguments={"place": worst.place, **{name: _um(size or 0.0) for name, size in sizes.items()}})
 
 
 def _reached(reach: Reach, *, refused: bool) -> Iterator[Sentence]:

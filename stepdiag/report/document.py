@@ -85,6 +85,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "head": sections.head_table(result, words),
         "fit": sections.fit_table(result),
         "assumptions": sections.assumptions_table(result),
+        "slips": sections.slips_table(result, words),
         "history": sections.history_table(result, words),
         "recordings": logs_table(logs, words),
     }

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.basis import Lengths, basis_of
+from stepdiag.solver.result.basis import Lengths, basis_of, unseen_slips
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.texts.findings import told
 from stepdiag.texts.texts import Language, finding_advice
@@ -279,6 +279,13 @@ def budget_of(result: Result) -> dict[str, dict[str, float]]:
     shares = _part_of_budget(result, "shares")
     tables = {name: _numbers(sources) for name, sources in list(shares.items())[:MOST_ROWS] if isinstance(sources, dict)}
     return {name: sources for name, sources in tables.items() if sources}
+
+
+def slips_table(result: Result, words: Mapping[str, str]) -> Table | None:
+    """Return how large a slip of the count may be without being noticed, where the result says it (``unseen_slip``)."""
+    rows = [(shown(each.place), *(shown(size) for size in (each.half_um, each.nearly_um, each.volume_um))) for each in unseen_slips(result)]
+    header = tuple(words[f"slips_{name}"] for name in ("place", "half", "nearly", "volume"))
+    return Table(header=header, rows=rows) if rows else None
 
 
 def assumptions_table(result: Result) -> Table | None:

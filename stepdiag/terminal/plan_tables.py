@@ -5,6 +5,7 @@ from math import isfinite
 
 from rich.table import Table
 
+from stepdiag.solver.adjustment.slips import Unseen
 from stepdiag.solver.planning.planner import Addition, Forecast
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 
@@ -20,16 +21,19 @@ def in_words(forecast: Forecast) -> str:
     return (
         f"{runs}: {hours} h {minutes:02d} min with setting up; an ideal compensation leaves {forecast.left_um.words()} um "
         f"(rms over the volume, k = 2), {forecast.left_um.best()} um most probably; angular errors {_ANGLES[forecast.angles]}"
-        f"{_slips(forecast.ahead.unseen_step_um)}"
+        f"{_slips(forecast.ahead.unseen)}"
     )
 
 
-def _slips(unseen_um: float) -> str:
+def _slips(unseen: Unseen | None) -> str:
     """Return how large a slip of the laser's count may be without being noticed; nothing for a survey without a diagonal."""
-    if not unseen_um:
+    if unseen is None:
         return ""
+    if not isfinite(unseen.u_um):
+        return "; a slip of the laser's count of any size could hide in a diagonal"
     return (
-        f"; a slip of the laser's count {f'of up to {unseen_um:.2g} um' if isfinite(unseen_um) else 'of any size'} could hide in a diagonal"
+        f"; a slip of the laser's count of {unseen.half_um:.2g} um could hide in a diagonal in every second survey, "
+        f"one of {unseen.nearly_um:.2g} um is nearly always noticed (95 %)"
     )
 
 

@@ -184,14 +184,14 @@ def test_plan_without_laser_is_refused():
 def test_less_of_a_slip_can_hide_in_what_is_driven_out_and_back():
     once = BARE.with_runs(*LINEAR)
     both = Plan(volume=BOX, runs=tuple(replace(run, return_pass=True) for run in once.runs))
-    assert forecast(both, USUAL).ahead.unseen_step_um < 0.75 * forecast(once, USUAL).ahead.unseen_step_um
+    assert forecast(both, USUAL).ahead.unseen.half_um < 0.75 * forecast(once, USUAL).ahead.unseen.half_um
 
 
 @pytest.mark.parametrize("stop", [1, 5, 9])
 def test_a_slip_of_twice_what_could_hide_is_named(stop):
     """On a survey like that of the plan, at an end of the diagonal and in its middle; the clean survey has nothing to say."""
     bench = Bench(seed=4, increments=3, diagonal_noise_um=0.2, linear_noise_um=0.2)
-    hides_um = forecast(BARE.with_runs(*LINEAR), USUAL).ahead.unseen_step_um
+    hides_um = forecast(BARE.with_runs(*LINEAR), USUAL).ahead.unseen.half_um
     clean = bench.survey()
     slipped = (np.array(clean.setup) == "npp") & (np.array(clean.stop) >= stop)
     wrong = replace(clean, reading_mm=np.array(clean.reading_mm) + 2e-3 * hides_um * slipped)

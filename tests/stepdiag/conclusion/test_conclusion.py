@@ -261,3 +261,23 @@ class TestBasis:
             {"lengths": {"tables": ["x"], "material_c": "warm"}, "assumed": {"a": {}}},
         ):
             assert self.said(**foreign) == []
+
+
+class TestUnseenSlip:
+    SLIP: ClassVar[dict[str, Any]] = {"setup": "npp", "pass": 1, "stop": 4, "half_um": 2.5, "nearly_um": 4.0, "volume_um": 1.2}
+
+    def said(self, **changed: Any) -> list[str]:
+        slip = {**self.SLIP, **changed}
+        extra = {"unseen_slip": {"diagonals": slip}, "predicted": predicted((1.9, 1.3, 2.7), (4.0, 3.0, 6.0))}
+        return [render(each, "en") for each in conclude(replace(made_up_result(), extra=extra)).unknown if "slip" in each.key]
+
+    def test_is_said_where_it_matters_beside_what_compensation_leaves(self) -> None:
+        """It makes 1.2 um of a volume in which 1.9 um will be left; 0.5 um would not be worth a sentence."""
+        (words,) = self.said()
+        assert "2.5 µm in npp/1/4" in words
+        assert "4.0 µm are nearly always noticed (95 %)" in words
+        assert self.said(volume_um=0.5) == []
+
+    def test_of_any_size_is_always_said(self) -> None:
+        (words,) = self.said(half_um=None, nearly_um=None, volume_um=None)
+        assert "npp/1/4: nothing would tell" in words

@@ -5,7 +5,8 @@ from dataclasses import replace
 import pytest
 
 from stepdiag.report.certificate import bound_words, interval_words
-from stepdiag.report.sections import lengths_table, positioning_table, vdi_table
+from stepdiag.report.document import build_report
+from stepdiag.report.sections import lengths_table, positioning_table, slips_table, vdi_table
 from stepdiag.solver.result.interval import Interval
 from stepdiag.texts.texts import LANGUAGES, catalogue
 from testkit.exact.madeup import made_up_result
@@ -46,3 +47,16 @@ def test_the_largest_vector_is_a_bound() -> None:
     assert (bound_words(sure), interval_words(sure)) == ("≤ 6.2", "3.0 … 6.2")
     assert bound_words(Interval(value_um=4.4)) == interval_words(Interval(value_um=4.4)) == "≥ 4.4"
     assert bound_words(None) == "–"
+
+
+SLIP = {"setup": "npp", "pass": 1, "stop": 4, "half_um": 2.5, "nearly_um": 4.0, "volume_um": 1.2}
+
+
+def test_what_a_slip_could_hide_stands_with_its_place_and_with_what_it_does_to_the_volume():
+    words = {**catalogue("common", "en"), **catalogue("report", "en")}
+    blind = {**SLIP, "setup": "linear-x", "half_um": None, "nearly_um": None, "volume_um": None}
+    result = replace(made_up_result(), extra={"unseen_slip": {"diagonals": SLIP, "runs": blind}})
+    assert slips_table(result, words).rows == [("npp/1/4", "2.5", "4", "1.2"), ("linear-x/1/4", "–", "–", "–")]
+    assert slips_table(made_up_result(), words) is None
+    assert slips_table(replace(made_up_result(), extra={"unseen_slip": {"diagonals": "nonsense", "runs": {}}}), words) is None
+    assert "npp/1/4" in build_report(result, source="result.json").html

@@ -1,0 +1,91 @@
+"""How large a slip of the count may be without being noticed: what result and plan say comes true in drawn surveys."""
+
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.methods.solve import solve
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+
+NAMED = {
+    "count-step",
+    "contradiction-ambiguous",
+    "stop-outlier",
+    "stop-outlier-ambiguous",
+    "chi-square-far",
+    "chi-square-high",
+    "scale-misclosure",
+    "setup-scale",
+    "setup-scale-off",
+    "pass-wanders",
+    "too-many-outliers",
+}
+SEEDS = range(40, 50)
+
+
+@cache
+def survey(seed, increments, passes):
+    bench = Bench(
+        seed=seed, increments=increments, diagonal_noise_um=0.2, linear_noise_um=0.2, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0)
+    )
+    readings = bench.survey((*DIAGONALS, *LINEAR), passes=passes)
+    return readings, solve(readings).extra["unseen_slip"]
+
+
+def said(readings):
+    return {each.code for each in solve(readings).findings if each.severity != "info"} & NAMED
+
+
+def slipped(readings, at, size_um):
+    """Return the readings with a step on the way to a stop of a pass: way back, it is there from the stops with a lower number on."""
+    mine = (np.array(readings.setup) == at["setup"]) & (np.array(readings.pass_number) == at["pass"])
+    stop = np.array(readings.stop)
+    rows = np.flatnonzero(mine)
+    late = rows[np.flatnonzero(stop[rows] == at["stop"])[0] :]
+    reading = np.array(readings.reading_mm)
+    reading[late] += size_um * 1e-3
+    return replace(readings, reading_mm=reading)
+
+
+@pytest.mark.parametrize(("kind", "increments", "passes"), [("diagonals", 2, (1,)), ("runs", 3, (1,))])
+def test_a_slip_of_the_size_said_is_nearly_always_named(kind, increments, passes):
+    """At the stop where it is seen least, of both signs; of half the size it mostly is not, so the size is no idle one."""
+    named = []
+    for seed in SEEDS:
+        readings, slips = survey(seed, increments, passes)
+        named.append(bool(said(slipped(readings, slips[kind], (1 if seed % 2 else -1) * slips[kind]["nearly_um"]))))
+    assert np.mean(named) >= 0.9
+    readings, slips = survey(SEEDS[0], increments, passes)
+    assert not said(slipped(readings, slips[kind], 0.5 * slips[kind]["half_um"]))
+
+
+def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result():
+    """Half the size, which nothing names: the result moves over the volume by half of what is said."""
+    readings, slips = survey(41, 3, (1,))
+    at = slips["diagonals"]
+    clean, wrong = solve(readings), solve(slipped(readings, at, 0.5 * at["half_um"]))
+    nodes = np.array([0, 1, 2, 3])
+    x, y, z = np.meshgrid(nodes, nodes, nodes, indexing="ij")
+    off = {name: np.array(wrong.errors[name].value) - np.array(clean.errors[name].value) for name in clean.errors if name[1] in "XYZ"}
+    square = {name: wrong.squareness[name].value - clean.squareness[name].value for name in clean.squareness}
+    along = {c: off[f"E{c}X"][x] + off[f"E{c}Y"][y] + off[f"E{c}Z"][z] for c in "XYZ"}
+    along["X"] = along["X"] + 1e-3 * (square["B0Z"] * 100.0 / 3 * z - square["C0Y"] * 200.0 / 3 * y)
+    along["Y"] = along["Y"] - 1e-3 * square["A0Z"] * 100.0 / 3 * z
+    rms_um = float(np.sqrt(np.mean(sum(each**2 for each in along.values()))))
+    assert rms_um == pytest.approx(0.5 * at["volume_um"], rel=0.25)
+
+
+def test_two_passes_hide_less_than_one_and_each_kind_of_setup_has_its_own():
+    once, both = survey(40, 3, (1,))[1], survey(40, 3, (1, 2))[1]
+    assert set(once) == {"diagonals", "runs"}
+    assert both["diagonals"]["nearly_um"] < once["diagonals"]["nearly_um"]
+    assert once["diagonals"]["nearly_um"] == pytest.approx(1.6 * once["diagonals"]["half_um"])
+    assert once["diagonals"]["setup"] in DIAGONALS
+    assert once["runs"]["setup"] in LINEAR
+
+
+def test_a_diagonal_alone_tells_no_slip_at_all():
+    lone = Bench(seed=1, increments=3, angle_urad=2.0).survey(("ppp",))
+    assert solve(lone).extra["unseen_slip"]["diagonals"]["half_um"] is None
