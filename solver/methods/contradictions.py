@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.adjustment.diagnostics import DRIFT_LIMIT_UM, NOISE_LIMIT_UM
+from stepdiag.solver.adjustment.diagnostics import NOISE_LIMIT_UM
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.linear.fit import fit
 
@@ -81,13 +81,6 @@ def _without(found: Adjustment, rows: NDArray[np.bool_]) -> float:
 
 def _of_setup(name: str, report: dict[str, Any]) -> list[Finding]:
     findings = []
-    for drift in report["drift"]:
-        if abs(drift["total_um"]) > FAR * max(DRIFT_LIMIT_UM, 3 * drift["u_um"]):
-            pair = drift["pair"]
-            text = (
-                f"setup {name}: {drift['total_um']:+.1f} um between the way out and the way back of pair {pair} is no drift: drive it again"
-            )
-            findings.append(Finding(code="drift-far", severity="error", text=text, setup=name, pass_number=2 * pair))
     for key, what in (("noise_um", "a single reading is uncertain by"), ("repeatability_um", "a stop repeats only to")):
         if (report[key] or 0.0) > FAR * NOISE_LIMIT_UM:
             text = f"setup {name}: {what} {report[key]:.3g} um, {FAR:g} times what is usual: find the cause, drive it again"

@@ -1,14 +1,15 @@
 """Ten times more contradiction than a machine makes is a mistake: named where it most probably lies, and an error."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
-from stepdiag.solver.methods.contradictions import contradictions
+from stepdiag.conclusion.intervals import reach_in
 from stepdiag.solver.methods.solve import solve
-from testkit.exact.surveys import DIAGONALS, Bench
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 
 def errors_of(readings):
@@ -65,10 +66,35 @@ def test_readings_ten_times_as_uncertain_as_usual_stop_the_export_with_their_set
     assert [setup for _, setup, *_ in errors] == list(DIAGONALS) * bool(codes)
 
 
-@pytest.mark.parametrize(("total_um", "u_um", "said"), [(19.0, 0.1, False), (21.0, 0.1, True), (21.0, 1.0, False), (-40.0, 1.0, True)])
-def test_a_drift_ten_times_what_is_usual_is_no_drift(total_um, u_um, said):
-    """Of a setup's report: named with the way back of its pair, unless it is not known well enough."""
-    quiet = SimpleNamespace(chi_square=1.0, fit=SimpleNamespace(freedom=10))
-    report = {"drift": [{"pair": 2, "total_um": total_um, "u_um": u_um}], "noise_um": 0.1, "repeatability_um": None}
-    found = contradictions(quiet, {"npp": report})
-    assert [(each.code, each.severity, each.setup, each.pass_number) for each in found] == [("drift-far", "error", "npp", 4)] * said
+@pytest.mark.parametrize("um", [25.0, 60.0])
+def test_a_setup_that_drifts_ten_times_as_far_as_usual_stops_the_export_and_is_named(um):
+    """Evenly in time, out and back: no machine does so."""
+    clean = Bench(seed=3, increments=5, diagonal_noise_um=0.05, linear_noise_um=0.05, angle_urad=2.0).survey(DIAGONALS, passes=(1, 2))
+    mine = np.array(clean.setup) == "npp"
+    since = np.array(clean.time_s) - np.min(np.array(clean.time_s)[mine])
+    said = solve(shifted(clean, mine, um * since[mine] / np.ptp(since[mine])), chain="FXYZ", method="estimate").findings
+    errors = [each for each in said if each.severity == "error"]
+    assert errors
+    assert any("npp" in each.text for each in errors)
+
+
+@pytest.mark.parametrize("um", [12.0, 60.0])
+def test_a_drift_that_was_stated_hides_and_harms_nothing(um):
+    """Who states 20 um of drift hears nothing of 12 to 60: compensated by the result the machine errs by less than a tenth of before, and
+    the interval holds what was there; what will be left is not promised too small."""
+    bench = Bench(seed=3, increments=5, angle_urad=2.0)
+    clean = bench.survey((*DIAGONALS, *LINEAR), passes=(1, 2))
+    mine = np.array(clean.setup) == "npp"
+    since = np.array(clean.time_s) - np.min(np.array(clean.time_s)[mine])
+    result = solve(shifted(clean, mine, um * since[mine] / np.ptp(since[mine])), assumed=Assumptions(drift_um=20.0))
+    assert not [each for each in result.findings if each.severity == "error"]
+    points = np.stack(np.meshgrid(*(np.linspace(0.0, size, 6) for size in bench.size_mm), indexing="ij"), axis=-1).reshape(-1, 3)
+    true = bench.machine.error_at(points)
+    before, after = (
+        float(np.sqrt(np.mean(np.sum(without_rigid_motion(result.volume, points, field) ** 2, axis=1))))
+        for field in (true, true - error_field_um(result, points))
+    )
+    said = reach_in(result)
+    assert after < 0.1 * before
+    assert said.rms_before.low_um < before < said.rms_before.high_um
+    assert after < said.rms_after.high_um
