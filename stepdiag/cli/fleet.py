@@ -165,15 +165,17 @@ def _trends(address: str, machine: str, tolerances: list[str], software: str) ->
     with extra_needed("fleet"):
         from stepdiag.fleet.history import series_in
         from stepdiag.fleet.store import Store
+        from stepdiag.fleet.tolerances import FILE, Tolerances, require_known, tolerances_in
         from stepdiag.fleet.trend import trend_of
 
-    allowed = dict(map(_tolerance, tolerances))
-    series = series_in(Store(address), machine, software)
-    unknown = sorted(set(allowed) - {each.quantity for each in series})
-    if unknown:
-        known = ", ".join(sorted({each.quantity for each in series}))
-        raise UsageError("--tolerance", expected=f"one of {known}", found=", ".join(unknown))
-    return [trend_of(each, allowed.get(each.quantity)) for each in series]
+    given, store = dict(map(_tolerance, tolerances)), Store(address)
+    series = series_in(store, machine, software)
+    require_known(Tolerances(all=given), series, "--tolerance")
+    stated = tolerances_in(store)
+    if not machine:
+        require_known(stated, series, FILE)
+    allowed = stated.together_with(given)
+    return [trend_of(each, allowed.of(each.machine, each.quantity)) for each in series]
 
 
 def _tolerance(text: str) -> tuple[str, float]:

@@ -205,7 +205,9 @@ def _packed(found: Download) -> Response:
     try:
         data = bundle_of(found.path, restore=found.kind == "restore")
     except StepdiagError as why:
-        return refused(409, str(why))
+        return refused(409, str(why).replace(f"{found.path.parent}/", ""))  # where the service keeps its files is nobody's business
+    except OSError as why:  # moved away, or its disk is, while it was packed
+        return refused(409, f"{found.path.name}: {why.strerror or type(why).__name__}")
     headers = {"Content-Disposition": f'attachment; filename="{found.name}"', "Cache-Control": "no-store"}
     return Response(data, media_type="application/zip", headers=headers)
 

@@ -144,6 +144,29 @@ def test_the_commands_say_the_same_as_table_json_and_csv(store: Store, tmp_path:
     assert "http" not in sheet.replace("http://www.w3.org/2000/svg", "")
 
 
+def test_each_machine_has_the_tolerance_that_the_works_states_for_it(store: Store) -> None:
+    """In a file of the store; its own stands before that of all, and what is typed before both."""
+
+    def tolerances(*options: str) -> dict[str, float | None]:
+        return {each["machine"]: each["tolerance"] for each in json.loads(stepdiag("trend", store.root, "--json", *options).out)}
+
+    assert set(tolerances().values()) == {None}
+    file = Path(store.root) / "tolerances.toml"
+    file.write_text(f'[all]\n"{RMS}" = 12\n[machine.drifts]\n"{RMS}" = 20\n[machine."still"]\n"{RMS}" = 8.5\n', encoding="utf-8")
+    assert tolerances() == {"still": 8.5, "drifts": 20.0, "crashed <b>": 12.0}
+    assert tolerances("--tolerance", f"{RMS}=30") == dict.fromkeys(("still", "drifts", "crashed <b>"), 30.0)
+    days = {each["machine"]: each["leaving"] for each in json.loads(stepdiag("trend", store.root, "--json").out)}
+    assert days["drifts"]["tolerance"] == 20.0
+    assert days["drifts"]["likely"] is not None
+    sheet = store.root + ".html"
+    assert stepdiag("trend", store.root, "--report", sheet).code == 0
+    assert "leaves" in Path(sheet).read_text(encoding="utf-8")
+    for wrong, words in (("[all]\nEQQ = 1\n", "EQQ"), ("[all]\nEXX = -1\n", "EXX"), ("[al]\n", "all"), ("\0", "tolerances.toml")):
+        file.write_text(wrong, encoding="utf-8")
+        told = stepdiag("trend", store.root)
+        assert (told.code, words in told.refusal) == (2, True), told
+
+
 def test_one_machine_and_unknown_ones(store: Store) -> None:
     assert {each["machine"] for each in json.loads(stepdiag("trend", store.root, "--machine", "still", "--json").out)} == {"still"}
     assert "known are crashed <b>, drifts, still" in stepdiag("trend", store.root, "--machine", "nobody").refusal

@@ -1,7 +1,9 @@
 """The page hands over sets for a control whole and unaltered, or nothing of them."""
 
 import asyncio
+import errno
 import json
+import os
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -15,6 +17,7 @@ from stepdiag.exporters.files.sets import SUMS
 from stepdiag.page import app as page_app
 from stepdiag.page.app import Page, create_app
 from stepdiag.page.messages import PageSettings
+from stepdiag.solver.errors import SafetyError
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME
 from testkit.hostile.foreign_tables import RESULT, Everything
@@ -115,3 +118,27 @@ def test_a_set_that_is_altered_while_it_is_fetched_is_refused(
     monkeypatch.setattr(page_app, "downloads_of", then_altered)
     code, body = asked(f"/download/{exported.name}.zip")
     assert (code, table_in(exported).name in body.decode()) == (409, True)
+
+
+def test_a_set_whose_disk_goes_away_is_refused_and_no_folder_of_the_service_is_told(
+    exported: Path, asked: Callable[[str], tuple[int, bytes]], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    """An error of the disk was a fault of the program; a refusal named where the service keeps its files."""
+    place = f"/download/{exported.name}.zip"
+    assert asked(place)[0] == 200
+
+    def away(*_: object, **__: object) -> bytes:
+        raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(exported))
+
+    with monkeypatch.context() as patched:
+        patched.setattr(page_app, "bundle_of", away)
+        status, told = asked(place)
+        assert (status, os.strerror(errno.ESTALE).encode() in told) == (409, True)
+        assert str(tmp_path).encode() not in told
+
+    def altered(*_: object, **__: object) -> bytes:
+        raise SafetyError(str(exported), code="set-altered", expected="the bytes", found="others")
+
+    monkeypatch.setattr(page_app, "bundle_of", altered)
+    status, told = asked(place)
+    assert (status, exported.name.encode() in told, str(tmp_path).encode() in told) == (409, True, False)

@@ -1,0 +1,61 @@
+"""What the works allows: tolerances in a file of the store, for all machines and for single ones.
+
+[all]
+volumetric-rms = 15.0
+[machine."Mill 7"]
+volumetric-rms = 8.0
+C0Y = 20.0
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import Annotated
+
+from msgspec import Meta, Struct, field
+
+from stepdiag.exporters.files.settings import convert, read_toml
+from stepdiag.fleet.history import Series
+from stepdiag.fleet.store import Store
+from stepdiag.solver.errors import UsageError
+
+FILE = "tolerances.toml"
+LARGEST_BYTES = 1_000_000
+
+Largest = Annotated[float, Meta(gt=0, le=1e6)]
+
+
+class Tolerances(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """The largest magnitude allowed, by quantity, in its unit; a machine's own stands before that of all."""
+
+    all: dict[str, Largest] = field(default_factory=dict)
+    machine: dict[str, dict[str, Largest]] = field(default_factory=dict)
+
+    def of(self, machine: str, quantity: str) -> float | None:
+        """Return the tolerance of a quantity of a machine, None where none is stated."""
+        return self.machine.get(machine, {}).get(quantity, self.all.get(quantity))
+
+    def together_with(self, given: Mapping[str, float]) -> "Tolerances":
+        """Return these with others that are meant for every machine, whatever the file says."""
+        own = {name: {quantity: value for quantity, value in of.items() if quantity not in given} for name, of in self.machine.items()}
+        return Tolerances(all={**self.all, **given}, machine=own)
+
+
+def tolerances_in(store: Store) -> Tolerances:
+    """Return what the store's file says, nothing where there is none. Raises UsageError for a file that is wrong."""
+    if not store.exists(FILE):
+        return Tolerances()
+    data = store.read(FILE)
+    if len(data) > LARGEST_BYTES:
+        raise UsageError(FILE, expected=f"at most {LARGEST_BYTES} bytes", found=str(len(data)))
+    try:
+        text = data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        raise UsageError(FILE, expected="UTF-8", found=str(error)) from error
+    return convert(read_toml(text, FILE), Tolerances, FILE)
+
+
+def require_known(tolerances: Tolerances, series: Sequence[Series], source: str) -> None:
+    """Raise UsageError for a quantity that no machine of the store has: a word mistyped would watch over nothing."""
+    known = {each.quantity for each in series}
+    unknown = sorted({*tolerances.all, *(name for of in tolerances.machine.values() for name in of)} - known)
+    if unknown:
+        raise UsageError(source, expected=f"one of {', '.join(sorted(known))}", found=", ".join(unknown))
