@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -12,6 +13,7 @@ from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.timing.stream import StreamBuffer
+from stepdiag.exporters.files.files import read_text
 from stepdiag.solver.errors import DataError, UsageError
 
 AT_ONCE_NS = 30_000_000_000
@@ -45,13 +47,14 @@ class Decoded:
         return found
 
 
-def decoded(log: Log, stream: Stream = "laser") -> Iterator[Decoded]:
-    """Yield the samples of one stream of a log, block by block.
+def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None) -> Iterator[Decoded]:
+    """Yield the samples of one stream of a log, block by block; ``survey_file`` stands for the one in the log where that cannot be used.
 
     Raises UsageError for a stream that its survey does not have, DataError where the log holds not one sample of it, or more lines than
     its bytes can stand for.
     """
-    survey = parse_survey(log.header.survey_text, f"{log.path.name}: survey.toml")
+    text, source = log.header.survey_text, f"{log.path.name}: survey.toml"
+    survey = parse_survey(text, source) if survey_file is None else parse_survey(read_text(survey_file), survey_file.name)
     made = decoders(survey)
     if stream not in made:
         raise UsageError("--stream", expected=f"{' or '.join(made)}: this survey has no other stream", found=stream)

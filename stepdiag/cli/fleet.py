@@ -132,6 +132,10 @@ def resolve(
         str, typer.Option(help="Instead: a Dask scheduler, tcp://HOST:PORT; its workers need stepdiag[fleet] and the store.")
     ] = "",
     machine: Annotated[str, typer.Option(help="Only this machine.")] = "",
+    survey: Annotated[
+        Path | None,
+        typer.Option("--survey", help="With --machine: a survey file in place of those in its logs, where they are not read any more."),
+    ] = None,
     as_json: AsJson = False,
 ) -> None:
     """Solve every archived survey anew with this version.
@@ -142,13 +146,17 @@ def resolve(
         from stepdiag.fleet import resolve as resolving
         from stepdiag.fleet.archive import refresh_index
         from stepdiag.fleet.store import Store
+    from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.errors import DataError
 
+    if survey is not None and not machine:
+        raise UsageError("--survey", expected="--machine beside it: a survey file is that of one machine", found="none")
+    text = read_text(survey) if survey is not None else ""
     place = Store(store)
     surveys = resolving.open_surveys(place, machine)
     found = []
     try:
-        for each in resolving.resolve(place, surveys, workers=workers, scheduler=scheduler):
+        for each in resolving.resolve(place, surveys, workers=workers, scheduler=scheduler, survey=text):
             found.append(each)
             told = "; ".join([each.outcome, *each.changed, *filter(None, [each.reason])])
             typer.echo(f"{len(found)} of {len(surveys)}: {each.place.folder}: {told}", err=as_json)
@@ -158,7 +166,10 @@ def resolve(
         typer.echo(resolving.as_json(found))
     failed = [each for each in found if each.outcome == "failed"]
     if failed:
-        raise DataError(store, expected="surveys that this version solves", found=f"{len(failed)} of {len(found)} that it does not")
+        raise DataError(
+            store, expected="surveys that this version solves", found=f"{len(failed)} of {len(found)} that it does not",
+            remedy="where a survey file in the logs is refused: `--machine M --survey FILE` with one that stands for it",
+        )  # fmt: skip
 
 
 def _trends(address: str, machine: str, tolerances: list[str], software: str) -> "list[Trend]":

@@ -60,6 +60,9 @@ def decode(
     to: Annotated[str, typer.Option(help="csv, parquet or mcap.", autocompletion=decoded_formats)] = "csv",
     out: Annotated[Path | None, typer.Option("--out", help="The file to write; default beside the log.")] = None,
     stream: Annotated[str, typer.Option(help="laser or head", autocompletion=streams)] = "laser",
+    survey: Annotated[
+        Path | None, typer.Option("--survey", help="A survey file in place of the log's, where that one is not read any more.")
+    ] = None,
 ) -> None:
     """Write every sample of a log at full rate.
 
@@ -80,7 +83,7 @@ def decode(
         raise UsageError(str(target), expected="a new file", found="one that is there", remedy="name another one with --out")
     source, chosen = open_log(log), cast("Stream", stream)
     with working("decoding"):
-        count = _written(target, lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen)))
+        count = _written(target, lambda part: FORMATS[to](part, source, chosen, decoded(source, chosen, survey)))
     typer.echo(f"{target} written: {count} samples of the {stream}")
 
 

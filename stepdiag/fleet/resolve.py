@@ -56,8 +56,10 @@ def open_surveys(store: Store, machine: str = "") -> list[Place]:
     return [each for each in archived if (each.machine, each.survey) not in done]
 
 
-def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, scheduler: str = "") -> Iterator[Solved]:
+def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, scheduler: str = "", survey: str = "") -> Iterator[Solved]:
     """Solve surveys anew on ``workers`` processes of this computer, or on those of a ``scheduler``; yield each as it is done.
+
+    ``survey`` is the text of a survey file that stands for those in the logs.
 
     Raises DeviceError where the scheduler cannot be reached.
     """
@@ -69,7 +71,7 @@ def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, schedule
         def submitted(count: int) -> list[Any]:
             futures = []
             for each in islice(waiting, count):
-                futures.append(client.submit(solve_anew, store.address, tuple(each), retries=RETRIES, pure=False))
+                futures.append(client.submit(solve_anew, store.address, tuple(each), survey, retries=RETRIES, pure=False))
                 asked[futures[-1].key] = each
             return futures
 
@@ -90,14 +92,16 @@ def _outcome(future: Any, place: Place) -> Solved:
     return solved
 
 
-def solve_anew(address: str, at: tuple[str, str, str, str]) -> Solved:
+def solve_anew(address: str, at: tuple[str, str, str, str], survey: str = "") -> Solved:
     """Solve one survey of a store anew and write what differs beside it; a survey that cannot be solved is said, not raised."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     place, store = Place(*at), Store(address)
     with tempfile.TemporaryDirectory() as scratch:
         try:
             folder = _fetched(store, place, Path(scratch) / "survey")
-            complete(logs_in(folder), Path(scratch) / "out")
+            instead = Path(scratch) / "survey.toml"
+            instead.write_text(survey, encoding="utf-8")
+            complete(logs_in(folder), Path(scratch) / "out", instead if survey else None)
             text = (Path(scratch) / "out" / RESULT).read_text(encoding="utf-8")
             old = store.read(f"{place.folder}/{RESULT}").decode("utf-8")
             if text == old:

@@ -98,3 +98,12 @@ def test_what_cannot_be_decoded_is_refused_and_leaves_nothing(log: Path, tmp_pat
         list(decoded(open_log(log), "head"))
     with pytest.raises(DataError, match="samples of the laser"):
         list(decoded(open_log(empty)))
+
+
+def test_a_survey_that_is_not_read_any_more_is_replaced(log: Path, tmp_path: Path) -> None:
+    old, instead = tmp_path / "0001.mcap", tmp_path / "instead.toml"
+    header = LogHeader(survey_text=SURVEY + "[of_old]\nkey = 1\n", wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS)
+    write_log(old, recording(SECONDS, lines_per_chunk=5), header=header)
+    instead.write_text(SURVEY, encoding="utf-8")
+    assert stepdiag("decode", old, "--out", tmp_path / "none.csv").code == 2
+    assert "3000 samples" in stepdiag("decode", old, "--survey", instead, "--out", tmp_path / "some.csv").out

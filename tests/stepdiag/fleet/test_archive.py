@@ -12,12 +12,14 @@ import pytest
 from stepdiag.fleet import archive as archiving
 from stepdiag.fleet.archive import add, finished_in, refresh_index
 from stepdiag.fleet.history import series_in
+from stepdiag.fleet.resolve import solve_anew
 from stepdiag.fleet.store import INDEX, LISTED, MARK, Store
 from stepdiag.fleet.tables import to_parquet
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.result.result import parse_result
 from testkit.cli import stepdiag
 from testkit.fleets import finished_survey, write_history
+from testkit.hostile.foreign_logs import SURVEY, with_survey
 
 
 @pytest.fixture(scope="module")
@@ -234,3 +236,16 @@ def test_the_command_says_what_it_did(survey: Path, tmp_path: Path) -> None:
     told = stepdiag("archive", "add", survey, "--to", tmp_path / "store")
     assert told.out.startswith("already there: ")
     assert archiving.MOST_LOOSE > 0
+
+
+def test_an_old_log_whose_survey_is_refused_is_solved_with_another(survey: Path, store: Store) -> None:
+    """Without one it is named with its reason, and the command says the way."""
+    place = add(survey, store).place
+    text = SURVEY.replace('machine = "virtual"', 'machine = "Mill 7/ä"\nevent = "crash"')
+    text = text[: text.index("[[export]]")]
+    (Path(store.root) / place.folder / "0001.mcap").write_bytes(with_survey(text + "[of_old]\nkey = 1\n"))
+    refused = solve_anew(store.address, tuple(place))
+    assert (refused.outcome, "of_old" in refused.reason) == ("failed", True)
+    assert solve_anew(store.address, tuple(place), text).outcome == "the same bytes"
+    told = stepdiag("resolve", store.root, "--survey", survey / "result.json")
+    assert (told.code, "--machine" in told.refusal) == (2, True)
