@@ -8,6 +8,7 @@ is refused.
 
 import re
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
@@ -69,6 +70,8 @@ class LineSettings:
 LONGEST_QUOTE = 200
 MOST_MEMORY_BYTES = 4_000_000
 """That a pattern may take; one that needs more is refused."""
+SAME_LINES = 1024
+"""Kept as they were read: a laser that hangs says the same again and again, and a log holds several such lines in a byte."""
 LINE_CAP = 4096
 """Bytes; no instrument that sends a line a sample comes near."""
 
@@ -103,6 +106,7 @@ class LineDecoder:
         self._lines = LineBuffer(LINE_CAP, self._terminator)
         modulus = settings.counter_modulus
         self._track = CounterTrack([Wrap(0, modulus - 1, min(modulus // 2, _LONGEST_WRAP_GAP))] if modulus else [])
+        self._told = lru_cache(SAME_LINES)(self._read)
         self._first_line = True
         self._number = -1
         self.nominal_rate_hz = settings.rate_hz
@@ -138,6 +142,15 @@ class LineDecoder:
 
     def _parse(self, line: bytes) -> _Row | None:
         """Return the numbers of a line, NaN for those it does not hold; None where it does not match."""
+        told = self._told(line)
+        if told is None:
+            return None
+        position, counter, beam = told
+        count = self._count(counter)
+        return None if count is None else _Row(position, count, beam)
+
+    def _read(self, line: bytes) -> tuple[float, str | None, float] | None:
+        """Return what a line says: position, counter as it stands there, beam."""
         try:
             text = line.decode(self._settings.encoding).strip("\r\n")
         except UnicodeDecodeError:
@@ -147,8 +160,7 @@ class LineDecoder:
             return None
         told = (None if place is None else found.group(place) for place in self._places)
         position, counter, beam = (None if value is None else value.decode() for value in told)
-        count = self._count(counter)
-        return None if count is None else _Row(_number(position), count, _number(beam))
+        return _number(position), counter, _number(beam)
 
     def _count(self, text: str | None) -> int | None:
         if not self.gaps_visible:

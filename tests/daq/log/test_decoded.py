@@ -12,6 +12,7 @@ from mcap.reader import make_reader
 from stepdiag.daq.log import decoded as module
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.decoded import decoded
+from stepdiag.daq.records.events import Chunk
 from stepdiag.solver.errors import DataError, UsageError
 from testkit.cli import stepdiag
 from testkit.recording import START_NS, WALL_OFFSET_NS, LogHeader, recording, with_notes, write_log
@@ -51,6 +52,16 @@ def test_every_sample_stands_at_its_own_time(log: Path, monkeypatch: pytest.Monk
     assert len(blocks) > 3
     assert np.concatenate([block.position_mm for block in blocks]).tolist() == whole.position_mm.tolist()
     assert np.concatenate([block.time_ns for block in blocks]) == pytest.approx(whole.time_ns, abs=100e3)
+
+
+def test_a_laser_that_hangs_is_decoded_to_its_end(tmp_path: Path) -> None:
+    """The same line again and again, a hundred at a time, packs like nothing else that a recorder writes."""
+    survey = SURVEY.partition("[laser]")[0] + '[laser]\nformat = "line"\nport = "p"\n[laser.line]\npattern = "(?P<position>[0-9.]+)"\n'
+    path, reads = tmp_path / "0001.mcap", 4_500
+    events = [Chunk("laser", START_NS + 10_000_000 * n + 90_000 * (n * 7919 % 11), b"123.45678\r\n" * 100) for n in range(reads)]
+    write_log(path, events, flush_every=40, header=LogHeader(survey_text=survey, wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS))
+    assert 100 * reads > 5 * path.stat().st_size
+    assert sum(len(block.position_mm) for block in decoded(open_log(path))) == 100 * reads
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mcap"])
