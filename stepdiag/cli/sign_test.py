@@ -45,7 +45,7 @@ def signtest(
 
     test = bump(controller_named(controller), _profile(controller, profile, result), function)
     if out is not None and off is None and on is None and run is None:
-        _write(test, out, controller, profile)
+        _write(test, out, controller, profile, result)
         return
     if out is not None:
         raise UsageError("signtest", expected=_ENDINGS, found="both")
@@ -68,18 +68,18 @@ def _profile(controller: str, profile: Path, result: Path | None) -> "Profile":
     return load_profile(profile, controller_named(controller), None if result is None else read_result(result).volume)
 
 
-def _write(test: "Bump", out: Path, controller: str, profile: Path) -> None:
+def _write(test: "Bump", out: Path, controller: str, profile: Path, result: Path | None) -> None:
     """Write the bump, what restores the control, and the steps of the test."""
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.files.sets import write_set
 
-    note = ControlFile(name=NOTE, data=_steps(test, controller, profile).encode("ascii"), role="note")
+    note = ControlFile(name=NOTE, data=_steps(test, controller, profile, result).encode("ascii"), role="note")
     write_set(out, [*test.files, *test.restore, note])
     for file in (*test.files, *test.restore, note):
         typer.echo(str(out / file.name))
 
 
-def _steps(test: "Bump", controller: str, profile: Path) -> str:
+def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) -> str:
     """Return the test as steps for the person who makes it."""
     moving, measured = test.function[2], test.function[1]
     along = moving == measured
@@ -87,6 +87,7 @@ def _steps(test: "Bump", controller: str, profile: Path) -> str:
     decisive = [test.reference_mm, test.top_mm, *([] if test.beyond_mm is None else [test.beyond_mm])]
     places = f"{', '.join(f'{at:g}' for at in decisive)} mm and a few positions between them"
     reading = "--off OFF.csv --on ON.csv (readings of linear runs)" if along else "--run RUN.csv (position_mm,off_um,on_um)"
+    ends = "" if result is None else f" --result {result.name}"
     expected = f"{measured} moves {test.expected_um:+.1f} um at {test.top_mm:g} mm"
     aside = "" if test.lever is None else f" {test.lever[0]} stands at {test.lever[1]:g} mm all the time."
     steps = (
@@ -95,7 +96,7 @@ def _steps(test: "Bump", controller: str, profile: Path) -> str:
         f"Reference the axes. At {test.reference_mm:g} mm nothing may jump; if it does, switch off and stop here.",
         f"Drive {moving} to the same positions.{aside} If the stated sign is right, {expected}.",
         f"Load the restore files ({', '.join(file.name for file in test.restore)}) or your backup.",
-        f"stepdiag signtest --controller {controller} --profile {profile.name} --function {test.function} {reading}",
+        f"stepdiag signtest --controller {controller} --profile {profile.name}{ends} --function {test.function} {reading}",
     )
     lines = [f"SIGN TEST of {test.function} on {controller}", *(f"{number}. {step}" for number, step in enumerate(steps, start=1))]
     return "\n".join(lines).encode("ascii", "replace").decode("ascii") + "\n"

@@ -208,6 +208,17 @@ class TestSignTest:
         assert {"AX_EEC.INI", "AX_EEC_RESTORE.INI", "SIGNTEST.txt"} <= names
         assert "X moves -10.0 um" in (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="ascii")
 
+    def test_its_last_step_is_a_command_that_works_as_it_stands(self, profile, result, tmp_path, monkeypatch):
+        """Keyed in beside profile and result: without --result it was refused, where the profile leaves the ends to the survey."""
+        stepdiag(*self.arguments(profile, result), "--out", tmp_path / "bump")
+        step = (tmp_path / "bump" / "SIGNTEST.txt").read_text(encoding="ascii").splitlines()[-1]
+        words = step.split("stepdiag ")[1].partition(" (")[0].split()
+        off, on = self.runs(profile, tmp_path, 1.0)
+        monkeypatch.chdir(profile.parent)
+        assert result.parent == profile.parent
+        told = stepdiag(*[{"OFF.csv": off, "ON.csv": on}.get(word, word) for word in words])
+        assert told.code == 0, told.refusal
+
     def test_without_result_the_profile_must_say_where_the_table_ends(self, profile, tmp_path):
         told = stepdiag("signtest", "--controller", "siemens", "--profile", profile, "--out", tmp_path / "bump")
         assert told.code == 2
