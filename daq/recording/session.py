@@ -244,6 +244,8 @@ class Session:
         self._remember(event)
         if isinstance(event, Chunk):
             self._hear(event)
+        elif isinstance(event, LinkEvent) and event.state == "lost" and event.link in self._idle:
+            self._idle[event.link].interrupted()
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
             if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):

@@ -139,9 +139,14 @@ class StreamBuffer:
         return notices
 
     def interrupted(self) -> None:
-        """Take note that the link was away: the half line before it does not belong to the bytes after it."""
+        """Take note that the link was away: the half line before it does not belong to the bytes after it.
+
+        However short that was, who comes back may have had no power, or be another one: only a counter that goes on shows that it has not.
+        """
         self._settle()
         self._decoder.resync()
+        if self._end is not None and not self._decoder.gaps_visible:
+            self._breaks.append(Break(self._end[1] + 1, "the line was lost for a moment", watched=False))
 
     def newest_ns(self) -> float:
         """Return the time of the newest sample; minus infinity before the first."""

@@ -1,9 +1,11 @@
 """A stream gives the same whenever somebody looks at it: what is decoded together is what would have been decoded alone."""
 
 import numpy as np
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.daq.formats.instruments.line import LineDecoder, LineSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.stream import HOLD_NS, MEMORY_NS, MEMORY_SAMPLES, StreamBuffer
 
@@ -118,3 +120,20 @@ def test_what_is_forgotten_does_not_depend_on_looking():
     for buffer in (looked, left):
         buffer.feed(line(first), end + MEMORY_NS)
         assert len(buffer.flags(0, end + 2 * MEMORY_NS)) <= block + 1
+
+
+COUNTED = LineSettings(pattern=r"(?P<position>[-+.0-9]+) (?P<counter>[0-9]+)", rate_hz=100.0)
+UNCOUNTED = LineSettings(pattern=r"(?P<position>[-+.0-9]+) [0-9]+", rate_hz=100.0)
+
+
+@pytest.mark.parametrize(("settings", "breaks"), [(COUNTED, []), (UNCOUNTED, ["the line was lost for a moment"])])
+def test_who_comes_back_after_a_moment_is_believed_for_a_counter_that_goes_on_alone(settings, breaks):
+    """A tenth of a second without power: an instrument that counts nothing comes back with another zero, and nothing shows it."""
+    buffer = StreamBuffer(LineDecoder(settings))
+    for number in range(40):
+        if number == 20:
+            buffer.interrupted()
+            buffer.feed(b"cut\n", number * 10 * MS)
+        buffer.feed(b"1.5 %d\n" % number, number * 10 * MS)
+    assert [each.reason for each in buffer.breaks if not each.watched] == breaks
+    assert [each.reason for each in buffer.breaks if each.watched] == []

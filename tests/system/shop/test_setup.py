@@ -1,21 +1,27 @@
 """``stepdiag setup`` as a person meets it: on a terminal, and by options alone; what it writes passes ``check``."""
 
 import codecs
+import io
 import os
 import pty
 import re
 import select
+import signal
 import socket
 import subprocess
 import sys
 import time
 from contextlib import contextmanager
 
+import click
 import pytest
 
+from stepdiag.checking.hearing import Heard
+from stepdiag.cli.setup import setup
 from stepdiag.daq.survey.file import load_survey
+from stepdiag.solver.errors import UsageError
 from testkit.cli import stepdiag as quickly
-from testkit.running.controls import s7_control
+from testkit.running.controls import s7_control, tnc_control
 from testkit.running.hall import hall
 from testkit.running.survey_runs import stepdiag
 
@@ -38,6 +44,14 @@ class Person:
             assert time.monotonic() < end, self.seen
             self._look()
         os.write(self._terminal, f"{answer}\n".encode())
+
+    def leaves_it(self, words):
+        """Press Ctrl-C once something has been said."""
+        end = time.monotonic() + 120.0
+        while words not in self.seen:
+            assert time.monotonic() < end, self.seen
+            self._look()
+        self.process.send_signal(signal.SIGINT)
 
     def leaves(self):
         """Return the exit code once everything has been said."""
@@ -138,3 +152,75 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
     survey = load_survey(file)
     assert (survey.plc.silent, survey.environment.source) == (True, "fixed"), "the answers are kept, and what is missing is said"
     assert "ERROR" in out
+
+
+ANSWERS = {
+    "The laser's port": "/dev/no-such-port",
+    "Which format is it": "umd",
+    "Name or address of the control": "none",
+    "as it is to stand in the report": "mill",
+    "Edges of the volume": "300 200 100",
+    "low corner": "0 0 0",
+    "Increments per axis": "2",
+    "Chain from workpiece": "FXYZ",
+    "compensation while measuring": "off",
+}
+
+
+@pytest.fixture
+def asked(monkeypatch):
+    """Answer at a terminal that is none, up to a question at which the person leaves; return what was asked."""
+    questions = []
+
+    async def heard_nothing(*_):
+        return Heard("", 0, b"")
+
+    def answer(question, *, default=None):
+        questions.append(question)
+        if len(questions) > leaves_at[0]:
+            raise click.Abort
+        return next(said for words, said in ANSWERS.items() if words in question)
+
+    leaves_at = [len(ANSWERS)]
+    monkeypatch.setattr("stepdiag.checking.hearing.listen", heard_nothing)
+    monkeypatch.setattr("stepdiag.checking.hearing.ports", list)
+    monkeypatch.setattr("typer.prompt", answer)
+    monkeypatch.setattr("sys.stdin", type("Terminal", (io.StringIO,), {"isatty": lambda self: True})())
+    return questions, leaves_at
+
+
+@pytest.mark.parametrize("place", range(len(ANSWERS)))
+def test_who_leaves_at_a_question_leaves_nothing_half_written(tmp_path, asked, place):
+    questions, leaves_at = asked
+    leaves_at[0] = place
+    with pytest.raises(UsageError, match="nothing is written"):
+        setup(tmp_path / "mill.toml")
+    assert len(questions) == place + 1
+    assert [*ANSWERS][place] in questions[place]
+    assert [*tmp_path.iterdir()] == []
+
+
+@pytest.mark.parametrize("while_it", ["listening on", "The laser's port"])
+def test_ctrl_c_ends_it_without_a_traceback_and_without_a_file(tmp_path, while_it):
+    """While it listens to a line that says nothing, and at a question."""
+    near, far = pty.openpty()
+    try:
+        port = () if while_it != "listening on" else ("--laser-port", os.ttyname(far), "--seconds", "60")
+        with at_a_terminal("setup", tmp_path / "mill.toml", *port) as person:
+            person.leaves_it(while_it)
+            assert person.leaves() != 0
+            assert "Traceback" not in person.seen
+    finally:
+        os.close(near)
+        os.close(far)
+    assert [*tmp_path.iterdir()] == []
+
+
+def test_a_tnc_is_found_by_its_protocol_among_the_three(tmp_path):
+    file = tmp_path / "mill.toml"
+    with hall(tmp_path) as place, tnc_control(modbus_port(place)) as there:
+        options = ("--laser-port", laser_port(place), "--laser-format", "umd", "--host", "127.0.0.1", "--port", there.port)
+        code, out, said = stepdiag("setup", file, *options, *VOLUME)
+    assert code == 0, out + said
+    assert load_survey(file).plc.transport == "lsv2"
+    assert re.search(r"heidenhain: .*setup 0", out)
