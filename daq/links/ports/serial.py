@@ -25,6 +25,8 @@ LARGEST_CHUNK = 16_384
 """Bytes: a chunk of nothing but the shortest lines is still worked through in a tenth of a second."""
 BUSY_BYTES_PER_S = 100_000
 """Above it the reader does not sleep while it gathers, nor asks whether there is something to read: a pty holds 4 KiB."""
+NEVER_SILENT_S = 3.0
+"""How long a line may speak on after an answer that did not come: what it says meanwhile is thrown away."""
 _READ_S = 0.02
 """The longest a read waits; after as long a silence what was gathered is handed over."""
 
@@ -190,5 +192,12 @@ def _read(port: OpenPort, gathered: bool, busy: bool) -> bytes:
 
 
 def _await_silence(port: OpenPort) -> None:
-    while port.wanted and port.read(ANSWER_TIMEOUT_S):
-        pass
+    """Throw away what comes until nothing does. Raises DeviceError for a line that never falls silent: nobody is asked there."""
+    until_s = time.monotonic() + NEVER_SILENT_S
+    while port.wanted and (data := port.read(ANSWER_TIMEOUT_S)):
+        if time.monotonic() > until_s:
+            raise DeviceError(
+                f"port {port.name}", expected="a line that falls silent where nothing is asked",
+                found=f"one that speaks on ({data[:12].hex(' ')} ...)",
+                remedy="another instrument or another product stands there: check format and port in the survey",
+            )  # fmt: skip

@@ -186,3 +186,17 @@ def test_no_thread_and_no_descriptor_is_left(pty):
             asyncio.run(while_running(stream_of(name, chunks).session, work))
     assert not [thread for thread in threading.enumerate() if thread.name.startswith("serial ")]
     assert descriptors() <= before
+
+
+def test_a_line_that_never_falls_silent_is_no_instrument_that_is_asked(pty, monkeypatch):
+    """An answer came late, or never; what speaks on afterwards was thrown away for ever, and nobody heard of it."""
+    monkeypatch.setattr(serial, "ANSWER_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(serial, "NEVER_SILENT_S", 0.2)
+
+    def speaks(ended):
+        while not ended.wait(0.02):
+            pty.write(b"login: ")
+
+    line = PolledSerial(SerialSettings(port=pty.name), lambda *_: None, request=b"?", interval_s=0.01, greeting=b"hello")
+    with running(speaks), pytest.raises(DeviceError, match="expected a line that falls silent where nothing is asked, found one that"):
+        asyncio.run(asyncio.wait_for(line.session(lambda *_: None), 60.0))
