@@ -78,6 +78,12 @@ class Capture:
         return self._survey.plc.handshake.enabled and dwell is not None and dwell.from_ns != self._taken_from_ns
 
     @property
+    def driven_out(self) -> bool:
+        """Tell whether the machine has left the last stop of its pass, which is taken in a moment: nothing needs the beam any more."""
+        walk = self.walk
+        return walk is not None and not self.ended and walk.expected == len(walk.route) - 1 and bool(self._pending)
+
+    @property
     def standing(self) -> Signals | None:
         """Return the signals of the stop that the machine stands at where that is taken already: it is not for the log that follows."""
         dwell = self.tracker.open

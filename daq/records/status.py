@@ -168,6 +168,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     geometry: GeometryStatus | None = None
     counts_to: int | None = None
     """Where the count is lost in the pass being driven: the last stop to which it still counts; None while nothing is lost."""
+    driven_out: bool = False
+    """Whether the machine has left the last stop of the pass, which is taken in a moment: whoever takes the beam away now harms nothing."""
     strip: StripStatus | None = None
     result_ready: bool
     prediction: PredictionStatus | None = None

@@ -79,6 +79,7 @@ def snapshot(
         increments=survey.volume.increments,
         geometry=geometry(survey.volume, survey.axis_order, setups, setup, outward=_expected_pass(session, setup) % 2 == 1),
         counts_to=_counts_to(session, lost),
+        driven_out=session.capture is not None and session.capture.driven_out,
         strip=_strip(session),
         result_ready=result_ready,
         recording=session.recording,

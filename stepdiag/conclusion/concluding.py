@@ -172,7 +172,13 @@ def loadable(exports: Sequence[Export]) -> Iterator[Sentence]:
         if one.refused:
             yield Sentence(key="load_refused", arguments={"control": one.controller, "why": one.refused})
         elif one.untested:
-            yield Sentence(key="load_untested", arguments={"control": one.controller, "kinds": ", ".join(one.untested)})
+            yield Sentence(
+                key="load_untested",
+                arguments={
+                    "control": one.controller,
+                    "kinds": ", ".join(kind.upper() if len(kind) == 3 else kind for kind in one.untested),
+                },
+            )
         else:
             yield Sentence(key="load_now", arguments={"control": one.controller})
 

@@ -53,11 +53,13 @@ def _trouble(now: Snapshot) -> Headline | None:
     if now.phase == "failed":
         return _alarm("phase_failed", Say("do_failed"))
     if is_running(now):
-        if now.counts_to is not None:
+        if now.counts_to is not None and not now.driven_out:
             return _alarm(
-                "alarm_go_back", Say("do_go_back", {"stop": now.counts_to}), {"stop": now.counts_to, "last": now.stops_in_pass - 1}
+                "alarm_go_back" if now.beam_lost else "alarm_count",
+                Say("do_go_back", {"stop": now.counts_to}),
+                {"stop": now.counts_to, "last": now.stops_in_pass - 1},
             )
-        if now.beam_lost:
+        if now.beam_lost and not now.driven_out:
             return _alarm("alarm_beam", Say("do_beam"))
         if not now.recording:
             return _alarm("not_recording", Say("do_recording"))

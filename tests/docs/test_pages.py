@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from stepdiag.cli.completion import PROGRAMS, TABLES
+from testkit.cli import stepdiag
 from testkit.exact.surveys import DATA
 
 CHECKOUT = Path(__file__).parents[2]
@@ -64,6 +65,22 @@ def test_the_site_shows_every_page() -> None:
     site = (CHECKOUT / "mkdocs.yml").read_text(encoding="utf-8")
     listed = re.findall(r": ([\w/-]+\.md)$|- (decisions/[\w-]+\.md)$", site, flags=re.MULTILINE)
     assert {str(page.relative_to(DOCS)) for page in DOCS.rglob("*.md")} <= set(chain(*listed))
+
+
+def test_every_command_of_the_readme_exists() -> None:
+    """Commands of the program with their options, and targets of the Makefile: whoever types them is understood."""
+    readme = (CHECKOUT / "README.md").read_text(encoding="utf-8")
+    wanted = set(re.findall(r"(?:^    |`)make ([a-z-]+)", readme, flags=re.MULTILINE))
+    made = set(re.findall(r"^([a-z-]+):.*## ", (CHECKOUT / "Makefile").read_text(encoding="utf-8"), flags=re.MULTILINE))
+    assert {"demo", "test", "deb", "release"} <= wanted <= made
+    typed = re.findall(r"(?:\.venv/bin/|`)stepdiag ([a-z]\w*)((?: [^\n`#]+)?)", readme)
+    assert {"demo", "setup", "init", "plan", "program", "check", "run", "solve", "export", "verify", "report", "decode"} <= dict(
+        typed
+    ).keys()
+    for command, rest in typed:
+        known = stepdiag(command, "--help")
+        assert known.code == 0, command
+        assert [option for option in re.findall(r"--[a-z-]+", rest) if option not in known.out] == [], command
 
 
 def test_the_readme_names_every_control() -> None:

@@ -1,12 +1,19 @@
 """The report as chromium prints it: what a customer holds in his hands, page by page."""
 
+from collections.abc import Sequence
+from datetime import date
 from pathlib import Path
 
 import numpy as np
 import pypdfium2 as pdfium
 import pytest
 
+from stepdiag.conclusion import conclude
+from stepdiag.exporters.export.export import export
+from stepdiag.report.as_left import build_as_left
+from stepdiag.report.certificate import as_left
 from stepdiag.report.document import build_report
+from stepdiag.report.exported import exported_of
 from stepdiag.report.output import print_pdf, write_report
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.result import Result
@@ -40,21 +47,50 @@ def printed(page: pdfium.PdfPage) -> float:
     return float(rows[-1] + 1) / len(pixels) if len(rows) else 0.0
 
 
+def pages_of(document: Path) -> tuple[list[str], list[float]]:
+    """Return of each page as chromium prints it what it says, and where the last thing on it stands; every one is A4."""
+    pdf = pdfium.PdfDocument(print_pdf(document))
+    try:
+        pages = list(pdf)
+        assert {tuple(round(side) for side in page.get_size()) for page in pages} == {A4_PT}
+        return [" ".join(page.get_textpage().get_text_bounded().split()) for page in pages], [printed(page) for page in pages]
+    finally:
+        pdf.close()
+
+
+def torn(texts: Sequence[str], *tables: Sequence[str]) -> list[Sequence[str]]:
+    """Return the tables whose rows stand on no page all together."""
+    return [rows for rows in tables if not any(all(row in text for row in rows) for text in texts)]
+
+
+@pytest.mark.page
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_the_certificates_last_page(tmp_path: Path, measured: tuple[Result, object], language: Language) -> None:
+    """Verdict and effect on page 1, no table torn and no page half empty, however many files were loaded."""
+    before, _ = measured
+    out, accept, today = tmp_path / "files", ("slope-steep",), date(2026, 1, 1)
+    exported = exported_of(export(before, "siemens", None, step_mm=25.0, accept=accept, out_dir=out, today=today))
+    assert exported.concluded is not None
+    concluded = conclude(before, [exported.concluded])
+    left = as_left("after.json", conclude(before), concluded.reach)
+    page = build_as_left(before, before, left, concluded, exported=[exported], language=language)
+    document, *_ = write_report(page, tmp_path / "left.html")
+    texts, filled = pages_of(document)
+    words = catalogue("report", language)
+    assert [text for text in (words["as_left_title"], words["left_gain_same"], words["predicted"]) if text not in texts[0]] == []
+    assert torn(texts, ("C0Y", "B0Z", "A0Z"), [file.name for file in exported.files]) == [], texts
+    assert min([1.0, *filled[:-1]]) > HALF, filled
+
+
 @pytest.mark.page
 @pytest.mark.parametrize("language", LANGUAGES)
 def test_the_report_page_by_page(tmp_path: Path, measured: tuple[Result, object], language: Language) -> None:
     """A4, no half-empty page, page 1 says who, what, with what and how it ends; what U rests on is said once; figures can be read."""
     result, readings = measured
     document, *_ = write_report(build_report(result, source="r.json", readings=readings, language=language), tmp_path / "report.html")
-    pdf = pdfium.PdfDocument(print_pdf(document))
-    pages = list(pdf)
-    try:
-        assert {tuple(round(side) for side in page.get_size()) for page in pages} == {A4_PT}
-        texts = [" ".join(page.get_textpage().get_text_bounded().split()) for page in pages]
-        filled = [printed(page) for page in pages]
-    finally:
-        pdf.close()
-    assert 6 <= len(pages) <= 9, texts
+    texts, filled = pages_of(document)
+    assert 6 <= len(texts) <= 9, texts
+    assert torn(texts, ("C0Y", "B0Z", "A0Z"), ("ppp", "npp", "pnp", "ppn")) == []
     assert min(filled[:-1]) > HALF, filled
     said = [str(value) for name, value in SURVEY.items() if name not in ("compensation", "active_files", "date", "wavelength_nm")]
     words = catalogue("conclusion", language)

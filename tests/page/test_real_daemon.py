@@ -8,10 +8,16 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
+from stepdiag.demo.files import siemens_profile
 from testkit.browser import Watched, lived_until
 from testkit.running.hall import daemon, hall, until
 
 pytestmark = pytest.mark.page
+SIEMENS = """
+[[export]]
+controller = "siemens"
+profile = "siemens.toml"
+"""
 
 
 @pytest.fixture
@@ -35,9 +41,12 @@ def fault(place, kind: str, duration_s: float) -> None:
 
 
 def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> None:
-    """Out and back along four diagonals: what to do first, stops as they come, then the result."""
+    """Out and back: what to do first, stops as they come, the result, and in both languages why its export was refused."""
     port = free_port()
-    with hall(tmp_path, back=True, handshake=True, dwell=1.0, page=True, page_port=port) as place, daemon(place.survey) as process:
+    other_machine = siemens_profile()
+    (tmp_path / "siemens.toml").write_text(other_machine, encoding="utf-8")
+    how = {"back": True, "handshake": True, "dwell": 1.0, "page": True, "page_port": port, "exports": SIEMENS}
+    with hall(tmp_path, **how) as place, daemon(place.survey) as process:
         page = real.open(f"http://127.0.0.1:{port}")
         expect(page.locator("#advice")).to_contain_text("Turn the laser to diagonal ppp (from X low, Y low, Z low)")
         expect(page.locator("#setups li")).to_have_count(4)
@@ -51,6 +60,16 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
         expect(page.locator("#result figure")).to_have_count(9, timeout=20_000)
         expect(page.locator("#result")).to_contain_text("C0Y")
         expect(page.locator("#conclusion .reached")).to_contain_text("As found")
+        expect(page.locator("#conclusion .reached")).to_contain_text("No file may be loaded")
+        expect(page.locator("#conclusion .load")).to_contain_text("siemens: nothing, the export was refused: siemens.toml: machine.name")
+        expect(page.locator("#advice")).to_have_text("Next step: Clear the reason of the refused export (siemens), then export again.")
+        expect(page.locator("#bundles a")).to_have_count(1)
+        page.locator("#language").click()
+        expect(page.locator("#conclusion .load")).to_contain_text("siemens: nichts, der Export wurde abgelehnt: siemens.toml: machine.name")
+        expect(page.locator("#conclusion .load")).to_contain_text("erwartet war")
+        expect(page.locator("#advice")).to_have_text(
+            "Nächster Schritt: Grund des abgelehnten Exports (siemens) beheben, dann neu exportieren."
+        )
         page.context.close()  # before the daemon ends, which the page would complain about
 
 

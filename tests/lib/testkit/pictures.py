@@ -10,10 +10,16 @@ from typing import Any
 
 from playwright.sync_api import Page, expect, sync_playwright
 
+from stepdiag.demo.files import siemens_profile
 from testkit.browser import launch
 from testkit.running.hall import Hall, daemon, hall, until
 
 FOLDER = Path(__file__).parents[3] / "docs" / "pictures"
+SIEMENS = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
+NOBODYS_PATH = """document.querySelectorAll("[data-link=laser] small").forEach((one) => {
+  one.textContent = one.textContent.replace(/^\\/[^,]+/, "/dev/ttyUSB0");
+})"""
+"""Where the virtual laser stands is a folder of this computer."""
 PANELS = {"lead": ".lead", "now": ".reading", "align": ".aid", "deviations": ".pass", "survey": ".survey", "findings": ".findings"}
 
 
@@ -42,9 +48,11 @@ def _surveyed() -> Iterator[tuple[Hall, Any, Page]]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
+    how = {"back": True, "handshake": True, "dwell": 2.0, "page": True, "page_port": port, "exports": SIEMENS}
     with (
         tempfile.TemporaryDirectory() as work,
-        hall(Path(work), back=True, handshake=True, dwell=2.0, page=True, page_port=port) as place,
+        hall(Path(work), **how) as place,
+        _profiled(place),
         daemon(place.survey) as process,
         sync_playwright() as playwright,
     ):
@@ -56,6 +64,13 @@ def _surveyed() -> Iterator[tuple[Hall, Any, Page]]:
         browser.close()
 
 
+@contextmanager
+def _profiled(place: Hall) -> Iterator[None]:
+    """Let the profile of the machine that is measured stand beside its survey."""
+    (place.folder / "siemens.toml").write_text(siemens_profile().replace("virtual machine", "virtual"), encoding="utf-8")
+    yield
+
+
 def _until_driven(place: Hall, page: Page) -> None:
     while place.bench.next(300.0, "bench")["event"] != "waiting":
         pass
@@ -65,6 +80,7 @@ def _until_driven(place: Hall, page: Page) -> None:
 
 def _take(page: Page, folder: Path, *panels: str, screen: str) -> None:
     page.wait_for_timeout(400)
+    page.evaluate(NOBODYS_PATH)
     page.screenshot(path=folder / f"{screen}.png")
     for panel in panels:
         page.locator(PANELS[panel]).screenshot(path=folder / f"{panel}.png")

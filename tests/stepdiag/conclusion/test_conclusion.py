@@ -249,7 +249,7 @@ class TestBasis:
         (text,) = self.said(conditions=conditions)
         assert text.startswith("Nobody measured the air, and the reading depends on it: air_pressure_hpa 1013.25 of the survey file")
         (text,) = self.said("de", conditions=conditions)
-        assert "1013,25 aus der Messdatei" in text
+        assert "1013,25 aus der Vermessungsdatei" in text
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})
         assert "its temperature was assumed" in text
 

@@ -1,6 +1,7 @@
 """The Debian package: what is in it for both architectures, and a bare Debian that installs, uses and removes it."""
 
 import os
+import re
 import shutil
 import struct
 import subprocess
@@ -35,6 +36,16 @@ def fields(file):
     return dict(line.split(": ", 1) for line in said.splitlines() if not line.startswith(" "))
 
 
+def readme_lines():
+    """Return what the README says: how this package is installed, what is done with readings from elsewhere, and the same from Python."""
+    text = (CHECKOUT / "README.md").read_text(encoding="utf-8")
+    install = re.search(r"`(apt install [^`]+)_amd64\.deb`", text)[1] + f"_{HOST}.deb"
+    section = text.partition("## Data from elsewhere")[2].partition("## ")[0]
+    shell, python = (re.findall(r"(?m)^    (.+)$", part) for part in section.split("The same from Python:"))
+    assert all(line.startswith(".venv/bin/stepdiag ") for line in shell)
+    return install, [line.removeprefix(".venv/bin/") for line in shell], "\n".join(python)
+
+
 @pytest.mark.parametrize("package", MACHINES, indirect=True)
 def test_a_package_says_what_it_is_and_holds_it(package, tmp_path):
     """Every library of native code is of the package's architecture; everything is compiled; nothing of the builder's folders is in it."""
@@ -57,24 +68,34 @@ def test_a_package_says_what_it_is_and_holds_it(package, tmp_path):
 
 @pytest.mark.parametrize("package", [HOST], indirect=True)
 def test_a_bare_debian_installs_it_uses_it_and_is_rid_of_it(package):
-    """From readings to a report, Tab completion, the files of a service; afterwards nothing is left but what was measured."""
+    """By the README's own lines: installed, from readings to files and report, from Python; Tab completion, the files of a service.
+
+    Afterwards nothing is left but what was measured.
+    """
     _, file = package
     root = debian_root()
 
     def inside(*command, check=True):
         return as_root("chroot", root, *command, check=check)
 
-    as_root("cp", file, root / "tmp/stepdiag.deb")
+    readme = root / "tmp/readme"
+    as_root("rm", "-rf", readme)
+    as_root("install", "-d", readme / "release")
+    as_root("cp", file, readme / "release")
+    as_root("cp", DATA / "golden_stepdiag_rigidbody_FXYZ.csv", readme / "readings.csv")
     left = [path for name in ("system/stepdiag@*", "system/*.wants/stepdiag@*") for path in (root / "etc/systemd").glob(name)]
     as_root("rm", "-rf", root / "opt/stepdiag", *left, root / "etc/udev/rules.d/90-stepdiag.rules")  # what the test of the boot has left
-    inside("dpkg", "--install", "/tmp/stepdiag.deb")
+    install, elsewhere, python = readme_lines()
+    inside("sh", "-ec", f"cd /tmp/readme; {install}")
     try:
         before = set(inside("find", "/opt/stepdiag", "-name", "*.pyc").split())
         assert inside("stepdiag", "--version").startswith("stepdiag ")
-        as_root("cp", DATA / "golden_stepdiag_rigidbody_FXYZ.csv", root / "tmp/readings.csv")
-        inside("stepdiag", "solve", "/tmp/readings.csv", "--out", "/tmp/result.json")
-        inside("stepdiag", "report", "/tmp/result.json", "--out", "/tmp/report.html")
-        assert "C0Y" in (root / "tmp/report.html").read_text(encoding="utf-8")
+        for line in elsewhere:
+            inside("sh", "-ec", f"cd /tmp/readme; {line}")
+        assert "C0Y" in (readme / "report.html").read_text(encoding="utf-8")
+        assert (readme / "files/SHA256SUMS").is_file()
+        inside("sh", "-ec", f"cd /tmp/readme; rm -r files; /opt/stepdiag/bin/python -c '{python}'")
+        assert (readme / "files/SHA256SUMS").is_file()
         inside("mkdir", "--parents", "/etc/stepdiag")
         inside("stepdiag", "init", "/etc/stepdiag/deb-test.toml")
         unit = inside("stepdiag", "service", "install", "/etc/stepdiag/deb-test.toml", "--dry-run")
@@ -85,8 +106,7 @@ def test_a_bare_debian_installs_it_uses_it_and_is_rid_of_it(package):
         assert set(inside("find", "/opt/stepdiag", "-name", "*.pyc").split()) == before, "everything was compiled already"
     finally:
         inside("dpkg", "--remove", "stepdiag")
-        left = [root / "tmp" / name for name in ("stepdiag.deb", "readings.csv", "result.json", "report.html")]
-        as_root("rm", "-rf", *left, root / "etc/stepdiag/deb-test.toml")
+        as_root("rm", "-rf", readme, root / "etc/stepdiag/deb-test.toml")
     assert not (root / "opt/stepdiag").exists()
     assert not (root / "usr/bin/stepdiag").is_symlink()
 

@@ -1,11 +1,19 @@
-"""``stepdiag demo --live`` as a person uses it: the page, Enter, a hand in the beam, the end."""
+"""``stepdiag demo --live`` as a person uses it: the page, Enter, every key and the way out of what it causes, the end."""
 
+import json
 import os
 import subprocess
 import sys
+import tty
 import urllib.request
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import closing
 
 import pytest
+
+from stepdiag.demo import files
+from stepdiag.demo.keys import Keyboard
+from stepdiag.demo.live import END, GO, KEYS, live
 
 pytestmark = pytest.mark.system
 
@@ -35,3 +43,81 @@ def test_a_hand_in_the_beam_is_seen_on_the_page(tmp_path):
     assert "hold a hand into the beam" in said
     assert demo.returncode == 0
     assert list((tmp_path / "demo" / "demo" / "0001").glob("*.mcap*")), "what was recorded stays"
+
+
+PRESSED = {
+    "ppp": ("b", {"alarm_go_back", "alarm_beam", "alarm_count"}, {"beam-lost", "stop-without-reading", "stop-doubtful"}),
+    "npp": ("k", set(), {"window-step", "count-slip", "count-step", "stop-unsteady"}),
+    "pnp": ("u", {"alarm_laser"}, {"laser-gap", "laser-restart", "laser-garbage", "stop-without-reading"}),
+    "ppn": ("p", {"alarm_plc"}, {"stop-missed", "stop-lost", "stop-recovered", "pass-broken"}),
+    "linear-x": ("a", set(), {"sensor-implausible"}),
+    "linear-y": ("s", set(), {"stop-missed", "stop-lost", "count-disagrees", "stop-skipped"}),
+    "linear-z": ("r", {"alarm_machine"}, {"machine-alarm", "stop-again"}),
+}
+"""In which setup a key is pressed, one of the page's cards then (none where nothing blocks), and one of the findings that tell of it."""
+
+
+class Watching:
+    """A person at a terminal: presses each key where `PRESSED` says so, on a pty, and Enter wherever a program is waited for."""
+
+    def __init__(self, keyboard, hand):
+        self.pressed = keyboard.pressed
+        self.lines = []
+        self.cards, self.codes = set(), set()
+        self.ended = False
+        self._hand = hand
+        self._looking = ThreadPoolExecutor(1)
+        self._looked = None
+
+    def told(self, line):
+        self.lines.append(line)
+
+    def opened(self, address, _token):
+        self._looked = self._looking.submit(self._look, address)
+
+    def finish(self):
+        """Raise what went wrong while looking."""
+        self._looking.shutdown()
+        self._looked.result()
+
+    def _look(self, address):
+        """Look at the page's stream until the survey is complete."""
+        left, now = dict(PRESSED), {}
+        try:
+            with urllib.request.urlopen(f"{address}/stream", timeout=200) as stream:
+                for line in stream:
+                    if line.startswith(b"data: "):
+                        now |= json.loads(line[6:])
+                    if "phase" in now and "findings" in now and line.startswith(b"data: "):
+                        self._see(now, left)
+                    if now.get("phase") == "complete":
+                        break
+        finally:
+            os.write(self._hand, END.encode())
+
+    def _see(self, now, left):
+        self.cards.add(now["lead"]["key"])
+        self.codes |= {one["code"] for one in now["findings"]}
+        if now["phase"] == "waiting-program":
+            os.write(self._hand, GO.encode())
+        elif now["phase"] in ("waiting-stop", "dwelling") and now["expects_stop"] >= 2 and now["expects_setup"] in left:
+            os.write(self._hand, left.pop(now["expects_setup"])[0].encode())
+
+
+def test_every_key_is_told_and_the_survey_comes_to_its_end(tmp_path, monkeypatch):
+    """Each fault is on the page, what is broken is driven again, and the files and the conclusion are there at the end."""
+    monkeypatch.setattr(files, "INCREMENTS", 3)
+    hand, terminal = os.openpty()
+    tty.setcbreak(terminal)
+    with closing(os.fdopen(hand, "wb")), closing(os.fdopen(terminal, "rb")):
+        person = Watching(Keyboard(terminal), hand)
+        live(tmp_path / "demo", 1, person, files.FAST)
+        person.finish()
+    assert {key for key, _, _ in PRESSED.values()} == set(KEYS), "every key is pressed"
+    assert [each.does for each in KEYS.values() if each.does not in person.lines] == []
+    assert [key for key, cards, _ in PRESSED.values() if cards and not cards & person.cards] == []
+    assert [(key, sorted(person.codes)) for key, _, codes in PRESSED.values() if not codes & person.codes] == []
+    folder = tmp_path / "demo" / "demo" / "0001"
+    said = json.loads((folder / "conclusion.json").read_text(encoding="utf-8"))
+    assert "sign test" in said["next_step"][0]["en"]
+    assert {path.name for path in (folder / "exports").iterdir() if (path / "SHA256SUMS").is_file()} == {"siemens", "fanuc"}
