@@ -64,7 +64,7 @@ class Stretches:
 
     def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
         """Return by how much a stop reads more than it did in the same stretch; None where it was not measured in it, or agrees."""
-        same = [entry.stop for entry in self.measured.get(stop.stop, ()) if entry.stretch == stretch]
+        same = [entry.stop for entry in self.measured.get(stop.stop, ()) if entry.stretch == stretch and _of_one_count(entry.stop)]
         if not same or stop.reading_mm is None or same[-1].reading_mm is None:
             return None
         off_um = (stop.reading_mm - same[-1].reading_mm) * 1e3
@@ -111,7 +111,7 @@ class Stretches:
     def _shifts(self, stretch: int, zeros: Zeros) -> Iterator[tuple[float, Zero, float]]:
         """Yield of every stop measured in a stretch and in a known one: the shift in mm, the known zero, and the shift's uncertainty."""
         for entries in self.measured.values():
-            last = {entry.stretch: entry.stop for entry in entries if entry.stop.reading_mm is not None}
+            last = {entry.stretch: entry.stop for entry in entries if entry.stop.reading_mm is not None and _of_one_count(entry.stop)}
             for known in [each for each in last if each in zeros] if stretch in last else ():
                 here, there = last[stretch], last[known]
                 shift_mm = zeros[known].offset_mm + (there.reading_mm or 0.0) - (here.reading_mm or 0.0)
@@ -145,6 +145,11 @@ class Stretches:
         apart = {entry.stretch for entries in self.measured.values() for entry in entries} - set(zeros)
         spreads = [_spread_um(shifts) for stretch in apart if len(shifts := list(self._shifts(stretch, zeros))) > 1]
         return max(spreads, default=None)
+
+
+def _of_one_count(stop: CapturedStop) -> bool:
+    """Tell whether a reading belongs to its stretch alone: of one with a step inside, the part in use may be of the count before."""
+    return "window-step" not in stop.doubt_codes
 
 
 def _spread_um(shifts: list[tuple[float, Zero, float]]) -> float:
