@@ -22,7 +22,8 @@ STANDS_OUT = 5.0
 """Standard uncertainties at which a step of the count is told from chance in half of the surveys."""
 NEARLY_ALWAYS = 8.0
 """Nearly always: 6.65 by the normal distribution (95 %), but where few readings check each other, effects larger than usual explain part of
-a step: of drawn surveys with seven degrees of freedom two thirds were named at 6.65, 94 % at 7.5, all at 8.5; with more, 71 of 72 at 6.65."""
+a step: of drawn surveys with seven degrees of freedom two thirds were named at 6.65, 94 % at 7.5, all at 8.5; with more, 71 of 72 at 6.65.
+"""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
 """Names in the result, and the kinds of setups that each holds."""
 
