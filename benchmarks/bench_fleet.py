@@ -14,8 +14,8 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from benchmarks.bench_replay import peak_mb
 from benchmarks.fleet import generate
+from benchmarks.stand import peak_mb
 from benchmarks.table import Row
 from stepdiag.fleet.archive import add, refresh_index
 from stepdiag.fleet.history import series_in

@@ -6,11 +6,15 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from benchmarks.bench_replay import BLOCK, SECOND_NS
 from benchmarks.stand import SURVEY
 from benchmarks.table import Row
 from stepdiag.daq.records.events import Chunk, ModbusBlock
+
+if TYPE_CHECKING:
+    from stepdiag.daq.recording.session import Session
 
 LINES_HZ, POLL_HZ = 40, 2
 """Much slower than at the machine, so that a day passes in a minute or two; every bound of the program is one of time or of number.
@@ -69,7 +73,7 @@ def simulate(hours: float, folder: Path) -> tuple[float, float, int]:
     return told[0][0], told[-1][0], told[-1][1] - told[0][1]
 
 
-def _second(session, second: int) -> None:  # noqa: ANN001
+def _second(session: "Session", second: int) -> None:
     begin = (second + 1) * SECOND_NS
     step = SECOND_NS // POLL_HZ
     per = LINES_HZ // POLL_HZ

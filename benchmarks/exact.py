@@ -60,7 +60,7 @@ class ExactModel:
             axis = AXES.index(name[2])
             own = unknowns[shown + place * (WAVES + 1) : shown + (place + 1) * (WAVES + 1)]
             functions[name] = Smooth(low[axis], size[axis], tuple(own[1:].tolist()), float(own[0]) / size[axis])
-        return Machine(errors=ErrorSet(low_mm=low, size_mm=size, functions=functions), chain=self.chain)  # type: ignore[arg-type]
+        return Machine(errors=ErrorSet(low_mm=low, size_mm=size, functions=functions), chain=self.chain)
 
     def readings_um(self, unknowns: Array) -> Array:
         """Return what every pass reads, each relative to its own first stop, in um."""

@@ -52,7 +52,12 @@ def main() -> None:
     threading.Thread(target=server.serve_forever, daemon=True).start()
     line = SerialLine(options.link, lossless=options.stamps is None)
     done = threading.Event()
-    signal.signal(signal.SIGTERM, lambda *_: (done.set(), line.end()))
+
+    def end(*_: object) -> None:
+        done.set()
+        line.end()
+
+    signal.signal(signal.SIGTERM, end)
     sys.stdout.write(json.dumps({"laser": str(options.link), "plc_port": server.server_address[1]}) + "\n")
     sys.stdout.flush()
     feed(line, options.rate, options.every_s, options.stamps, done)

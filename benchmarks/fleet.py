@@ -26,13 +26,13 @@ from stepdiag.fleet.trend import YEAR, Trend, trend_of
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.standards.expansion import expansion_um
-from stepdiag.virtual.drive.sequence import Box, outward_direction
+from stepdiag.virtual.drive.sequence import outward_direction
 from stepdiag.virtual.physics.environment import Course, Environment
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine
 
-BOX = Box(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=2)
-CASE = Case(name="a machine of the works", angle_urad=4.0)
+CASE = Case(name="a machine of the works", angle_urad=4.0, increments=2)
+BOX = CASE.box
 SIZES = Amplitudes(positioning_um=6.0, straightness_um=5.0, angle_urad=4.0, scale_um_m=10.0, squareness_urad=15.0)
 FIRST = datetime(2016, 1, 15, 10, 0, tzinfo=UTC)
 QUARTER = timedelta(days=91.3125)
@@ -88,7 +88,7 @@ def surveyed(life: Life, survey: int) -> tuple[About, Readings]:
     machine = Machine(
         errors=replace(drawn, squareness_urad=square), expansion_um_m_c=(grows,) * 3, environment=Environment(material_c=Course(start=warm))
     )
-    readings = _at_20_c(drive(CASE, machine, int(dice.integers(1 << 30)), BOX), SENSOR_C * float(dice.normal()))
+    readings = _at_20_c(drive(CASE, machine, int(dice.integers(1 << 30))), SENSOR_C * float(dice.normal()))
     event = "crash" if survey == life.crash else ""
     return About(
         machine=life.name,
