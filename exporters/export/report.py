@@ -68,12 +68,16 @@ def _basis(found: Basis) -> Iterator[str]:
     yield "WHAT TABLES AND U REST ON"
     names = {"as_measured": "as measured", "at_20_c": "at 20 C"}
     if found.tables is not None:
-        warm = "nobody measured how warm the machine was" if found.material_c is None else f"the machine was {found.material_c:.2f} C warm"
+        warm = (
+            "how warm the machine was, was not measured throughout"
+            if found.material_c is None
+            else f"the machine was {found.material_c:.2f} C warm"
+        )
         yield f"  the tables correct lengths {names[found.tables]}; {warm}"
         if found.scales:
             yield f"  scales {names[found.tables]}, um/m (k = 2): {scales_in_words(found.scales)}"
         yield f"  scales {names[found.beside]}, in no table: {scales_in_words(found.other) or 'not known'}"
-    yield from (f"  {name} {value:g}: assumed, nobody measured it" for name, value in found.air.items())
+    yield from (f"  {name} {value:g}: assumed where no sensor told it" for name, value in found.air.items())
     yield from (f"  {name:<24}{value:>12g}" for name, value in found.assumed.items())
     if found.tool_um is not None:
         yield f"  errors hold where the beam met the mirror (tool offset 0); a tool tip 100 mm from it may differ by {found.tool_um:.1f} um"

@@ -127,7 +127,7 @@ def _said(result: Result, profile: Profile) -> Iterator[Finding]:
         if function.value is not None and name[1] == name[2] and np.max(np.abs(function.value)) > 0:
             text = f"{name}: the lattice holds the mean of both directions; the reversal error is left to BACKLASH"
             yield Finding(code="direction-averaged", severity="info", text=text)
-            yield from backlash_offered(result, name[2], profile, ends_backlash=False)
+            yield from backlash_offered(result, name[2], ends_backlash=False)
     for letter in "XYZ":
         working = profile.axis(letter).working_mm
         if working is not None:

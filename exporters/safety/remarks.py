@@ -6,7 +6,6 @@ import numpy as np
 
 from stepdiag.exporters.safety.checks import Case, untested_kinds
 from stepdiag.exporters.tables.curves import POSITIONING, SIGNIFICANT
-from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
@@ -99,7 +98,7 @@ def _reversal(case: Case) -> Iterator[Finding]:
         both = is_directional(curve, case.profile) and any(table.direction for table in own)
         if curve.reverse_um is not None and not both:
             ends = any(case.controller.limits(table, case.profile).ends_backlash for table in own)
-            yield from backlash_offered(case.result, curve.input_axis, case.profile, ends_backlash=ends)
+            yield from backlash_offered(case.result, curve.input_axis, ends_backlash=ends)
         elif curve.reverse_um is None and case.profile.machine.direction == "both":
             text = (
                 f"{curve.name}: no significant reversal, or passes that share no zero of the count: the mean of both directions is written"
@@ -107,25 +106,22 @@ def _reversal(case: Case) -> Iterator[Finding]:
             yield _note("reversal-insignificant", text)
 
 
-def backlash_offered(result: Result, letter: str, profile: Profile, *, ends_backlash: bool) -> Iterator[Finding]:
+def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Iterator[Finding]:
     """Yield the backlash of an axis with its U and where it goes, or nothing where the survey knows none that is more than chance.
 
-    It was measured with the control's own parameter at work, so it comes on top of what that held; a control that ``ends_backlash`` does
-    not look at that parameter where it has a table.
+    It was measured with the control's own parameter at work, so it comes on top of what that held then (what it holds now is another
+    question: the number may be in it already); a control that ``ends_backlash`` does not look at that parameter where it has a table.
     """
     numbers = result.extra.get("backlash")
     number = numbers.get(letter) if isinstance(numbers, dict) else None
     if not isinstance(number, dict) or abs(number["value"]) <= SIGNIFICANT * number["u"]:
         return
-    more_um, then_um = -number["value"], profile.axis(letter).backlash_um
-    text = f"E{letter}{letter}: the table holds the mean of both directions; backlash {more_um:.2f} um (in - minus in +), "
+    text = f"E{letter}{letter}: the table holds the mean of both directions; backlash {-number['value']:.2f} um (in - minus in +), "
     text += f"U {2 * number['u']:.2f} um (k = 2): "
     if ends_backlash:
         text += 'direction = "both" writes it into the table, beside which the backlash parameter does not act'
-    elif then_um is None:
-        text += "to be added to what the backlash parameter held while measuring"
     else:
-        text += f"the backlash parameter goes from {then_um:.2f} um to {then_um + more_um:.2f} um"
+        text += "to be added to what the backlash parameter held while measuring"
     yield _note("reversal-value", text)
 
 

@@ -36,9 +36,17 @@ class Count:
 
 def counts(fixed: Fit, layout: Layout) -> list[Count]:
     """Return every unbroken count that has more than a handful of used readings."""
+    return [_count(fixed, rows) for rows in _unbroken(fixed, layout) if len(rows) > LEAST_ROWS]
+
+
+def short_counts(fixed: Fit, layout: Layout) -> list[NDArray[np.int64]]:
+    """Return the rows of every unbroken count that has too few used readings to be looked through (two at least)."""
+    return [rows for rows in _unbroken(fixed, layout) if 1 < len(rows) <= LEAST_ROWS]
+
+
+def _unbroken(fixed: Fit, layout: Layout) -> list[NDArray[np.int64]]:
     used = np.flatnonzero(fixed.weight[: len(layout)] > 0)
-    each = [used[layout.offset_index[used] == number] for number in np.unique(layout.offset_index[used])]
-    return [_count(fixed, rows) for rows in each if len(rows) > LEAST_ROWS]
+    return [used[layout.offset_index[used] == number] for number in np.unique(layout.offset_index[used])]
 
 
 def _count(fixed: Fit, rows: NDArray[np.int64]) -> Count:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.hypotheses import HIDDEN, along_the_way_m, tell
@@ -15,6 +16,8 @@ from stepdiag.solver.model.vector import closure_um, diagonal_data
 TILT_LIMIT_MRAD = 2.0
 """Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms reach micrometres."""
 DRIFT_LIMIT_UM = 2.0
+IN_TIME = ("drift", "wander", "wandering pass")
+"""Effects of the adjustment that a count has in the course of its time."""
 NOISE_LIMIT_UM = 1.0
 MISCLOSED, MISCLOSED_FAR = 2.0, 2.6
 """A scale misclosure beyond so many standard uncertainties is said, and stops an export. Of 36 good surveys with
@@ -47,22 +50,39 @@ def setup_reports(found: Adjustment) -> dict[str, dict[str, Any]]:
 
 
 def _drifts(found: Adjustment, setup: str) -> list[dict[str, Any]]:
-    """Return the drift of every out-and-back pair over its whole duration, where it is identified."""
-    columns, inverse = found.design.columns, found.fit.inverse
+    """Return what the count drifted in every out-and-back pair, over its whole duration, where it is identified.
+
+    The straight part is an unknown that is expected small; whatever else a pass may do in time (`IN_TIME`) has its share, so the sum of
+    them is told, with what the readings leave open of that sum.
+    """
+    columns, fit = found.design.columns, found.fit
     drifts: list[dict[str, Any]] = []
     for index, (name, pair, timed) in enumerate(found.design.drift_pairs):
         column = columns.drift + index
         alone = Rows(np.array([[column]]), np.ones((1, 1)), columns.count)
-        if name != setup or not inverse.sees(alone)[0]:
+        if name != setup or not fit.inverse.sees(alone)[0]:
             continue
         mine = [place for place, key in enumerate(found.layout.passes) if key.setup == setup and (key.number + 1) // 2 == pair]
-        span = float(np.max(found.layout.clock[np.isin(found.layout.pass_index, mine)]))
+        rows = np.flatnonzero(np.isin(found.layout.pass_index, mine))
+        span = float(np.max(found.layout.clock[rows]))
         unit = np.zeros(columns.count)
         unit[column] = 1.0
-        u = float(np.sqrt(max(inverse.solve(unit)[column], 0.0)))
-        rate = float(found.fit.unknowns[column])
-        drifts.append({"pair": pair, "rate": rate, "unit": "um/h" if timed else "um/stop", "total_um": rate * span, "u_um": u * span})
+        beside = _in_time(found, rows)
+        total_um = span * float(fit.unknowns[column]) + float(beside @ fit.amount)
+        open_um = fit.root @ (beside - span * fit.causes.taken[column])
+        u_um = float(np.sqrt(span**2 * max(fit.inverse.solve(unit)[column], 0.0) + open_um @ open_um))
+        drifts.append({"pair": pair, "rate": total_um / span, "unit": "um/h" if timed else "um/stop", "total_um": total_um, "u_um": u_um})
     return drifts
+
+
+def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
+    """Return what one unit of every cause adds to a drift from the first to the last of some readings, shape (causes,)."""
+    kinds = np.repeat([effect.name in IN_TIME for effect in found.effects], [effect.count for effect in found.effects])
+    added = np.zeros(len(kinds))
+    for number in np.unique(found.layout.offset_index[rows]):
+        of_count = rows[found.layout.offset_index[rows] == number]
+        added += found.fit.causes.pattern[of_count[-1]] - found.fit.causes.pattern[of_count[0]]
+    return np.where(kinds, added, 0.0)
 
 
 def _repeatability_um(layout: Layout, setup: str) -> float | None:

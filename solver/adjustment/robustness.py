@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.adjustment.counts import Count
+from stepdiag.solver.adjustment.counts import LEAST_ROWS, Count
 from stepdiag.solver.adjustment.hypotheses import SCALE, STEP, STOP, WARMING, Family, Hypothesis, families, shown
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.adjustment.wander import Wander, wandering
@@ -172,8 +172,20 @@ def _name_decided(layout: Layout, one: Hypothesis) -> Finding:
     if one.kind == SCALE:
         text = f"{words} against all other setups; it is estimated and taken off: air, wavelength or temperature changed"
         return Finding(code="setup-scale-off", severity="warning", text=text)
+    short = _too_short(layout)
+    if short:
+        those = ", ".join([words, *(f"a slip of the count in {name} that is too short to show it" for name in short)])
+        text = f"one of these is wrong and the data do not say which: {those}; measure these setups again before anything is compensated"
+        return Finding(code="contradiction-ambiguous", severity="error", text=text)
     text = f"{words}; it is estimated and taken off, the scales hold for the middle of the survey: let the machine warm up"
     return Finding(code="machine-warms", severity="warning", text=text, size_um=one.size)
+
+
+def _too_short(layout: Layout) -> list[str]:
+    """Return the setups of counts in which no step is looked for: a slip there looks like a machine that grows."""
+    number, rows = np.unique(layout.offset_index, return_counts=True)
+    short = np.isin(layout.offset_index, number[(rows > 1) & (rows <= LEAST_ROWS)])
+    return [setup.name for index, setup in enumerate(layout.setups) if np.any(short & (layout.setup_index == index))]
 
 
 def _place(layout: Layout, row: int) -> dict[str, Any]:

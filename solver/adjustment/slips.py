@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.adjustment.counts import Count, counts, from_each_on
-from stepdiag.solver.adjustment.hypotheses import HIDDEN, tell
+from stepdiag.solver.adjustment.counts import Count, counts, from_each_on, short_counts
+from stepdiag.solver.adjustment.hypotheses import HIDDEN, LEAST_UM, tell
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.layout import Layout
@@ -42,19 +42,23 @@ class Unseen:
     @property
     def half_um(self) -> float:
         """Return of which size it is seen in half of the surveys."""
-        return STANDS_OUT * self.u_um
+        return max(STANDS_OUT * self.u_um, LEAST_UM)
 
     @property
     def nearly_um(self) -> float:
         """Return of which size it is seen in 95 % of them and more."""
-        return NEARLY_ALWAYS * self.u_um
+        return max(NEARLY_ALWAYS * self.u_um, LEAST_UM + 2.0 * self.u_um)
 
 
 def least_seen(fit: MixedFit, layout: Layout, kinds: Collection[str]) -> Unseen | None:
-    """Return the step that is seen least in setups of some kinds; None where no count of theirs is long enough to be looked through."""
+    """Return the step that is seen least in setups of some kinds; None where there are none of them.
+
+    In a count too short to be looked through nothing is seen, whatever its size.
+    """
     kind = np.array([setup.kind for setup in layout.setups])[layout.setup_index]
+    blind = [_unseen(layout, rows, 1, np.inf) for rows in short_counts(fit.fixed, layout) if kind[rows[0]] in kinds]
     found = [_least_of(fit, layout, count) for count in counts(fit.fixed, layout) if kind[count.rows[0]] in kinds]
-    return max(found, key=lambda each: each.u_um) if found else None
+    return max(blind + found, key=lambda each: each.u_um, default=None)
 
 
 def _least_of(fit: MixedFit, layout: Layout, count: Count) -> Unseen:
@@ -63,9 +67,12 @@ def _least_of(fit: MixedFit, layout: Layout, count: Count) -> Unseen:
     told = seen > HIDDEN * from_each_on(fit.weight[count.rows])[1:]
     u_um = np.where(told, 1.0 / np.sqrt(np.where(told, seen, 1.0)), np.inf)
     place = int(np.argmax(u_um)) + 1
-    row = int(count.rows[place])
-    key = layout.passes[layout.pass_index[row]]
-    return Unseen(setup=key.setup, pass_number=key.number, stop=int(layout.stop[row]), u_um=float(u_um[place - 1]), rows=count.rows[place:])
+    return _unseen(layout, count.rows, place, float(u_um[place - 1]))
+
+
+def _unseen(layout: Layout, rows: NDArray[np.int64], place: int, u_um: float) -> Unseen:
+    key = layout.passes[layout.pass_index[rows[place]]]
+    return Unseen(setup=key.setup, pass_number=key.number, stop=int(layout.stop[rows[place]]), u_um=u_um, rows=rows[place:])
 
 
 def slips_report(fit: MixedFit, layout: Layout, design: Design) -> dict[str, dict[str, Any]]:

@@ -51,17 +51,19 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
 
     As a machine's sensor, or a person, says it for each: what only some of them have is no temperature of the survey.
     """
-    if np.all(np.isfinite(temperature_c)):
+    missing = int(np.count_nonzero(~np.isfinite(temperature_c)))
+    if not missing:
         return ()
+    where = f"at {missing} of {len(temperature_c)} readings"
     if assumed.reduced_to_20_c:
         text = (
-            f"nobody measured how warm the machine was when its readings were brought to 20 C: it is taken for known within "
+            f"{where} nobody measured how warm the machine was when its readings were brought to 20 C: it is taken for known within "
             f"{assumed.u_material_c:.2g} C (k = 1), which is in the uncertainty; give temperature_c with the readings, or a sensor"
         )
         return (Finding(code="material-unmeasured", severity="warning", text=text),)
     per_axis = ", ".join(f"{one:g}" for one in dict.fromkeys(assumed.expansion_um_m_c))
     text = (
-        f"nobody measured how warm the machine was: its lengths hold for the temperature that it had, and differ at 20 C by "
+        f"{where} nobody measured how warm the machine was: its lengths hold for the temperature that it had, and differ at 20 C by "
         f"{per_axis} um/m for each degree; give temperature_c with the readings, or a sensor"
     )
     return (Finding(code="material-unmeasured", severity="info", text=text),)

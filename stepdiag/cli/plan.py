@@ -154,9 +154,13 @@ def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
 
 
 def _unseen_json(unseen: "Unseen | None") -> dict[str, float | None]:
-    """Return how large a slip of the count could hide in a diagonal in half of the surveys, and from where on nearly none does."""
-    sizes = (0.0, 0.0) if unseen is None else (unseen.half_um, unseen.nearly_um)
-    half_um, nearly_um = (size if isfinite(size) else None for size in sizes)
+    """Return how large a slip of the count could hide in a diagonal in half of the surveys, and from where on nearly none does.
+
+    Nothing of a plan without diagonals: there it is not worked out.
+    """
+    if unseen is None:
+        return {}
+    half_um, nearly_um = (size if isfinite(size) else None for size in (unseen.half_um, unseen.nearly_um))
     return {"unseen_step_um": half_um, "seen_step_um": nearly_um}
 
 

@@ -15,6 +15,8 @@ from stepdiag.solver.result.interval import Interval, decimals_of
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
 
 MOST_WRONG = 5
+AIR = {"air_temperature_c": ("T", "°C"), "air_pressure_hpa": ("p", "hPa"), "relative_humidity_percent": ("RH", "%")}
+"""Conditions of the air in letters and units that every language writes alike."""
 LEAST_SHARE = 0.1
 """An error below a tenth of the largest one is not what is wrong with the machine."""
 MATTERS = 0.5
@@ -147,7 +149,7 @@ def _basis(found: Basis) -> Iterator[Sentence]:
         arguments = {"warm": f"{found.material_c:.2f}", "scales": scales_in_words(found.scales), "other": scales_in_words(found.other)}
         yield Sentence(key=f"basis_{found.tables}" + ("" if found.other else "_only"), arguments=arguments)
     if found.air:
-        told = ", ".join(f"{name} {value:g}" for name, value in found.air.items())
+        told = ", ".join(f"{letter} = {found.air[name]:g} {unit}" for name, (letter, unit) in AIR.items() if name in found.air)
         yield Sentence(key="basis_air_assumed", arguments={"told": told})
     if found.assumed.keys() >= set(ASSUMED):
         sizes = {name: f"{value * (1e6 if name == 'index' else 1.0):g}" for name, value in found.assumed.items()}

@@ -89,3 +89,22 @@ def test_two_passes_hide_less_than_one_and_each_kind_of_setup_has_its_own():
 def test_a_diagonal_alone_tells_no_slip_at_all():
     lone = Bench(seed=1, increments=3, angle_urad=2.0).survey(("ppp",))
     assert solve(lone).extra["unseen_slip"]["diagonals"]["half_um"] is None
+
+
+def test_in_a_run_of_three_stops_a_slip_of_any_size_goes_unnoticed_and_nobody_blames_the_machine():
+    """A slip in it looks like a machine that grows: the export stops, where the growth was taken off and the scales 8 um off."""
+    bench = Bench(seed=3, increments=2, diagonal_noise_um=0.2, linear_noise_um=0.2, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0))
+    readings = bench.survey()
+    runs = solve(readings).extra["unseen_slip"]["runs"]
+    assert runs["half_um"] is None
+    assert runs["setup"].startswith("linear-")
+    result = solve(slipped(readings, {"setup": "linear-x", "pass": 1, "stop": 1}, 20.0))
+    assert "machine-warms" not in {each.code for each in result.findings}
+    assert any(each.severity == "error" and "linear-x" in each.text for each in result.findings)
+
+
+def test_a_slip_below_what_anything_is_looked_for_is_not_said_to_be_noticed():
+    """With readings to 20 nm: half a micrometre is the least that is named at all."""
+    bench = Bench(seed=1, increments=6, diagonal_noise_um=0.02, linear_noise_um=0.02, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0))
+    sizes = solve(bench.survey()).extra["unseen_slip"].values()
+    assert all(each["half_um"] >= 0.5 and each["nearly_um"] > each["half_um"] for each in sizes)

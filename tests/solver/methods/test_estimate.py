@@ -1,5 +1,7 @@
 """The estimator against the exact virtual machine: how good it must be, and that its uncertainties are true."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -227,6 +229,19 @@ def test_out_and_back_separates_reversal_and_drift():
     assert drift["unit"] == "um/h"
     true_um = np.array([4.0, -3.0, 2.0]) @ np.array([5, 4, 3]) / np.sqrt(50) * drift["total_um"] / drift["rate"]
     assert abs(drift["total_um"] - true_um) < 3 * drift["u_um"] < 3.0
+
+
+def test_a_drift_far_above_the_usual_is_told_at_its_size_and_of_its_setup():
+    """What the random effects take of it is drift as well: a tenth of a micrometre was said where thirty were."""
+    readings = Bench(increments=5, diagonal_noise_um=0.05, linear_noise_um=0.05).survey(passes=(1, 2))
+    mine = np.array(readings.setup) == "npp"
+    since = np.where(mine, readings.time_s - readings.time_s[mine].min(), 0.0)
+    drifting = replace(readings, reading_mm=readings.reading_mm + 0.03 * since / since.max())
+    result = solve(drifting)
+    told = {name: report["drift"][0] for name, report in result.setups.items()}
+    assert 24.0 < told["npp"]["total_um"] < 36.0
+    assert max(abs(each["total_um"]) for name, each in told.items() if name != "npp") < 4.0
+    assert [each.text.split()[1] for each in result.findings if each.code == "drift-large"] == ["npp:"]
 
 
 def test_one_way_passes_claim_no_reversal_and_no_drift():

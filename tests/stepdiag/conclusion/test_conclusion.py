@@ -232,7 +232,7 @@ class TestBasis:
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c"})
         assert text.startswith("Lengths are brought from 23.40 °C to 20 °C")
         (text,) = self.said(lengths={**self.LENGTHS, "material_c": None})
-        assert "Nobody measured how warm the machine was" in text
+        assert "How warm the machine was, was not measured throughout" in text
         (text,) = self.said("de", lengths=self.LENGTHS)
         assert "bei 23,40 °C" in text
         assert "X +3,2 ± 3,0" in text
@@ -247,9 +247,9 @@ class TestBasis:
     def test_air_that_was_assumed_is_said_as_such(self) -> None:
         conditions = {"air_temperature_c": [20.1, 20.4], "assumed": {"air_pressure_hpa": 1013.25}}
         (text,) = self.said(conditions=conditions)
-        assert text.startswith("Nobody measured the air, and the reading depends on it: air_pressure_hpa 1013.25 of the survey file")
+        assert "where no sensor told it, p = 1013.25 hPa of the survey file counted" in text
         (text,) = self.said("de", conditions=conditions)
-        assert "1013,25 aus der Vermessungsdatei" in text
+        assert "p = 1013,25 hPa aus der Vermessungsdatei" in text
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})
         assert "its temperature was assumed" in text
 
