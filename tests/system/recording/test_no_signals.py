@@ -121,7 +121,7 @@ def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
     assert code == 0, refusal
     assert json.loads(out)["different"] == []
     assert readings_um["none"] < 1.1 * readings_um["modbus"] + 0.01
-    assert volume_um["none"] <= 1.1 * volume_um["modbus"]
+    assert volume_um["none"] <= 1.1 * volume_um["modbus"] + 0.02
     result = json.loads((place.round / "result.json").read_text())
     assert "no-signals" in {each["code"] for each in result["findings"]}
 
