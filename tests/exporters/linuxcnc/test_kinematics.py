@@ -10,7 +10,9 @@ import itertools
 import math
 import shutil
 import subprocess
+from collections.abc import Callable
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import msgspec
@@ -91,34 +93,33 @@ class Kins:
         assert self._library.kinematicsForward(given, pose, ctypes.byref(flags), ctypes.byref(flags)) == 0
         return np.array(pose)
 
+    def cost(self, does: Callable[[], object]) -> int:
+        """Return how many stretches of straight code the component runs through meanwhile (of one built with ``cyclecount.c``)."""
+        stretches = ctypes.c_long.in_dll(self._library, "stretches")
+        stretches.value = 0
+        does()
+        return stretches.value
+
+
+OWN_FLAGS = ("-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter", "-std=gnu11", "-O1", "-fPIC")
+LINUXCNC_FLAGS = ("-DRTAPI", "-DUSPACE", "-D_GNU_SOURCE", "-D__MODULE__", f"-isystem{HEADERS}")
+MOST_STACK = 1024
+"""Bytes that one function of the component may take of the stack."""
+
+
+def compiled(folder: Path, *more: str, counter: str | None = None) -> Path:
+    """Return the component, compiled as strictly as the compiler can; ``more`` flags are not for what stands beside it."""
+    assert HEADERS.is_dir(), "the headers of LinuxCNC are missing: tools/debian linuxcnc-uspace-dev"
+    source, own, built = Path(kinematics.__file__).with_name(kinematics.SOURCE), folder / "component.o", folder / "kins.so"
+    beside = [Path(__file__).with_name(name) for name in ("halstub.c", counter) if name]
+    subprocess.run(["gcc", *OWN_FLAGS, *LINUXCNC_FLAGS, *more, f"-Wstack-usage={MOST_STACK}", "-c", source, "-o", own], check=True)
+    subprocess.run(["gcc", *OWN_FLAGS, *LINUXCNC_FLAGS, "-shared", own, *beside, "-lm", "-o", built], check=True)
+    return built
+
 
 @pytest.fixture(scope="module")
 def library(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Return the component, compiled as strictly as the compiler can."""
-    assert HEADERS.is_dir(), "the headers of LinuxCNC are missing: tools/debian linuxcnc-uspace-dev"
-    folder = tmp_path_factory.mktemp("kins")
-    source = Path(kinematics.__file__).with_name(kinematics.SOURCE)
-    built = folder / "kins.so"
-    own = ["-Wall", "-Wextra", "-Werror", "-Wno-unused-parameter"]
-    define = ["-DRTAPI", "-DUSPACE", "-D_GNU_SOURCE", "-D__MODULE__", f"-isystem{HEADERS}"]
-    subprocess.run(
-        [
-            "gcc",
-            "-std=gnu11",
-            "-O1",
-            "-fPIC",
-            "-shared",
-            *own,
-            *define,
-            str(source),
-            str(Path(__file__).with_name("halstub.c")),
-            "-lm",
-            "-o",
-            built,
-        ],
-        check=True,
-    )
-    return built
+    return compiled(tmp_path_factory.mktemp("kins"))
 
 
 @pytest.fixture
@@ -194,6 +195,64 @@ class TestComponent:
         kins.step(True, 1e9, 1_000_000_000)
         moved_um = (kins.inverse([1.0, 2.0, 3.0, 0, 0, 0, 0, 0, 0]) - [1.0, 2.0, 3.0]) * 25400
         np.testing.assert_allclose(moved_um, held.correction_um(np.array([[25.4, 50.8, 76.2]]))[0], rtol=0, atol=1e-6)
+
+
+def restless(path: Path, counts: tuple[int, int, int]) -> int:
+    """Write a lattice over one cubic millimetre whose forward solution goes back and forth for ever; return its number of rows.
+
+    It holds from -1000 um to 1000 um, a straight line, so the field is the same however many vertices it has.
+    """
+    rows = itertools.product(*(np.linspace(0.0, 1.0, count) for count in counts))
+    lines = [",".join(f"{value:.9f}" for value in (*row, *(2000.0 * at - 1000.0 for at in row))) for row in rows]
+    path.write_text("\n".join(["x_mm,y_mm,z_mm,cx_um,cy_um,cz_um", *lines]) + "\n", encoding="ascii")
+    return len(lines)
+
+
+Costs = list[tuple[int, int, int]]
+"""What inverse, forward and update cost, by place, in stretches of straight code."""
+
+
+def costs_of(folder: Path, built: Path, counts: tuple[int, int, int]) -> tuple[int, Costs]:
+    """Return the number of vertices and what a cycle costs, at places within the lattice, beside it, and nowhere."""
+    rows, component = restless(folder / "restless.csv", counts), Kins(folder, built)
+    assert component.load(folder / "restless.csv", rows) == 0
+    assert component.step(True, 1e9, 1_000_000_000) == 1.0
+    found = [
+        (
+            component.cost(partial(component.inverse, [*place, 0, 0, 0, 0, 0, 0])),
+            component.cost(partial(component.forward, np.array(place))),
+            component.cost(partial(component.step, True, 100.0, 1_000_000)),
+        )
+        for place in itertools.product([-0.7, 0.3, 0.45, 1.3, math.nan, 1e308], repeat=3)
+    ]
+    return rows, found
+
+
+@pytest.fixture(scope="module")
+def costs(tmp_path_factory: pytest.TempPathFactory) -> dict[int, Costs]:
+    """Return the costs by the number of vertices."""
+    folder = tmp_path_factory.mktemp("counted")
+    built = compiled(folder, "-fsanitize-coverage=trace-pc", counter="cyclecount.c")
+    return dict(costs_of(folder, built, counts) for counts in ((2, 2, 2), (64, 32, 32)))
+
+
+class TestCycle:
+    """What a servo cycle costs does not depend on the lattice, nor on what it holds."""
+
+    def test_the_largest_lattice_costs_what_the_smallest_does(self, costs: dict[int, Costs]) -> None:
+        assert sorted(costs) == [8, kinematics.MOST_VERTICES]
+        assert costs[8] == costs[kinematics.MOST_VERTICES]
+
+    def test_a_forward_solution_that_never_settles_ends_after_its_rounds(self, costs: dict[int, Costs]) -> None:
+        inverse, forward, update = (max(column) for column in zip(*costs[kinematics.MOST_VERTICES], strict=True))
+        assert 4 * inverse < forward <= 8 * inverse + 100  # it was restless, and eight rounds were all it got
+        assert update < inverse < 200
+
+    def test_no_memory_is_asked_for_but_the_pins(self, library: Path) -> None:
+        """Everything else is in the component from the start, and no function takes more of the stack than `MOST_STACK` (the compiler)."""
+        told = subprocess.run(["nm", "-u", library.with_name("component.o")], check=True, capture_output=True, text=True).stdout
+        asked = {line.split()[-1] for line in told.splitlines()}
+        assert {name for name in asked if "alloc" in name} == {"hal_malloc"}
 
 
 @pytest.fixture(scope="module")
