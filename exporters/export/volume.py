@@ -19,6 +19,7 @@ from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um
 from stepdiag.exporters.safety.standing import Standing, lost_in_field
+from stepdiag.exporters.safety.verdicts.curve import COVERED
 from stepdiag.exporters.safety.verify import Prediction, predict_moved, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM
@@ -64,6 +65,7 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
     held = lattice.lattice_on(result, axes, active)
     findings = (
         *_findings(result, held, profile.limits),
+        *_elsewhere(result, held),
         *lost_in_field(result, _replaced(profile)),
         *_said(result, profile),
         *_beside(result, held),
@@ -120,6 +122,18 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     for finding in result.findings:
         if finding.severity == "error":
             yield Finding(code="data-quality", severity="error", text=f"{finding.code}: {finding.text}")
+
+
+def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
+    """Yield what refuses a lattice that lies beside the measured volume, as a table there is refused: its faces would be held all over it."""
+    for letter, at, low, size in zip("XYZ", held.axes_mm, result.volume.origin_mm, result.volume.size_mm, strict=True):
+        first, last, high = float(at[0]), float(at[-1]), low + size
+        if min(last, high) - max(first, low) < COVERED * size:
+            yield Finding(
+                code="beside-volume",
+                severity="error",
+                text=f"lattice, {letter}: {first:g} to {last:g} mm, the measured travel is {low:g} to {high:g} mm",
+            )
 
 
 def _said(result: Result, profile: Profile) -> Iterator[Finding]:

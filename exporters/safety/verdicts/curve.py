@@ -19,7 +19,7 @@ _OTHER = 0.35
 """What another explanation may leave to be believed."""
 _EXACT = 0.1
 """What the table of another function leaves when it is just that."""
-_COVERED = 0.5
+COVERED = 0.5
 """Share of the measured travel that a table has to cover."""
 _EXCUSED = 0.25
 """Share of a correction that its uncertainty may hide."""
@@ -74,7 +74,7 @@ class _Fit:
         position = curve.position_mm[[0, -1]] if case.table.law.ends == "extended" else case.table.position_mm + shift_mm
         first, last = curve.position_mm[[0, -1]]
         low, high = max(first, position[0]), min(last, position[-1])
-        if high - low < _COVERED * (last - first):
+        if high - low < COVERED * (last - first):
             return None
         at = np.linspace(low, high, POINTS)
         moved = centred(case.moved_um(at - shift_mm) - case.turn_um_mm * at)
@@ -128,7 +128,7 @@ def _shifted(case: TableCase, own: Sequence[Curve], volume: Volume) -> Judgement
         fits = [_Fit.of(case, curve, shift) for curve in own] if abs(shift) > 1e-6 else []
         if any(fit is not None and fit.left <= _OTHER and fit.wanted_um > fit.sure_um for fit in fits):
             return case.says("beside-volume", f"right if it lay {shift:+g} mm from where it lies ({first:g} to {last:g} mm)")
-    if min(last, high) - max(first, low) < _COVERED * (high - low):
+    if min(last, high) - max(first, low) < COVERED * (high - low):
         return case.says("beside-volume", f"{first:g} to {last:g} mm, the measured travel is {low:g} to {high:g} mm")
     return None
 

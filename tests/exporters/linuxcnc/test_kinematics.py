@@ -372,6 +372,23 @@ class TestExport:
         assert refused.value.code == code
         assert not list(tmp_path.iterdir())
 
+    @pytest.mark.parametrize(("start_mm", "taken"), [(800.0, False), (-1200.0, False), (50.0, False), (0.0, True), (-600.0, True)])
+    def test_a_lattice_beside_the_measured_volume_is_refused(self, tmp_path: Path, start_mm: float, taken: bool) -> None:
+        """It would hold one value of its face over all that was measured, or do next to nothing. X was measured from -200 to 200 mm."""
+        of = profile()
+        end_mm = 200.0 if taken else start_mm + 400.0
+        moved = msgspec.structs.replace(of.axes["X"], start_mm=start_mm, end_mm=end_mm)
+        of = replace(of, axes={**of.axes, "X": moved})
+        if taken:
+            assert written(tmp_path / "out", of).files
+            return
+        with pytest.raises(
+            SafetyError, match=f"lattice, X: {start_mm:g} to {end_mm:g} mm, the measured travel is -200 to 200 mm"
+        ) as refused:
+            written(tmp_path / "out", of)
+        assert refused.value.code == "beside-volume"
+        assert not (tmp_path / "out").exists()
+
     def test_more_vertices_than_it_has_room_for_are_refused(self, tmp_path: Path) -> None:
         with pytest.raises(SafetyError, match="65536"):
             export(RESULT, "linuxcnc", profile(), step_mm=4.0, out_dir=tmp_path)
