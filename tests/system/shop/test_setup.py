@@ -73,7 +73,8 @@ class Person:
 @contextmanager
 def at_a_terminal(*arguments):
     near, far = pty.openpty()
-    command = [sys.executable, "-m", "stepdiag", *map(str, arguments)]
+    # a suite that was started in the background hands on that Ctrl-C is ignored; who sits at a terminal has it
+    command = ["env", "--default-signal=INT", sys.executable, "-m", "stepdiag", *map(str, arguments)]
     process = subprocess.Popen(command, stdin=far, stdout=far, stderr=far, env=os.environ | {"COLUMNS": "160", "TERM": "dumb"})
     os.close(far)
     try:
