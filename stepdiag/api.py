@@ -126,7 +126,7 @@ def read_log(path: Path | str) -> RecordedLog:
         match event:
             case Chunk(stream="laser"):
                 batches.append(decoder.feed(event.data, event.arrival_ns))
-            case LinkEvent(link="laser"):
+            case LinkEvent(link="laser") if event.interrupts:
                 decoder.resync()
             case _:
                 pass

@@ -149,7 +149,7 @@ class Capture:
         elif event.link == "machine":
             if event.state in ("silent", "lost"):
                 self.tracker.silent()
-        elif event.state == "lost" and event.link in self._streams:
+        elif event.interrupts and event.link in self._streams:
             self._streams[event.link].interrupted()
         elif LOST in event.detail:
             self._remarks.lost(event.link, event.detail.partition(LOST)[2], outcomes)

@@ -30,8 +30,8 @@ _log = structlog.get_logger(__name__)
 class Reconnector:
     """Runs session after session of one link.
 
-    ``on_state`` is called at every change of state, in the event loop; the first failure is logged as a warning, those that follow
-    at debug level, until the link is there again.
+    ``on_state`` is called at every change of state and every loss of bytes, in the event loop; the first failure is logged as a
+    warning, those that follow at debug level, until the link is there again.
     """
 
     def __init__(self, name: str, session: Session, on_state: Report) -> None:
@@ -39,7 +39,6 @@ class Reconnector:
         self._session = session
         self._on_state = on_state
         self._warned = False
-        self._detail = ""
         self.state: LinkState = "connecting"
 
     async def run(self) -> None:
@@ -62,18 +61,23 @@ class Reconnector:
             wait_s = min(wait_s * WAIT_GROWTH, LONGEST_WAIT_S)
 
     def _report(self, state: LinkState, detail: str) -> None:
-        lost = LOST in detail and detail != self._detail
+        """Say a change of state, and a loss of bytes beside it: what was lost never stands for what the link has become."""
+        lost = LOST in detail
         if state == self.state and not lost:
             return
-        self.state, self._detail = state, detail
+        if state != self.state:
+            self._change(state, detail)
         if lost:
             _log.warning("link-lost-bytes", link=self._name, detail=detail)
-        elif state == "connected":
+        self._on_state(state, detail)
+
+    def _change(self, state: LinkState, detail: str) -> None:
+        self.state = state
+        if state == "connected":
             self._warned = False
             _log.info("link-connected", link=self._name, detail=detail)
         else:
             self._complain(f"link-{state}", detail)
-        self._on_state(state, detail)
 
     def _lost(self, detail: str) -> None:
         if self.state == "lost":

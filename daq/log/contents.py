@@ -13,7 +13,7 @@ from pathlib import Path
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
 
 from stepdiag.daq.log.codec import MAX_TIME_NS, Run, decode
-from stepdiag.daq.log.reader import DAMAGE, RecordReader
+from stepdiag.daq.log.reader import DAMAGE, RecordReader, stored_bytes
 from stepdiag.daq.log.writer import CLOCK, LIBRARY, LOG_VERSION, RUN, RUN_STOP, SURVEY_ATTACHMENT, LogHeader, survey_digest
 from stepdiag.daq.records.events import Event
 from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES
@@ -130,7 +130,7 @@ class _Walk:
             messages=dict(self.messages),
             damage=damage,
             dropped_events=self.waiting_events,
-            lost_bytes=reader.path.stat().st_size - reader.good_bytes if damage else 0,
+            lost_bytes=stored_bytes(reader.path) - reader.good_bytes if damage else 0,
             run_stop=self.run_stop,
         )
 
@@ -162,7 +162,7 @@ def open_log(path: Path) -> Log:
                 return Log(reader.path, _header(reader.path, metadata, record.data))
             case _:
                 break
-    found = "nothing" if reader.path.stat().st_size == 0 else reader.damage or "another order of records"
+    found = "nothing" if stored_bytes(reader.path) == 0 else reader.damage or "another order of records"
     expected = "the start of a log: run, clock and survey" if library else "a log of stepdiag (MCAP)"
     raise DataError(str(path), expected=expected, found=found, remedy="it was cut off before anything was recorded" if library else "")
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.daq.log.contents import Log
+from stepdiag.daq.log.reader import stored_bytes
 from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.formats import decoders
@@ -59,7 +60,7 @@ def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None)
     if stream not in made:
         raise UsageError("--stream", expected=f"{' or '.join(made)}: this survey has no other stream", found=stream)
     buffer, begun_ns, any_yet, lines = StreamBuffer(made[stream]), None, False, 0
-    most = MOST_LINES + MOST_LINES_PER_BYTE * log.path.stat().st_size
+    most = MOST_LINES + MOST_LINES_PER_BYTE * stored_bytes(log.path)
     for event in log.events():
         match event:
             case Chunk() if event.stream == stream:
@@ -72,7 +73,7 @@ def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None)
                     begun_ns = event.arrival_ns
                     yield from (found := _blocks(buffer, log))
                     any_yet = any_yet or bool(found)
-            case LinkEvent() if event.link == stream:
+            case LinkEvent() if event.link == stream and event.interrupts:
                 buffer.interrupted()
             case _:
                 pass

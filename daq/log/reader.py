@@ -100,6 +100,18 @@ class RecordReader:
             raise DataError(str(self.path), expected="a log", found=error.strerror or str(error)) from error
 
 
+def stored_bytes(path: Path) -> int:
+    """Return the size of a log, one that was closed since somebody listed it too. Raises DataError where it is gone."""
+    try:
+        if path.suffix == PART_SUFFIX:
+            with suppress(FileNotFoundError):
+                return path.stat().st_size
+            path = path.with_suffix("")
+        return path.stat().st_size
+    except OSError as error:
+        raise DataError(str(path), expected="a log", found=error.strerror or str(error)) from error
+
+
 def _unpack(chunk: ChunkRecord) -> list[McapRecord]:
     """Return the records of a chunk, its CRC checked."""
     return breakup_chunk(chunk, validate_crc=True)

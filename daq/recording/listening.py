@@ -14,26 +14,58 @@ from stepdiag.solver.findings import Finding
 
 PATIENCE_NS = 3_000_000_000
 """What an instrument sends may make no sense for so long: its line was opened in the middle of a word, or it has just got power."""
+SILENCE_NS = 500_000_000
+"""A silence spends no more than this of the patience: noise at opening says nothing of the instrument that gets power an hour later."""
+SECOND_NS = 1_000_000_000
 
 
 @dataclass(slots=True)
 class _Ear:
-    """What was heard on one line since it was opened, until it made sense."""
+    """What was heard on one line since it was opened, until it made sense.
+
+    ``before`` tells that an instrument was named on this line already, before it was lost.
+    """
 
     decoder: Decoder
     heard: bytes = b""
     count: int = 0
     samples: int = 0
     remarks: dict[str, str] = field(default_factory=dict)
-    since_ns: int = 0
+    spent_ns: int = 0
+    last_ns: int = 0
     understood: bool = False
+    before: bool = False
     said: bool = False
+    looked_ns: int = 0
+    looked_at: int = 0
 
     def take(self, chunk: Chunk) -> None:
-        self.since_ns = self.since_ns or chunk.arrival_ns
+        self.spent_ns += min(chunk.arrival_ns - self.last_ns, SILENCE_NS) if self.last_ns else 0
+        self.last_ns = chunk.arrival_ns
         self.heard += chunk.data[: KEPT - len(self.heard)]
         self.count += len(chunk.data)
-        batch = self.decoder.feed(chunk.data, chunk.arrival_ns)
+        if data := self._looked_at(chunk) if self.said else chunk.data:
+            self._decode(data, chunk.arrival_ns)
+
+    def after_loss(self, decoder: Decoder) -> "_Ear":
+        """Return the ear for who comes back. Patience goes on over the loss, or who hangs up every second would never be named; once
+        somebody was named it begins anew, or he would be named again and again.
+        """
+        before = (self.before or self.said) and not self.understood
+        return _Ear(decoder, before=before, spent_ns=0 if before or self.understood else self.spent_ns)
+
+    def _looked_at(self, chunk: Chunk) -> bytes:
+        """Return as much as is looked at once it is said that nothing makes sense: the beginning of every second."""
+        if chunk.arrival_ns - self.looked_ns >= SECOND_NS:
+            if self.looked_at >= KEPT:
+                self.decoder.resync()
+            self.looked_ns, self.looked_at = chunk.arrival_ns, 0
+        data = chunk.data[: KEPT - self.looked_at]
+        self.looked_at += len(data)
+        return data
+
+    def _decode(self, data: bytes, arrival_ns: int) -> None:
+        batch = self.decoder.feed(data, arrival_ns)
         self.remarks.update({notice.code: notice.text for notice in batch.notices})
         self.samples += len(batch)
         self.understood |= bool(np.any(batch.flags & int(Flag.DEVICE_ERROR) == 0))
@@ -48,11 +80,8 @@ class Listening:
 
     def take_link(self, event: LinkEvent) -> None:
         """Take a change of a link: a line that comes back may lead to another instrument."""
-        if event.link == "machine" or event.state != "lost":
-            return
-        self._ears[event.link].decoder.resync()
-        if self._ears[event.link].understood:
-            self._ears[event.link] = _ears(self._survey)[event.link]
+        if event.link != "machine" and event.interrupts:
+            self._ears[event.link] = self._ears[event.link].after_loss(decoders(self._survey)[event.link])
 
     def take(self, chunk: Chunk) -> Iterator[Finding]:
         """Take what came; yield, once, that nothing of it can be used."""
@@ -60,7 +89,7 @@ class Listening:
         if ear is None or ear.understood:
             return
         ear.take(chunk)
-        if not (ear.understood or ear.said) and chunk.arrival_ns - ear.since_ns >= PATIENCE_NS:
+        if not (ear.understood or ear.said) and ear.spent_ns >= PATIENCE_NS:
             ear.said = True
             yield _unusable(chunk.stream, ear)
 

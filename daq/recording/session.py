@@ -244,7 +244,7 @@ class Session:
         self._remember(event)
         if isinstance(event, Chunk):
             self._hear(event)
-        elif isinstance(event, LinkEvent) and event.state == "lost" and event.link in self._idle:
+        elif isinstance(event, LinkEvent) and event.interrupts and event.link in self._idle:
             self._idle[event.link].interrupted()
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)

@@ -88,6 +88,11 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
     state: LinkState
     detail: str = ""
 
+    @property
+    def interrupts(self) -> bool:
+        """Whether what comes next may not belong to what came before, a half line among it: silence and lost bytes leave the line open."""
+        return self.state == "lost"
+
 
 class Loss(msgspec.Struct, frozen=True, gc=False):
     """The recorder could not follow (disk full, disk too slow): this many events before this one were not kept.

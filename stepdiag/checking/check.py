@@ -160,7 +160,7 @@ class Observation:
         elif isinstance(event, LinkEvent):
             next(link for link in self.links if link.name == event.link).take(event)
             for stream in self.streams:
-                if stream.link.name == event.link and event.state == "lost":
+                if stream.link.name == event.link and event.interrupts:
                     stream.decoder.resync()
 
     def named(self, statuses: Statuses) -> None:

@@ -44,8 +44,11 @@ class Device(Protocol):
         """Send ``data``. Raises OSError where the line is gone."""
         ...
 
-    def lost(self) -> str:
-        """Return in words what the line itself says was lost since it was opened, and where; nothing where it says nothing. Any thread."""
+    def lost(self) -> dict[str, int]:
+        """Return how often what was lost since the line was opened, as it says itself; nothing where it says nothing. Any thread.
+
+        The keys are words for where it was, with a place for ``{times}``.
+        """
         ...
 
     def close(self) -> None:

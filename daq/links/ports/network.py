@@ -77,9 +77,9 @@ class NetworkPort:
         """Send ``data``."""
         self._connection.sendall(data)
 
-    def lost(self) -> str:
+    def lost(self) -> dict[str, int]:
         """Return nothing: TCP loses no byte of a connection that stands, and what the server lost it does not tell."""
-        return ""
+        return {}
 
     def close(self) -> None:
         """Close the connection."""

@@ -16,7 +16,10 @@ from stepdiag.solver.errors import DeviceError
 
 
 class OpenPort:
-    """An open port, used by one thread. Only ``release`` and ``hurry`` may be called from another one; every failure is a DeviceError."""
+    """An open port, used by one thread. Every failure is a DeviceError.
+
+    Only ``release``, ``hurry`` and ``lost`` may be called from another thread.
+    """
 
     def __init__(self, settings: SerialSettings) -> None:
         self.name = settings.port
@@ -76,10 +79,10 @@ class OpenPort:
                 os.eventfd_write(self._bell, 1)
                 self._rang = True
 
-    def lost(self) -> str:
-        """Return in words what the line itself says was lost since it was opened; nothing where it is closed. From any thread."""
+    def lost(self) -> dict[str, int]:
+        """Return how often what was lost, as the line itself says (`Device.lost`); nothing where it is closed. From any thread."""
         with self._closing:
-            return "" if self._closed else self._device.lost()
+            return {} if self._closed else self._device.lost()
 
     def release(self) -> None:
         """Say that the port is not wanted any more; ends every pause and read from now on."""
@@ -87,12 +90,13 @@ class OpenPort:
         self.hurry()
 
     def close(self) -> None:
-        """Close the port."""
+        """Close the port. The kernel may take half a minute to let go of a line, and nobody else waits for that."""
         with self._closing:
-            if not self._closed:
-                self._closed = True
-                self._device.close()
+            first, self._closed = not self._closed, True
+            if first:
                 os.close(self._bell)
+        if first:
+            self._device.close()
 
     def _take(self, *, ready: bool) -> bytes:
         try:

@@ -8,6 +8,7 @@ from collections.abc import Callable
 from typing import Any, TypeVar
 
 from stepdiag.daq.links.ports.device import SerialSettings
+from stepdiag.daq.links.ports.losses import Losses
 from stepdiag.daq.links.ports.port import OpenPort
 from stepdiag.daq.links.reconnect import Report
 from stepdiag.daq.records.events import LOST
@@ -53,14 +54,17 @@ class PortThread:
 
     async def _watch(self, port: OpenPort, report: Report) -> None:
         report("connected", port.detail)
+        losses = Losses()
         while not self._ended.done():
             await asyncio.wait({self._ended}, timeout=_WATCH_S)
             silent_s = time.monotonic() - port.last_byte_s
+            lost = losses.news(port.lost(), time.monotonic())
+            tail = f"; {LOST}{lost}" if lost else ""
             if silent_s > SILENT_AFTER_S:
-                report("silent", f"{port.name}: no byte for {SILENT_AFTER_S:g} s; check that the instrument is on and its baud rate")
+                words = f"{port.name}: no byte for {SILENT_AFTER_S:g} s; check that the instrument is on and its baud rate"
+                report("silent", words + tail)
             else:
-                lost = port.lost()
-                report("connected", port.detail + (f"; {LOST}{lost}" if lost else ""))
+                report("connected", port.detail + tail)
 
     async def _end(self, thread: threading.Thread) -> None:
         self._unwanted.set()

@@ -76,11 +76,11 @@ class Tty:
         except termios.error as error:
             raise OSError(str(error)) from error
 
-    def lost(self) -> str:
-        """Return what the driver has counted as lost since the port was opened; nothing where it does not count (a pty)."""
+    def lost(self) -> dict[str, int]:
+        """Return how often the driver counted each kind of loss since the port was opened; nothing where it does not count (a pty)."""
         now = self._counts()
         more = [after - before for before, after in zip(self._counted, now, strict=True)] if len(now) == len(self._counted) else []
-        return "; ".join(words.format(times=f"{more[at]} times") for at, words in _LOSSES.items() if more and more[at] > 0)
+        return {words: more[at] for at, words in _LOSSES.items() if more and more[at] > 0}
 
     def _counts(self) -> tuple[int, ...]:
         try:

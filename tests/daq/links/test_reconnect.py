@@ -6,6 +6,7 @@ import pytest
 from structlog.testing import capture_logs
 
 from stepdiag.daq.links.reconnect import LONGEST_WAIT_S, Reconnector
+from stepdiag.daq.records.events import LOST
 from stepdiag.solver.errors import DeviceError
 
 
@@ -85,6 +86,33 @@ def test_silence_is_a_state_between(monkeypatch):
 
     states, _ = keep(session, 50, monkeypatch)
     assert states == ["connecting", "connected", "silent", "connected"]
+
+
+def test_lost_bytes_stand_beside_the_state_and_hide_no_silence(monkeypatch):
+    async def session(report):
+        for state, detail in (
+            ("connected", "there"),
+            ("connected", f"there; {LOST}framing"),
+            ("connected", "there"),
+            ("silent", "no byte"),
+            ("connected", f"there; {LOST}parity"),
+            ("silent", "no byte"),
+        ):
+            report(state, detail)
+        raise refusal()
+
+    with capture_logs() as logs:
+        states, _ = keep(session, 0.05, monkeypatch)
+    assert states == ["connecting", "connected", "connected", "silent", "connected", "silent", "lost"]
+    told = [(entry["event"], entry["log_level"]) for entry in logs]
+    assert told[:6] == [
+        ("link-connected", "info"),
+        ("link-lost-bytes", "warning"),
+        ("link-silent", "warning"),
+        ("link-connected", "info"),
+        ("link-lost-bytes", "warning"),
+        ("link-silent", "warning"),
+    ]
 
 
 def test_a_fault_of_the_program_is_not_taken_for_a_lost_device():

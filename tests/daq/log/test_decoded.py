@@ -9,10 +9,15 @@ import pyarrow.parquet as parquet
 import pytest
 from mcap.reader import make_reader
 
+from stepdiag.api import read_log
+from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.log import decoded as module
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.decoded import decoded
-from stepdiag.daq.records.events import Chunk
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.records.events import LOST, Chunk, LinkEvent
+from stepdiag.daq.records.status import LinkState
+from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.errors import DataError, UsageError
 from testkit.cli import stepdiag
 from testkit.recording import START_NS, WALL_OFFSET_NS, LogHeader, recording, with_notes, write_log
@@ -62,6 +67,36 @@ def test_a_laser_that_hangs_is_decoded_to_its_end(tmp_path: Path) -> None:
     write_log(path, events, flush_every=40, header=LogHeader(survey_text=survey, wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS))
     assert 100 * reads > 5 * path.stat().st_size
     assert sum(len(block.position_mm) for block in decoded(open_log(path))) == 100 * reads
+
+
+@pytest.mark.parametrize(
+    ("state", "detail", "kept"),
+    [("silent", "", True), ("connected", "", True), ("connected", f"p; {LOST}framing", True), ("lost", "", False)],
+)
+def test_a_line_is_cut_where_the_recording_cut_it(tmp_path: Path, state: LinkState, detail: str, kept: bool) -> None:
+    """A link's event between two halves of a line: who decodes the log has the samples that the capture had, no fewer and no more."""
+    chunks = [event for event in recording(1, lines_per_chunk=5) if isinstance(event, Chunk)]
+    middle = chunks[100]
+    halves = [Chunk("laser", middle.arrival_ns, middle.data[:7]), Chunk("laser", middle.arrival_ns, middle.data[7:])]
+    events = [*chunks[:100], halves[0], LinkEvent(middle.arrival_ns, "laser", state, detail), halves[1], *chunks[101:]]
+    path = tmp_path / "0001.mcap"
+    header = LogHeader(survey_text=SURVEY, wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS, run={"start": '{"hints": {}}'})
+    write_log(path, events, header=header)
+    survey = parse_survey(SURVEY, "s")
+    capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
+    for event in events:
+        capture.feed(event)
+    (whole,) = decoded(open_log(path))
+    assert len(whole.counter) == len(read_log(path).laser) == capture.laser.samples
+    assert (capture.laser.samples == 1000) is kept
+
+
+def test_a_log_that_is_closed_between_opening_and_decoding_is_decoded(log: Path, tmp_path: Path) -> None:
+    part = tmp_path / "0001.mcap.part"
+    part.write_bytes(log.read_bytes())
+    opened = open_log(part)
+    part.rename(part.with_suffix(""))
+    assert sum(len(block.counter) for block in decoded(opened)) == 1000 * SECONDS
 
 
 @pytest.mark.parametrize("kind", ["csv", "parquet", "mcap"])

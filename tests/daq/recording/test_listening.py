@@ -49,6 +49,39 @@ def test_a_line_that_is_lost_again_and_again_is_said_once():
     assert [code for code, _ in found] == ["laser-garbage"]
 
 
+def test_after_who_was_named_the_next_wrong_one_is_named_too():
+    ears = listening()
+    first = said(ears, NONSENSE, 0, 10)
+    ears.take_link(LinkEvent(10 * S, "laser", "lost", ""))
+    ((_, text),) = said(ears, b"login: ", 20, 60)
+    assert len(first) == 1
+    assert "it begins with 6c 6f 67 69 6e" in text
+
+
+def test_noise_at_opening_does_not_accuse_the_instrument_that_gets_power_an_hour_later():
+    ears = listening()
+    assert said(ears, NONSENSE, 0, 0.3) == []
+    assert said(ears, NONSENSE, 3600, 1) + said(ears, GOOD, 3601, 10) == []
+
+
+def test_nonsense_seldom_sent_is_named():
+    ears = listening()
+    assert [code for at in range(0, 600, 60) for code, _ in said(ears, NONSENSE, at, 0.2)] == ["laser-garbage"]
+
+
+def test_a_senseless_flood_is_no_longer_decoded_whole_once_it_is_named(monkeypatch):
+    ears, taken = listening(), []
+    ear = ears._ears["laser"]
+    feed = ear.decoder.feed
+    monkeypatch.setattr(ear.decoder, "feed", lambda data, at: (taken.append(len(data)), feed(data, at))[1])
+    assert len(said(ears, NONSENSE * 2000, 0, 5)) == 1
+    taken.clear()
+    assert said(ears, NONSENSE * 2000, 5, 20) == []
+    assert sum(taken) <= 21 * 4096
+    assert said(ears, GOOD * 2000, 25, 10) == []
+    assert ear.understood
+
+
 def test_an_instrument_that_answers_with_errors_alone_is_said_in_its_own_words():
     ears = Listening(parse_survey(LINE_SURVEY.replace("[-+.0-9]+", ".+"), "s"))
     assert [code for code, _ in said(ears, b"ERR 7 0.9\n", 0, 60)] == ["laser-device"]

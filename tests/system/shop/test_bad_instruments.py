@@ -229,9 +229,9 @@ async def standing(row):
         elif row.wrong == "unknown":
             yield "socket://no-such-instrument.invalid:4001"
         elif row.wrong == "closed":
-            with socket.create_server(("127.0.0.1", 0)) as taken:
-                port = taken.getsockname()[1]
-            yield f"socket://127.0.0.1:{port}"
+            held = stack.enter_context(socket.socket())
+            held.bind(("127.0.0.1", 0))  # and does not listen: nobody else gets the port meanwhile
+            yield f"socket://127.0.0.1:{held.getsockname()[1]}"
         elif row.wrong == "firewall":
             deaf = stack.enter_context(socket.create_server(("127.0.0.1", 0), backlog=0))
             for _ in range(4):
@@ -273,7 +273,10 @@ async def checked(row, port):
 
 
 async def journal(row, port, folder, said):
-    """Return what the journal of a daemon says of the stream once it says what it should, or after a long time."""
+    """Return what the journal of a daemon says of the stream once it says what it should, or after a long time; and its readings.
+
+    (Between two logs a daemon decodes laser and sensor of air; a head only while it records.)
+    """
     file = folder / "survey.toml"
     file.write_text(survey_of(row, port))
     bind_contextvars(row=row.name)
@@ -291,9 +294,11 @@ async def journal(row, port, folder, said):
     while not (row.words in heard() and row.seen in heard()) and asyncio.get_running_loop().time() < end:
         await asyncio.wait({running}, timeout=0.1)
         assert not running.done()
+    idle = daemon._working.session._idle.get(name)
+    readings = 0 if idle is None else len(idle.span(0, math.inf).position_mm) + len(idle.told)
     daemon.stop()
     await running
-    return heard()
+    return heard(), readings
 
 
 async def both(row, folder, turn, said):
@@ -301,11 +306,12 @@ async def both(row, folder, turn, said):
     folder.mkdir()
     async with turn, standing(row) as port:
         if row.scheme == "serial":  # one program at a time
-            (told, stream), noted = await checked(row, port), await journal(row, port, folder, said)
+            (told, stream), (noted, readings) = await checked(row, port), await journal(row, port, folder, said)
         else:
-            (told, stream), noted = await asyncio.gather(checked(row, port), journal(row, port, folder, said))
+            (told, stream), (noted, readings) = await asyncio.gather(checked(row, port), journal(row, port, folder, said))
     wrong = [f"check: {told}"] if not (row.words in told and row.seen in told) else []
     wrong += [f"journal: {noted}"] if not (row.words in noted and row.seen in noted) else []
+    wrong += [f"journal: {readings} readings"] if readings else []
     return wrong + ([f"{stream.samples} samples, {stream.refused} refused"] if stream.samples != stream.refused or stream.told else [])
 
 

@@ -390,6 +390,29 @@ def test_bytes_lost_in_the_port_are_said_once_with_where_it_was(pty, counts, pla
 
 def test_a_line_that_does_not_count_says_nothing_of_losses(pty):
     port = OpenPort(settings(pty))
-    assert port.lost() == ""
+    assert port.lost() == {}
     port.close()
-    assert port.lost() == ""
+    assert port.lost() == {}
+
+
+def test_nobody_waits_for_a_port_that_takes_long_to_close(pty, monkeypatch):
+    """A line that holds bytes nobody takes keeps a close waiting for half a minute; the event loop asks for losses meanwhile."""
+    port, closing, go_on = OpenPort(settings(pty)), threading.Event(), threading.Event()
+    close = port._device.close
+
+    def slowly():
+        closing.set()
+        go_on.wait(60)
+        close()
+
+    monkeypatch.setattr(port._device, "close", slowly)
+    closer = threading.Thread(target=port.close)
+    closer.start()
+    closing.wait(60)
+    asker = threading.Thread(target=lambda: (port.lost(), port.release()), daemon=True)
+    asker.start()
+    asker.join(10)
+    waited = asker.is_alive()
+    go_on.set()
+    closer.join()
+    assert not waited
