@@ -125,7 +125,7 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
 
 
 def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
-    """Yield what refuses a lattice that lies beside the measured volume, as a table there is refused: its faces would be held all over it."""
+    """Yield what refuses a lattice that lies beside the measured volume, as a table there is refused: its faces would be held all over."""
     for letter, at, low, size in zip("XYZ", held.axes_mm, result.volume.origin_mm, result.volume.size_mm, strict=True):
         first, last, high = float(at[0]), float(at[-1]), low + size
         if min(last, high) - max(first, low) < COVERED * size:
