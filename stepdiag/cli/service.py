@@ -51,10 +51,11 @@ def publish(
     """Write a unit of its own for `stepdiag publish`, with few rights.
 
     User, password and key are files of mode 600 beside the survey file: NAME.mqtt-user, NAME.mqtt-password, NAME.opcua-user and so on.
+    Which of them were found is said; user and password go together.
     """
     from stepdiag.cli.publish import OPCUA_PORT, PORT, SECURE_PORT
     from stepdiag.daemon.installation import carry_out
-    from stepdiag.daemon.publication import Publication, plan_end, plan_publication
+    from stepdiag.daemon.publication import Publication, credentials, plan_end, plan_publication
     from stepdiag.solver.errors import UsageError
 
     if not end and bool(broker) == bool(opcua):
@@ -65,6 +66,8 @@ def publish(
     publication = Publication(broker=broker, opcua=opcua, port=port, ca=ca, certificate=certificate, plain=plain)
     steps = plan_end(file, root) if end else plan_publication(file, root, publication)
     _show(steps, texts=dry_run and not end)
+    for each, found in ({} if end else credentials(file.stem, file.parent, publication)).items():
+        typer.echo(f"credential {each}: {file.stem}.{each} " + ("found" if found else "is not there, and left out"))
     if not dry_run:
         carry_out(steps)
         typer.echo("next: systemctl daemon-reload" + f" && systemctl enable --now stepdiag-publish@{file.stem}" * (not end))

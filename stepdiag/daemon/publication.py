@@ -1,5 +1,6 @@
 """What other programs hear of a survey as a service of systemd: its unit, and a drop-in that says to whom and lets through them alone."""
 
+import os
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -30,7 +31,12 @@ class Publication:
     @property
     def secrets(self) -> tuple[str, ...]:
         """Return the names of the credentials that it takes."""
-        return ("mqtt-user", "mqtt-password") if self.broker else ("opcua-user", "opcua-password", *(() if self.plain else ("opcua-key",)))
+        return (*self.who, *(() if self.broker or self.plain else ("opcua-key",)))
+
+    @property
+    def who(self) -> tuple[str, str]:
+        """Return the names of user and password, which go together."""
+        return ("mqtt-user", "mqtt-password") if self.broker else ("opcua-user", "opcua-password")
 
 
 def plan_publication(survey_file: Path, root: Path, publication: Publication) -> list[Step]:
@@ -54,15 +60,28 @@ def drop_in(name: str, folder: Path, publication: Publication) -> str:
     lines = [f"Environment=PUBLISH={_words(publication)}", "IPAddressAllow="]
     lines += [f"IPAddressAllow={each}" for each in ("localhost", *_reached(host, publication))]
     lines += [f"SocketBindAllow=tcp:{port}"] * bool(publication.opcua)
-    lines += [f"LoadCredential={each}:/{SURVEYS}/{name}.{each}" for each in publication.secrets if (folder / f"{name}.{each}").is_file()]
+    there = credentials(name, folder, publication)
+    lines += [f"LoadCredential={each}:/{SURVEYS}/{name}.{each}" for each, found in there.items() if found]
     return WRITTEN + "[Service]\n" + "".join(f"{line}\n" for line in lines)
+
+
+def credentials(name: str, folder: Path, publication: Publication) -> dict[str, bool]:
+    """Return whether each secret stands in ``folder``. Raises UsageError for one of user and password alone."""
+    there = {each: (folder / f"{name}.{each}").is_file() for each in publication.secrets}
+    user, password = publication.who
+    if there[user] != there[password]:
+        has, lacks = (user, password) if there[user] else (password, user)
+        raise UsageError("the credentials", expected=f"{name}.{lacks} beside {name}.{has}, or neither", found=f"{name}.{has} alone")
+    return there
 
 
 def _words(publication: Publication) -> str:
     """Return the options as they stand in the unit, between quotes."""
-    given = {"broker": publication.broker, "opcua": publication.opcua, "ca": publication.ca, "certificate": publication.certificate}
+    files = {"ca": publication.ca, "certificate": publication.certificate}
+    places = {option: Path(os.path.normpath(path)) for option, path in files.items() if path is not None}
+    given: dict[str, str | Path] = {"broker": publication.broker, "opcua": publication.opcua, **places}
     for option, value in given.items():
-        if value is not None and str(value) and not _PLAIN.fullmatch(str(value)):
+        if str(value) and not _PLAIN.fullmatch(str(value)):
             raise UsageError(f"--{option}", expected="letters, digits and ._:/@[]-", found=repr(str(value)))
         if isinstance(value, Path) and Path("/etc") not in value.parents:
             raise UsageError(f"--{option}", expected="a file below /etc, which the service sees", found=str(value))

@@ -6,13 +6,15 @@ The limits hold before the library sees a byte: what it keeps of a message, it k
 import asyncio
 import struct
 from collections import Counter, deque
-from collections.abc import Callable
+from contextvars import ContextVar, copy_context
 from typing import Any
 
 Peer = tuple[str, int]
+ASKING: ContextVar[Peer] = ContextVar("asking")
+"""Whose request is being answered. A session may be used over another connection than it was made over."""
 MOST_CONNECTIONS = 100
 MOST_OF_ONE_ADDRESS = MOST_CONNECTIONS // 2
-"""Nobody alone can keep all others out."""
+"""Nobody alone can keep all others out: of sessions, subscriptions and items too an address has half at most (`sessions`)."""
 LONGEST_CHUNK = 65_536
 """Bytes of one chunk of a message."""
 SHORTEST_BUFFER = 8_192
@@ -32,6 +34,12 @@ class Doors:
 
     def __init__(self) -> None:
         self._open: dict[Peer, Gate] = {}
+        self._held: dict[str, float] = {}
+        """Until when the answers to an address are kept back, by the clock of the event loop."""
+
+    def __contains__(self, peer: Peer) -> bool:
+        """Return whether a connection is open."""
+        return peer in self._open
 
     def admit(self, peer: Peer, gate: "Gate") -> bool:
         """Return whether there is room for one more, and keep it."""
@@ -39,16 +47,22 @@ class Doors:
         if len(self._open) >= MOST_CONNECTIONS or hosts[peer[0]] >= MOST_OF_ONE_ADDRESS:
             return False
         self._open[peer] = gate
+        if peer[0] in self._held:
+            gate.hold(self._held[peer[0]])
         return True
 
     def leave(self, peer: Peer) -> None:
         """Forget a connection."""
         self._open.pop(peer, None)
 
-    def hold(self, peer: Peer, seconds: float) -> None:
-        """Have the next answers to a connection wait, and what it asks meanwhile too."""
-        if peer in self._open:
-            self._open[peer].hold(seconds)
+    def hold(self, host: str, seconds: float) -> None:
+        """Have the next answers to an address wait, and what it asks meanwhile too, over connections that it has and those to come."""
+        now = asyncio.get_running_loop().time()
+        self._held = {each: until for each, until in self._held.items() if until > now}
+        until = self._held[host] = max(now + seconds, self._held.get(host, now))
+        for peer, gate in self._open.items():
+            if peer[0] == host:
+                gate.hold(until)
 
 
 class Gate(asyncio.Protocol):
@@ -61,8 +75,9 @@ class Gate(asyncio.Protocol):
         self._bytes = bytearray()
         self._expected: tuple[bytes, ...] = (FIRST,)
         self._due, self._held, self._full = False, False, False
+        self._release_at: asyncio.TimerHandle | None = None
         self._kept: deque[bytes] = deque()
-        self._timers: list[asyncio.TimerHandle] = []
+        self._let_go_at: asyncio.TimerHandle | None = None
 
     def connection_made(self, transport: asyncio.BaseTransport) -> None:
         """Let it in, or close it where there are too many."""
@@ -73,12 +88,15 @@ class Gate(asyncio.Protocol):
             transport.abort()
             return
         self._transport = transport
-        self._inner.connection_made(_Answers(transport, self))  # type: ignore[arg-type]  # it uses no more of a transport
+        context = copy_context()
+        context.run(ASKING.set, self._peer)
+        context.run(self._inner.connection_made, _Answers(transport, self))  # type: ignore[arg-type]  # it uses no more of a transport
 
     def connection_lost(self, exc: Exception | None) -> None:
         """Forget what it asked."""
-        for timer in self._timers:
-            timer.cancel()
+        for timer in (self._release_at, self._let_go_at):
+            if timer is not None:
+                timer.cancel()
         if self._transport is not None:
             self._transport = None
             self._bytes.clear()
@@ -95,17 +113,20 @@ class Gate(asyncio.Protocol):
     def pause_writing(self) -> None:
         """Answer nothing more until answers are fetched."""
         self._full = True
-        self._after(FETCH_S, self._let_go_if_full)
+        self._let_go_at = asyncio.get_running_loop().call_later(FETCH_S, self._let_go_if_full)
 
     def resume_writing(self) -> None:
         """Go on."""
         self._full = False
+        if self._let_go_at is not None:
+            self._let_go_at.cancel()
         self._go_on()
 
-    def hold(self, seconds: float) -> None:
-        """Keep answers back for so long."""
-        self._held = True
-        self._after(seconds, self._release)
+    def hold(self, until: float) -> None:
+        """Keep answers back until then, by the clock of the event loop."""
+        if self._release_at is not None:
+            self._release_at.cancel()
+        self._held, self._release_at = True, asyncio.get_running_loop().call_at(until, self._release)
 
     def answer(self, data: bytes) -> None:
         """Send, or keep, what the library answers."""
@@ -150,7 +171,7 @@ class Gate(asyncio.Protocol):
         self._go_on()
 
     def _release(self) -> None:
-        self._held = False
+        self._held, self._release_at = False, None
         while self._kept and self._transport is not None:
             self._transport.write(self._kept.popleft())
         self._go_on()
@@ -158,11 +179,6 @@ class Gate(asyncio.Protocol):
     def _let_go_if_full(self) -> None:
         if self._full and self._transport is not None:
             self._transport.abort()
-
-    def _after(self, seconds: float, then: Callable[[], None]) -> None:
-        now = asyncio.get_running_loop().time()
-        self._timers = [timer for timer in self._timers if timer.when() > now and not timer.cancelled()]
-        self._timers.append(asyncio.get_running_loop().call_later(seconds, then))
 
 
 class _Answers:

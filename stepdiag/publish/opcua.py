@@ -214,8 +214,8 @@ class Station:
             assert isinstance(said, ResultMessage)
             offered = [(findings, said)]
             values["findings"] = [msgspec.json.encode(each).decode() for each in findings.findings]
-        elif values["round"] != self._round:
-            values["findings"] = []  # those of the round before are no findings of this one
+        elif not values["complete"] or values["round"] != self._round:
+            values["findings"] = []  # those of another round, or of a result that is gone, are no findings of this one
         self._round, now = values["round"], datetime.now(UTC)
         for name, value in values.items():
             kind = ua.VariantType.Boolean if isinstance(value, bool) else ua.VariantType.String

@@ -3,6 +3,7 @@
 What can grow is counted where it is asked for, and refused in the words of the protocol; nobody touches what belongs to another session.
 """
 
+import asyncio
 import math
 import secrets
 from collections.abc import Callable, Iterable
@@ -18,7 +19,7 @@ from asyncua.ua import ua_binary
 from asyncua.ua.uaerrors import UaStatusCodeError
 
 from stepdiag.page.security import Guesses
-from stepdiag.publish.gate import LONGEST_CHUNK, MOST_CONNECTIONS, Doors, Peer
+from stepdiag.publish.gate import ASKING, LONGEST_CHUNK, MOST_CONNECTIONS, Doors, Peer
 
 LONGEST_MESSAGE, MOST_CHUNKS = 4 * LONGEST_CHUNK, 8
 """Bytes and chunks of a request: a few hundred times as much comes of it in memory."""
@@ -31,7 +32,7 @@ LONGEST_ANSWER, MOST_REFERENCES = 4_000_000, 20_000
 """Bytes that are read, and references that are browsed, in one request."""
 MOST_SUBSCRIPTIONS, MOST_OF_A_SESSION = 200, 20
 MOST_ITEMS, MOST_ITEM_BYTES, LONGEST_ITEM = 2_000, 1_000_000, 8_192
-"""Monitored items of all clients, the bytes they were asked for with, and those of one."""
+"""Monitored items of all clients, the bytes they were asked for with, and those of one. One address has half of each at most."""
 LONGEST_QUEUE, MOST_UNACKNOWLEDGED = 10, 10
 SHORTEST_INTERVAL_MS, LONGEST_INTERVAL_MS = 200.0, 3_600_000.0
 """Between two messages of a subscription: the survey is not looked at more often."""
@@ -53,6 +54,9 @@ class BoundedServer(InternalServer):  # type: ignore[misc]  # the library is unt
         self._guesses = Guesses(lambda address, count: _log.warning("opcua-password-guessed", address=address, count=count))
         self.items: dict[tuple[int, int], int] = {}
         """Bytes that each monitored item was asked for with, by subscription and item."""
+        self.hosts: dict[int, str] = {}
+        """The address that each subscription was made from."""
+        self._closing: set[asyncio.Task[None]] = set()
         self.max_connections = MOST_CONNECTIONS
         self.max_pending_activation_seconds = ACTIVATION_S
         self.max_session_timeout_ms = SESSION_S * 1e3
@@ -62,8 +66,16 @@ class BoundedServer(InternalServer):  # type: ignore[misc]  # the library is unt
 
     def create_session(self, name: Any, user: Any = None, external: bool = False) -> InternalSession:  # noqa: ARG002
         """Return a session for a connection, whose address is its name. Raises ServiceError for a second one, and for too many."""
-        if len(self._sessions) >= MOST_SESSIONS or any(each.name == name for each in self._sessions.values()):
+        if any(each.name == name for each in self._sessions.values()):
             raise ServiceError(ua.StatusCodes.BadTooManySessions)
+        host = str(name[0])
+        if (scope := self._short(host, MOST_SESSIONS, self._sessions_of)) is not None:
+            for each in self._gone(scope):
+                self.unregister_external_session(each)  # at once, the rest in a turn of its own
+                self._closing.add(task := asyncio.get_running_loop().create_task(each.close_session()))
+                task.add_done_callback(self._closing.discard)
+            if self._short(host, MOST_SESSIONS, self._sessions_of) is not None:
+                raise ServiceError(ua.StatusCodes.BadTooManySessions)
         return BoundedSession(self, self.aspace, self.subscription_service, name, external=external)
 
     def register_external_session(self, session: InternalSession) -> None:
@@ -81,26 +93,72 @@ class BoundedServer(InternalServer):  # type: ignore[misc]  # the library is unt
         """Refuse: this is no directory of servers, and whoever asks has no session."""
         raise ServiceError(ua.StatusCodes.BadServiceUnsupported)
 
-    def wrong(self, peer: Peer) -> None:
-        """Count a wrong password, and have its answer come late."""
-        self._doors.hold(peer, self._guesses.wrong(peer[0]))
+    def wrong(self, host: str) -> None:
+        """Count a wrong password of an address, and have all answers to it come late: a guess may be sent over any connection."""
+        self._doors.hold(host, self._guesses.wrong(host))
 
-    def right(self, peer: Peer) -> None:
+    def right(self, host: str) -> None:
         """Forget the wrong ones of an address."""
-        self._guesses.right(peer[0])
+        self._guesses.right(host)
 
-    def items_of(self, subscriptions: Iterable[int]) -> dict[tuple[int, int], int]:
-        """Forget the items of subscriptions that are gone; return those of the given ones."""
+    async def room_for_subscription(self, host: str) -> None:
+        """Raise ServiceError where there are too many subscriptions, of all or of an address, by clients that are still there."""
+        await self._room(host, MOST_SUBSCRIPTIONS, self._subscriptions_of, ua.StatusCodes.BadTooManySubscriptions)
+
+    async def room_for_items(self, host: str, sizes: list[int]) -> None:
+        """Raise ServiceError where so many more items, asked for with so many bytes, are too many."""
+        refusal = ua.StatusCodes.BadTooManyMonitoredItems
+        await self._room(host, MOST_ITEMS, lambda of: len(self._items_of(of)) + len(sizes) - 1, refusal)
+        await self._room(host, MOST_ITEM_BYTES, lambda of: sum(self._items_of(of)) + sum(sizes) - 1, refusal)
+
+    async def _room(self, host: str, most: int, count: Callable[[str | None], int], refusal: int) -> None:
+        if (scope := self._short(host, most, count)) is not None:
+            await self._let_go(scope)
+            if self._short(host, most, count) is not None:
+                raise ServiceError(refusal)
+
+    def _short(self, host: str, most: int, count: Callable[[str | None], int]) -> tuple[str | None] | None:
+        """Return of whom there is too much for one more: of this address, or of all (None)."""
+        if count(host) >= most // 2:
+            return (host,)
+        return (None,) if count(None) >= most else None
+
+    def _sessions_of(self, host: str | None) -> int:
+        return sum(host in (None, each.peer[0]) for each in self._sessions.values())
+
+    def _subscriptions_of(self, host: str | None) -> int:
+        return sum(host in (None, self.hosts.get(number)) for number in self.subscription_service.subscriptions)
+
+    def _items_of(self, host: str | None) -> list[int]:
+        """Return the sizes; forget what belongs to subscriptions that are gone."""
         alive = self.subscription_service.subscriptions
+        self.hosts = {number: each for number, each in self.hosts.items() if number in alive}
         self.items = {key: size for key, size in self.items.items() if key[0] in alive}
-        wanted = set(subscriptions)
-        return {key: size for key, size in self.items.items() if key[0] in wanted}
+        return [size for key, size in self.items.items() if host in (None, self.hosts.get(key[0]))]
+
+    def _gone(self, scope: tuple[str | None]) -> "list[BoundedSession]":
+        """Return the sessions whose connection is gone."""
+        return [each for each in self._sessions.values() if scope[0] in (None, each.peer[0]) and each.peer not in self._doors]
+
+    async def _let_go(self, scope: tuple[str | None]) -> None:
+        """Close sessions whose connection is gone, and end subscriptions that their session has left behind."""
+        for each in self._gone(scope):
+            await each.close_session()
+        known = {each.session_id for each in self._sessions.values()}
+        alive = self.subscription_service.subscriptions.items()
+        left = [number for number, each in alive if each.session_id not in known and scope[0] in (None, self.hosts.get(number))]
+        await self.subscription_service.delete_subscriptions(left)
 
 
 class BoundedSession(InternalSession):  # type: ignore[misc]
     """A session that asks for so much at most, and touches nothing but its own."""
 
     iserver: BoundedServer
+
+    def __init__(self, *args: Any, **options: Any) -> None:
+        super().__init__(*args, **options)
+        self.peer: Peer = (str(self.name[0]), int(self.name[1]))
+        """The connection that it is used over."""
 
     def activate_session(self, params: Any, peer_certificate: Any) -> Any:
         """Let a user in. Raises ServiceError for a wrong password, which is counted and answered late."""
@@ -109,10 +167,11 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
             done = super().activate_session(params, peer_certificate)
         except (ServiceError, UaStatusCodeError):
             if named:
-                self.iserver.wrong(self._peer)
+                self.iserver.wrong(ASKING.get()[0])
             raise
+        self.peer = ASKING.get()
         if named:
-            self.iserver.right(self._peer)
+            self.iserver.right(self.peer[0])
         return done
 
     async def read(self, params: Any) -> Any:
@@ -158,21 +217,21 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
             raise ServiceError(ua.StatusCodes.BadTooManySubscriptions)
         asked = params.RequestedPublishingInterval
         params.RequestedPublishingInterval = min(max(asked, SHORTEST_INTERVAL_MS), LONGEST_INTERVAL_MS) if math.isfinite(asked) else 1e3
-        return await super().create_subscription(params, callback, request_callback)
+        await self.iserver.room_for_subscription(self.peer[0])
+        done = await super().create_subscription(params, callback, request_callback)
+        self.iserver.hosts[done.SubscriptionId] = self.peer[0]
+        return done
 
     async def create_monitored_items(self, params: Any) -> Any:
         """Have so many values watched, asked for in so many bytes."""
         self._require_own(params.SubscriptionId)
         _at_most(params.ItemsToCreate, MOST_OPERATIONS)
         sizes = list(map(_size, params.ItemsToCreate))
-        self.iserver.items_of(())
-        held = self.iserver.items
-        if len(held) + len(sizes) > MOST_ITEMS or sum(held.values()) + sum(sizes) > MOST_ITEM_BYTES:
-            raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
+        await self.iserver.room_for_items(self.iserver.hosts[params.SubscriptionId], sizes)
         done = await super().create_monitored_items(params)
         for each, size in zip(done, sizes, strict=True):
             if each.StatusCode.is_good():
-                held[params.SubscriptionId, each.MonitoredItemId] = size
+                self.iserver.items[params.SubscriptionId, each.MonitoredItemId] = size
         return done
 
     async def modify_monitored_items(self, params: Any) -> Any:
@@ -184,8 +243,7 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
             if key in self.iserver.items:
                 self.iserver.items[key] = size
             each.RequestedParameters.QueueSize = min(max(each.RequestedParameters.QueueSize, 1), LONGEST_QUEUE)
-        if sum(self.iserver.items.values()) > MOST_ITEM_BYTES:
-            raise ServiceError(ua.StatusCodes.BadTooManyMonitoredItems)
+        await self.iserver.room_for_items(self.iserver.hosts[params.SubscriptionId], [])
         return await super().modify_monitored_items(params)
 
     async def delete_monitored_items(self, params: Any) -> Any:
@@ -213,7 +271,7 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
     async def transfer_subscriptions(self, params: Any, callback: Callable[..., Any]) -> Any:
         """Take over subscriptions of one's own, or of a session before it from the same address."""
         alive = self.subscription_service.subscriptions
-        here = {each.session_id for each in self.iserver._sessions.values() if each._peer[0] == self._peer[0]}  # noqa: SLF001
+        here = {each.session_id for each in self.iserver._sessions.values() if each.peer[0] == self.peer[0]}  # noqa: SLF001
         params.SubscriptionIds = [each if each in alive and alive[each].session_id in here else 0 for each in params.SubscriptionIds]
         return await super().transfer_subscriptions(params, callback)
 
@@ -227,11 +285,6 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
         """Return a message again."""
         self._require_own(params.SubscriptionId)
         return super().republish(params)
-
-    @property
-    def _peer(self) -> Peer:
-        host, port, *_ = self.name
-        return str(host), int(port)
 
     def _own(self) -> set[int]:
         return {number for number, each in self.subscription_service.subscriptions.items() if each.session_id == self.session_id}

@@ -50,7 +50,8 @@ def lines(root: Path, key: str) -> list[str]:
 def test_the_broker_alone_is_reached_and_secrets_are_credentials(root: Path) -> None:
     for secret in ("mqtt-user", "mqtt-password", "opcua-key"):
         (root / f"etc/stepdiag/mill.{secret}").write_text("not-to-be-guessed")
-    service("publish", root, *BROKER)
+    told = service("publish", root, *BROKER)
+    assert all(f"credential {each}: mill.{each} found" in told for each in ("mqtt-user", "mqtt-password"))
     assert lines(root, "IPAddressAllow") == ["", "localhost", "192.168.4.30"]
     assert lines(root, "SocketBindAllow") == []
     assert lines(root, "Environment") == ['PUBLISH="--broker 192.168.4.30:8883 --ca /etc/stepdiag/works.pem"']
@@ -75,6 +76,23 @@ def test_a_name_or_a_server_is_opened_to_private_networks(
     assert lines(root, "SocketBindAllow") == bound
 
 
+def test_absent_secrets_are_said(root: Path) -> None:
+    told = service("publish", root, "--opcua", "127.0.0.1", "--certificate", "/etc/stepdiag/server.pem")
+    for each in ("opcua-user", "opcua-password", "opcua-key"):
+        assert f"credential {each}: mill.{each} is not there" in told
+    assert lines(root, "LoadCredential") == []
+
+
+@pytest.mark.parametrize("alone", ["user", "password"])
+@pytest.mark.parametrize("kind", ["mqtt", "opcua"])
+def test_user_and_password_go_together(root: Path, kind: str, alone: str) -> None:
+    (root / f"etc/stepdiag/mill.{kind}-{alone}").write_text("x")
+    way = ("--broker", "127.0.0.1", "--plain") if kind == "mqtt" else ("--opcua", "127.0.0.1", "--plain")
+    told = stepdiag("service", "publish", root / "etc/stepdiag/mill.toml", "--root", root, *way)
+    assert (told.code, f"mill.{kind}-{alone} alone" in told.refusal) == (2, True), told
+    assert not (root / UNIT).exists()
+
+
 def test_again_it_changes_nothing_and_a_dry_run_writes_nothing(root: Path) -> None:
     before = written(root)
     assert "IPAddressAllow=192.168.4.30" in service("publish", root, *BROKER, "--dry-run")
@@ -90,7 +108,8 @@ def test_again_it_changes_nothing_and_a_dry_run_writes_nothing(root: Path) -> No
 def test_it_goes_by_itself_or_with_its_survey(root: Path) -> None:
     """The unit that all share goes with the last one; secrets and surveys stay."""
     (root / "etc/stepdiag/lathe.toml").write_text(SURVEY, encoding="utf-8")
-    (root / "etc/stepdiag/mill.mqtt-password").write_text("secret")
+    for secret in ("mqtt-user", "mqtt-password"):
+        (root / f"etc/stepdiag/mill.{secret}").write_text("secret")
     service("install", root)
     service("publish", root, *BROKER)
     service("publish", root, *BROKER, name="lathe")
@@ -103,7 +122,7 @@ def test_it_goes_by_itself_or_with_its_survey(root: Path) -> None:
     service("remove", root)
     assert not (root / DROP_IN).exists()
     service("remove", root, name="lathe")
-    assert set(written(root)) == {"etc/stepdiag/mill.toml", "etc/stepdiag/lathe.toml", "etc/stepdiag/mill.mqtt-password"}
+    assert set(written(root)) == {f"etc/stepdiag/{each}" for each in ("mill.toml", "lathe.toml", "mill.mqtt-user", "mill.mqtt-password")}
     assert "nothing to do" in service("publish", root, "--remove")
 
 
@@ -117,6 +136,7 @@ def test_it_goes_by_itself_or_with_its_survey(root: Path) -> None:
         (("--broker", "a", "--ca", "/etc/x\nExecStart=/bin/sh"), "letters, digits"),
         (("--broker", "a", "--ca", "/home/me/ca.pem"), "below /etc"),
         (("--broker", "a", "--ca", "ca.pem"), "below /etc"),
+        (("--broker", "a", "--ca", "/etc/../home/me/ca.pem"), "below /etc"),
     ],
 )
 def test_what_cannot_be_meant_is_refused(root: Path, options: tuple[str, ...], words: str) -> None:

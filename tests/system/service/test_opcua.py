@@ -124,9 +124,16 @@ def test_state_and_findings_are_variables(serving):
     assert all(json.loads(each)["code"] for each in findings)
 
 
-def test_round_and_findings_are_of_one_moment(serving, survey):
+def put(path, whole):
+    """Write a file as the daemon does: whole, or not at all."""
+    part = path.with_name("result.json.part")
+    part.write_bytes(whole)
+    part.replace(path)
+
+
+def test_round_and_findings_are_of_one_moment(serving, survey, tmp_path):
     """A round that has just begun has no findings: those of the round before would be taken for its own."""
-    path, begun = survey.parent / "bench/0001/result.json", survey.parent / "bench/0002"
+    path, begun, away = survey.parent / "bench/0001/result.json", survey.parent / "bench/0002", tmp_path
     whole = path.read_bytes()
     found = json.loads(whole)
     found["findings"] = [{"code": "noise-far", "severity": "warning", "text": "of the first round"}]
@@ -142,15 +149,16 @@ def test_round_and_findings_are_of_one_moment(serving, survey):
             seen.append((*(each.Value.Value for each in read[:2]), bool(read[2].Value.Value)))
             return seen[-1]
 
-        await asyncio.to_thread(path.write_text, json.dumps(found))
+        await asyncio.to_thread(put, path, json.dumps(found).encode())
         await until(look, lambda found: found[2])
         await asyncio.to_thread(begun.mkdir)
         await until(look, lambda found: found[0] == "0002")
-        await asyncio.to_thread((begun / "result.json").write_bytes, path.read_bytes())
-        await until(look, lambda found: found[1])
-        await asyncio.to_thread((begun / "result.json").unlink)
-        await asyncio.to_thread(begun.rmdir)
-        await asyncio.to_thread(path.write_bytes, whole)
+        await asyncio.to_thread(put, begun / "result.json", path.read_bytes())
+        await until(look, lambda found: found == ("0002", True, True))
+        await asyncio.to_thread((begun / "result.json").rename, away / "result.json")
+        await until(look, lambda found: found == ("0002", False, False))
+        await asyncio.to_thread(begun.rename, away / "round")
+        await asyncio.to_thread(put, path, whole)
         await until(look, lambda found: found == ("0001", True, bool(json.loads(whole)["findings"])))
         return seen
 

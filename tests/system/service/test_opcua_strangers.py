@@ -74,8 +74,7 @@ async def results_of(client):
 
 
 def connected(serving):
-    host, port = serving.url.split("/")[2].split(":")
-    return socket.create_connection((host, int(port)), timeout=PATIENCE_S)
+    return socket.create_connection(("127.0.0.1", port_of(serving)), timeout=PATIENCE_S)
 
 
 def closed(guest):
@@ -164,9 +163,7 @@ def test_too_much_at_once_is_refused_in_words(serving):
     async def run():
         async with Client(serving.url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S) as client:
             (result,) = (await results_of(client))[:1]
-            await client.uaclient.read_attributes([result.nodeid] * 20, ua.AttributeIds.Value)
-            with pytest.raises(ua.uaerrors.BadResponseTooLarge):
-                await client.uaclient.read_attributes([result.nodeid] * sessions.MOST_OPERATIONS, ua.AttributeIds.Value)
+            await client.uaclient.read_attributes([result.nodeid], ua.AttributeIds.Value)
             with pytest.raises(ua.uaerrors.BadTooManyOperations):
                 await client.uaclient.read_attributes([result.nodeid] * (sessions.MOST_OPERATIONS + 1), ua.AttributeIds.DisplayName)
             wanted = ua.BrowseDescription(NodeId=client.nodes.base_object_type.nodeid, ReferenceTypeId=ua.NodeId(ua.ObjectIds.References))
@@ -177,8 +174,7 @@ def test_too_much_at_once_is_refused_in_words(serving):
             with pytest.raises((ua.UaError, ConnectionError, TimeoutError)):
                 await asyncio.wait_for(client.uaclient.read(huge), 5)
 
-    with suppress(ConnectionError, ua.UaError):  # the last one may have cost the connection
-        asyncio.run(run())
+    asyncio.run(run())
 
 
 def test_answers_that_nobody_fetches_are_not_piled_up(serving):
@@ -190,29 +186,36 @@ def test_answers_that_nobody_fetches_are_not_piled_up(serving):
         (result,) = (await results_of(client))[:1]
         protocol, asked = client.uaclient.protocol, ua.ReadRequest()
         asked.Parameters.NodesToRead = [ua.ReadValueId(NodeId=result.nodeid, AttributeId=ua.AttributeIds.Value)] * 50
+        port = protocol.transport.get_extra_info("sockname")[1]
+        assert port in established(serving)
         protocol.transport.pause_reading()
         for _ in range(200):
             protocol._send_request(asked)
-        return protocol.transport
+        return port, protocol.transport
 
     async def run():
-        before = connections(serving)
-        transports = await asyncio.gather(*(greedy() for _ in range(10)))
-        most = connections(serving)
+        transports = dict(await asyncio.gather(*(greedy() for _ in range(10))))
         async with asyncio.timeout(2 * PATIENCE_S):
-            while connections(serving) > before:  # noqa: ASYNC110  # of another process
+            while established(serving) & transports.keys():  # noqa: ASYNC110  # of another process
                 await asyncio.sleep(0.1)
-        for each in transports:
+        for each in transports.values():
             each.abort()
         for task in asyncio.all_tasks() - {asyncio.current_task()}:  # what the library leaves behind
             task.cancel()
-        return most - before
+        return len(transports)
 
     assert asyncio.run(run()) == 10
 
 
-def connections(serving):
-    return len(list(Path(f"/proc/{serving.process.pid}/fd").iterdir()))
+def established(serving):
+    """Return the ports of the clients whose connection the server has."""
+    rows = [line.split() for line in Path("/proc/net/tcp").read_text().splitlines()[1:]]
+    own = f":{port_of(serving):04X}"
+    return {int(row[2].rpartition(":")[2], 16) for row in rows if row[1].endswith(own) and row[3] == "01"}
+
+
+def port_of(serving):
+    return int(serving.url.split("/")[2].rpartition(":")[2])
 
 
 def test_subscriptions_and_items_are_counted(serving):
@@ -234,7 +237,7 @@ def test_subscriptions_and_items_are_counted(serving):
                 await client.create_subscription(1000, Ears())
 
             now = client.get_node(ua.ObjectIds.Server_ServerStatus_CurrentTime)
-            for _ in range(sessions.MOST_ITEMS // 500):
+            for _ in range(sessions.MOST_ITEMS // 2 // 500):  # as many as one address has
                 await first.subscribe_data_change([now] * 500)
             with pytest.raises(ua.uaerrors.BadTooManyMonitoredItems):
                 await first.subscribe_data_change(now)
@@ -254,6 +257,70 @@ def test_subscriptions_and_items_are_counted(serving):
     asyncio.run(run())
 
 
+class OtherAddress(asyncio.SelectorEventLoop):
+    """Connects from another address of this computer."""
+
+    async def create_connection(self, *args, **options):
+        return await super().create_connection(*args, **options, local_addr=("127.0.0.2", 0))
+
+
+def comer(serving):
+    return Client(serving.url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S)
+
+
+def test_one_address_keeps_no_other_out(serving):
+    """It takes half of the subscriptions and items; who comes from elsewhere has the rest, and so has it what it gave back."""
+
+    async def take(held):
+        for _ in range(sessions.MOST_SUBSCRIPTIONS // 2 // sessions.MOST_OF_A_SESSION):
+            held.append(client := comer(serving))
+            await client.connect()
+            opened = [await client.create_subscription(60_000, None) for _ in range(sessions.MOST_OF_A_SESSION)]
+        now = client.get_node(ua.ObjectIds.Server_ServerStatus_CurrentTime)
+        for _ in range(sessions.MOST_ITEMS // 2 // 500):
+            await opened[0].subscribe_data_change([now] * 500)
+        with pytest.raises(ua.uaerrors.BadTooManyMonitoredItems):
+            await opened[1].subscribe_data_change(now)
+        held.append(client := comer(serving))
+        await client.connect()
+        with pytest.raises(ua.uaerrors.BadTooManySubscriptions):
+            await client.create_subscription(60_000, None)
+
+    async def come():
+        async with comer(serving) as client:
+            subscription = await client.create_subscription(60_000, None)
+            await subscription.subscribe_data_change([client.get_node(ua.ObjectIds.Server_ServerStatus_CurrentTime)] * 500)
+
+    with asyncio.Runner() as here, asyncio.Runner(loop_factory=OtherAddress) as elsewhere:
+        held = []
+        here.run(take(held))
+        elsewhere.run(come())
+        for client in held:
+            here.run(leave(client))
+        here.run(come())
+
+
+def test_sessions_left_behind_make_room(serving):
+    """A session with a subscription outlives its connection for two minutes, but not where its place is needed."""
+
+    async def run():
+        for _ in range(sessions.MOST_SESSIONS + 5):
+            client = comer(serving)
+            await client.connect()
+            await client.create_subscription(60_000, None)
+            await leave(client)
+
+    asyncio.run(run())
+
+
+async def leave(client):
+    """Go without a word."""
+    client.uaclient.protocol.transport.abort()
+    for task in asyncio.all_tasks() - {asyncio.current_task()}:  # what the library leaves behind
+        task.cancel()
+    await asyncio.sleep(0)
+
+
 def asked_for(subscription):
     return ua.ModifySubscriptionParameters(SubscriptionId=subscription, RequestedPublishingInterval=0.001)
 
@@ -271,18 +338,12 @@ def test_wrong_passwords_are_answered_late_and_ten_of_them_are_said(serving):
             await honest(running, USER, "wrong")
         return time.monotonic() - begun
 
-    async def guesses(running, count):
-        return await asyncio.gather(*(guess(running) for _ in range(count)))
-
     with Serving(survey, "--plain", "--user", USER, "--password-file", secret.name) as running:
-        took_s = sorted(asyncio.run(guesses(running, 9)))
-        assert took_s[0] >= 0.5
-        assert took_s[-1] >= 4.5
-        assert "opcua-password-guessed" not in running.said
-        asyncio.run(guesses(running, 1))
+        for count in range(1, 11):
+            assert "opcua-password-guessed" not in running.said
+            assert asyncio.run(guess(running)) >= min(0.5 * count, 5)
         assert '"event":"opcua-password-guessed"' in running.said.replace(" ", "")
         assert '"address":"127.0.0.1"' in running.said.replace(" ", "")
         asyncio.run(honest(running, USER, PASSWORD))
-        asyncio.run(guesses(running, 9))
-        assert running.said.count("opcua-password-guessed") == 1, "the right one has wiped the slate"
+        assert running.said.count("opcua-password-guessed") == 1
         assert PASSWORD not in running.said
