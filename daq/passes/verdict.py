@@ -63,7 +63,7 @@ def settled_findings(book: PassBook, solved: Iterable[Finding], *, stated: Mappi
 
 def _settled_by(doubt: Doubt, stated: Mapping[str, float]) -> bool:
     """Tell whether a doubt is of conditions, and all that it is about were stated."""
-    meant = {name for name in COURSES if f"{name} reads" in doubt.text}
+    meant = {name for name in COURSES if f"{name} reads" in doubt.text or f"{name} is not told" in doubt.text}
     return doubt.code in STATED and bool(meant) and meant <= set(stated)
 
 

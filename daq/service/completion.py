@@ -111,7 +111,12 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     )
     solved = (*head.findings, *twice, *result.findings, *assumed_findings(survey, len(readings), unsaid))
     replayed.book.suspect(suspected(replayed.book, solved))
-    findings = (*compensation_findings(survey), *unchecked(survey), *settled_findings(replayed.book, solved, stated=environment or {}))
+    told = {*(one.name for one in unsaid), *(environment or {})}
+    findings = (
+        *compensation_findings(survey),
+        *unchecked(survey, told),
+        *settled_findings(replayed.book, solved, stated=environment or {}),
+    )
     about = {
         "survey": _facts(replayed),
         "conditions": _conditions(replayed) | _stated(environment) | _assumed(survey, unsaid),

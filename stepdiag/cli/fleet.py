@@ -184,7 +184,7 @@ def _trends(address: str, machine: str, tolerances: list[str], software: str) ->
     require_known(Tolerances(all=given), series, "--tolerance")
     stated = tolerances_in(store)
     if not machine:
-        require_known(stated, series, FILE)
+        require_known(stated, series_in(store) if software else series, FILE)
     allowed = stated.together_with(given)
     return [trend_of(each, allowed.of(each.machine, each.quantity)) for each in series]
 

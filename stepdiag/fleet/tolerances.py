@@ -59,3 +59,15 @@ def require_known(tolerances: Tolerances, series: Sequence[Series], source: str)
     unknown = sorted({*tolerances.all, *(name for of in tolerances.machine.values() for name in of)} - known)
     if unknown:
         raise UsageError(source, expected=f"one of {', '.join(sorted(known))}", found=", ".join(unknown))
+    for machine, of in tolerances.machine.items():
+        _require_of(machine, of, series, source)
+
+
+def _require_of(machine: str, of: Mapping[str, float], series: Sequence[Series], source: str) -> None:
+    """Raise UsageError for a machine that the store has not, and for a quantity that this machine has not."""
+    own = {each.quantity for each in series if each.machine == machine}
+    if not own:
+        known = sorted({each.machine for each in series})
+        raise UsageError(f"{source}: machine", expected=f"one of {', '.join(known)}", found=repr(machine))
+    if unknown := sorted(set(of) - own):
+        raise UsageError(f"{source}: machine.{machine!r}", expected=f"one of {', '.join(sorted(own))}", found=", ".join(unknown))

@@ -1,6 +1,6 @@
 """What the machine does not say, and what therefore nobody can check: said before, during and after a survey."""
 
-from collections.abc import Iterator
+from collections.abc import Collection, Iterator
 
 import numpy as np
 
@@ -34,10 +34,13 @@ def places_known(survey: Survey) -> bool:
     return survey.plc.silent or all(name in survey.plc.signals for name in POSITIONS)
 
 
-def unchecked(survey: Survey) -> tuple[Finding, ...]:
-    """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped."""
+def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...]:
+    """Return what cannot be checked because the survey file maps no signal for it; nothing where every signal is mapped.
+
+    ``without`` are conditions of which somebody else speaks.
+    """
     if survey.plc.silent:
-        return (Finding(code="no-signals", severity="warning", text="; ".join(_without_signals(survey))), *assumed(survey))
+        return (Finding(code="no-signals", severity="warning", text="; ".join(_without_signals(survey))), *assumed(survey, without))
     texts = list(_without_position(survey)) if not places_known(survey) else []
     missing = [f"without {name} {WITHOUT[name]}" for name in OF_THE_STOPS if name not in survey.plc.said]
     findings = [Finding(code="position-unchecked", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
@@ -46,19 +49,19 @@ def unchecked(survey: Survey) -> tuple[Finding, ...]:
         findings.append(Finding(code="setup-unchecked", severity="warning", text=text))
     if missing:
         findings.append(Finding(code="signals-absent", severity="info", text="; ".join(missing)))
-    return (*findings, *assumed(survey))
+    return (*findings, *assumed(survey, without))
 
 
-def assumed(survey: Survey) -> tuple[Finding, ...]:
+def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...]:
     """Return which conditions nobody measures although the readings depend on them; nothing where a person states them as fixed."""
     if survey.environment.source == "fixed":
         return ()
     told = (*survey.plc.said, *promised(survey))
     needed = needed_conditions(survey)
-    values = [f"{name} {getattr(survey.environment, name):g}" for name in needed if name not in told]
+    values = [f"{name} {getattr(survey.environment, name):g}" for name in needed if name not in told and name not in without]
     if not values:
         return ()
-    text = f"nobody tells {', '.join(values)}: these values of [environment] count as if they had been measured"
+    text = f"nobody tells {', '.join(values)}: these values of [environment] are assumed"
     return (Finding(code="air-assumed", severity="warning", text=text),)
 
 

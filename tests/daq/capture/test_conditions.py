@@ -172,6 +172,9 @@ def test_conditions_that_nobody_measures_are_said():
     ((code, text),) = [(each.code, each.text) for each in assumed(of_laser("umd", source="plc"))]
     assert code == "air-assumed"
     assert "air_temperature_c 20, air_pressure_hpa 1013.25, relative_humidity_percent 50" in text
+    (rest,) = assumed(of_laser("umd", source="plc"), ["air_pressure_hpa"])
+    assert "pressure" not in rest.text
+    assert "air_temperature_c 20" in rest.text
     assert assumed(of_laser("umd", source="fixed")) == ()
     assert assumed(of_laser("umd", source="plc", compensated=True)) == ()
     assert assumed(of_laser("ids3010")) == ()

@@ -38,11 +38,12 @@ def test_an_error_that_names_no_setup_keeps_every_pass_open():
     assert [each.severity for each in settled_findings(passes, [error()], stated={})] == ["warning"]
 
 
-def doubted(stop, *names):
-    words = "; ".join(f"{name} reads 0, and something of [environment] counts in its place" for name in names)
+def doubted(stop, *names, what="reads 0"):
+    words = "; ".join(f"{name} {what}, and something of [environment] counts in its place" for name in names)
     return msgspec.structs.replace(stop, doubtful=words, doubt_codes=("air-unknown",))
 
 
+@pytest.mark.parametrize("what", ["reads 0", "is not told"])
 @pytest.mark.parametrize(
     ("stated", "still"),
     [
@@ -51,9 +52,9 @@ def doubted(stop, *names):
         ({"air_temperature_c": 20.0, "air_pressure_hpa": 1013.0}, False),
     ],
 )
-def test_what_was_stated_settles_the_doubts_of_it_alone(stated, still):
+def test_what_was_stated_settles_the_doubts_of_it_alone(stated, still, what):
     stops = stops_of()
-    stops[3] = doubted(stops[3], "air_temperature_c", "air_pressure_hpa")
+    stops[3] = doubted(stops[3], "air_temperature_c", "air_pressure_hpa", what=what)
     assert bool([each for each in settled_findings(book_of(stops), [], stated=stated) if each.code == "air-unknown"]) is still
 
 
@@ -86,7 +87,7 @@ def test_air_that_nobody_told_is_assumed_aloud():
     (found,) = assumed_findings(survey, len(stops), [one])
     assert (found.code, found.severity) == ("conditions-assumed", "warning")
     assert "nobody told it, 1013.25 hPa of [environment] is assumed, u = 4 hPa" in found.text
-    assert translated(found.text, "de").startswith("Luftdruck: an 10 von 10 Messpunkten hat niemand sie gemeldet")
+    assert translated(found.text, "de").startswith("Luftdruck: an 10 von 10 Messpunkten nicht gemeldet")
     usual = Assumptions()
     assert with_held(usual, survey, [one]).index > 1e-6 > usual.index
     assert assumed_conditions(passes, survey, {"air_pressure_hpa": 1010.0}) == ()
