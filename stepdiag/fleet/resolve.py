@@ -17,13 +17,15 @@ from typing import Any, Literal
 from distributed import Client, KilledWorker, LocalCluster, as_completed
 
 from stepdiag.comparing.compare import compare
+from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.recording.verdicts import ACCEPTED, JUDGED
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.daq.service.completion import complete
+from stepdiag.daq.survey.file import parse_survey
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import LISTED, Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.solver.errors import DataError, DeviceError, StepdiagError
+from stepdiag.solver.errors import DataError, DeviceError, StepdiagError, UsageError
 from stepdiag.solver.result.result import parse_result, software
 
 IN_FLIGHT = 200
@@ -36,7 +38,8 @@ PATIENCE_S = 20
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Solved:
-    """What came of one survey; ``changed`` says what is now different by more than its U, ``reason`` why there is no result."""
+    """What came of one survey; ``changed`` says what is now different by more than its U, ``reason`` why there is no result, or by which
+    survey file there is one."""
 
     place: Place
     outcome: Literal["the same bytes", "solved anew", "failed"]
@@ -59,7 +62,7 @@ def open_surveys(store: Store, machine: str = "") -> list[Place]:
 def resolve(store: Store, places: Sequence[Place], *, workers: int = 0, scheduler: str = "", survey: str = "") -> Iterator[Solved]:
     """Solve surveys anew on ``workers`` processes of this computer, or on those of a ``scheduler``; yield each as it is done.
 
-    ``survey`` is the text of a survey file that stands for those in the logs.
+    ``survey`` is the text of a survey file that stands for those in the logs that are not read any more.
 
     Raises DeviceError where the scheduler cannot be reached.
     """
@@ -99,16 +102,34 @@ def solve_anew(address: str, at: tuple[str, str, str, str], survey: str = "") ->
     with tempfile.TemporaryDirectory() as scratch:
         try:
             folder = _fetched(store, place, Path(scratch) / "survey")
-            instead = Path(scratch) / "survey.toml"
-            instead.write_text(survey, encoding="utf-8")
-            complete(logs_in(folder), Path(scratch) / "out", instead if survey else None)
+            logs = logs_in(folder)
+            instead = _stand_in(logs[0], survey, place.machine, Path(scratch)) if survey else None
+            complete(logs, Path(scratch) / "out", instead)
             text = (Path(scratch) / "out" / RESULT).read_text(encoding="utf-8")
             old = store.read(f"{place.folder}/{RESULT}").decode("utf-8")
+            by = "by the survey file given" if instead else ""
             if text == old:
-                return Solved(place=place, outcome="the same bytes")
-            return Solved(place=place, outcome="solved anew", changed=_kept(store, place, old, text))
+                return Solved(place=place, outcome="the same bytes", reason=by)
+            return Solved(place=place, outcome="solved anew", changed=_kept(store, place, old, text), reason=by)
         except StepdiagError as error:
             return Solved(place=place, outcome="failed", reason=str(error))
+
+
+def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | None:
+    """Return a file with the survey that stands for the one in a log; None where that is read: it says how the survey was driven.
+
+    Raises UsageError for a survey that is refused itself, DataError for one of another machine.
+    """
+    try:
+        parse_survey(open_log(log).header.survey_text, log.name)
+    except UsageError:
+        named = parse_survey(survey, "--survey").identity.machine
+        if named != machine:
+            raise DataError("--survey", expected=f"a survey file of {machine}", found=named) from None
+        file = scratch / "survey.toml"
+        file.write_text(survey, encoding="utf-8")
+        return file
+    return None
 
 
 def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:

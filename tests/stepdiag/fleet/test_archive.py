@@ -246,6 +246,16 @@ def test_an_old_log_whose_survey_is_refused_is_solved_with_another(survey: Path,
     (Path(store.root) / place.folder / "0001.mcap").write_bytes(with_survey(text + "[of_old]\nkey = 1\n"))
     refused = solve_anew(store.address, tuple(place))
     assert (refused.outcome, "of_old" in refused.reason) == ("failed", True)
-    assert solve_anew(store.address, tuple(place), text).outcome == "the same bytes"
+    stood_in = solve_anew(store.address, tuple(place), text)
+    assert (stood_in.outcome, stood_in.reason) == ("the same bytes", "by the survey file given")
+    other = solve_anew(store.address, tuple(place), text.replace("Mill 7/ä", "Mill 8"))
+    assert (other.outcome, "Mill 8" in other.reason) == ("failed", True)
     told = stepdiag("resolve", store.root, "--survey", survey / "result.json")
     assert (told.code, "--machine" in told.refusal) == (2, True)
+
+
+def test_a_survey_that_is_read_is_solved_as_it_was_driven_whatever_file_is_given(survey: Path, store: Store) -> None:
+    place = add(survey, store).place
+    another = SURVEY.replace('machine = "virtual"', 'machine = "Mill 7/ä"\nevent = "crash"').replace("300.0, 200", "310.0, 200")
+    assert "310.0" in another
+    assert solve_anew(store.address, tuple(place), another).outcome == "the same bytes"
