@@ -5,43 +5,23 @@ from pathlib import Path
 
 import pytest
 
+from testkit import installing
 from testkit.cli import stepdiag
+from testkit.installing import root_with, service, written
 
-SURVEY = """
-[survey]
-name = "mill"
-machine = "m"
-[volume]
-size_mm = [500, 400, 300]
-increments = 10
-[laser]
-format = "umd"
-port = "/dev/ttyUSB0"
-[plc]
-host = "192.168.4.20"
-[page]
+SURVEY = (
+    installing.SURVEY.replace('directory = "/var/lib/stepdiag"\n', "")
+    + """[page]
 token_file = "mill.token"
 port = 8500
 """
+)
 DROP_IN = "etc/systemd/system/stepdiag@mill.service.d/50-survey.conf"
 
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """A root file system with a survey file in its place."""
-    (tmp_path / "etc/stepdiag").mkdir(parents=True)
-    (tmp_path / "etc/stepdiag/mill.toml").write_text(SURVEY, encoding="utf-8")
-    return tmp_path
-
-
-def service(action: str, root: Path, *options: str, name: str = "mill") -> str:
-    """Run the command; return what it says."""
-    return str(stepdiag("service", action, root / f"etc/stepdiag/{name}.toml", "--root", root, *options).out)
-
-
-def written(root: Path) -> dict[str, tuple[str, int]]:
-    """Return every file below the root with its text and its time."""
-    return {str(path.relative_to(root)): (path.read_text(), path.stat().st_mtime_ns) for path in sorted(root.rglob("*")) if path.is_file()}
+    return root_with(tmp_path, SURVEY)
 
 
 def test_what_the_survey_needs_is_opened_and_nothing_else(root: Path) -> None:

@@ -6,21 +6,8 @@ from pathlib import Path
 import pytest
 
 from testkit.cli import stepdiag
+from testkit.installing import SURVEY, root_with, service, written
 
-SURVEY = """
-[survey]
-name = "mill"
-machine = "m"
-directory = "/var/lib/stepdiag"
-[volume]
-size_mm = [500, 400, 300]
-increments = 10
-[laser]
-format = "umd"
-port = "/dev/ttyUSB0"
-[plc]
-host = "192.168.4.20"
-"""
 UNIT = "etc/systemd/system/stepdiag-publish@.service"
 DROP_IN = "etc/systemd/system/stepdiag-publish@mill.service.d/50-survey.conf"
 BROKER = ("--broker", "192.168.4.30:8883", "--ca", "/etc/stepdiag/works.pem")
@@ -29,18 +16,7 @@ NETWORKS = ["link-local", "10.0.0.0/8", "172.16.0.0/12", "192.168.0.0/16", "fc00
 
 @pytest.fixture
 def root(tmp_path: Path) -> Path:
-    """A root file system with a survey file in its place."""
-    (tmp_path / "etc/stepdiag").mkdir(parents=True)
-    (tmp_path / "etc/stepdiag/mill.toml").write_text(SURVEY, encoding="utf-8")
-    return tmp_path
-
-
-def service(action: str, root: Path, *options: str, name: str = "mill") -> str:
-    return str(stepdiag("service", action, root / f"etc/stepdiag/{name}.toml", "--root", root, *options).out)
-
-
-def written(root: Path) -> dict[str, tuple[str, int]]:
-    return {str(path.relative_to(root)): (path.read_text(), path.stat().st_mtime_ns) for path in sorted(root.rglob("*")) if path.is_file()}
+    return root_with(tmp_path, SURVEY)
 
 
 def lines(root: Path, key: str) -> list[str]:
