@@ -16,6 +16,8 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.findings import Finding
 
 AXIS_NAME, REFERENCE_POINT, HIGHEST_POINT = 1020, 3620, 3622
+OF_EVERY_AXIS, AXES = (AXIS_NAME, REFERENCE_POINT), range(1, 33)
+"""Parameters that a file has for each axis or for none, and the numbers of axes that are looked for."""
 _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 """Least input increment by 1013#0 (IS-A) and 1013#1 (IS-C)."""
 
@@ -40,6 +42,10 @@ def _axis(masters: Sequence[PunchFile], letter: str, axis: AxisPoints, profile: 
     if name is not None and name != ord(letter):
         shown = chr(name) if 32 < name < 127 else str(name)
         yield _error("axis-number-differs", f"1020 A{axis.number} is {name} ({shown}): axis {axis.number} of this control is not {letter}")
+    others = [key for key in OF_EVERY_AXIS if _text(masters, key, axis.number) is None and any(_text(masters, key, each) for each in AXES)]
+    if others:
+        text = f"{others[0]} stands there for other axes and not for A{axis.number}: this control has no axis {axis.number} for {letter}"
+        yield _error("axis-number-differs", text)
     reference, highest = _number(masters, REFERENCE_POINT, axis.number), _number(masters, HIGHEST_POINT, axis.number)
     if highest and reference is not None and reference != axis.reference_point:
         text = f"3620 A{axis.number} is {reference}, the profile says {axis.reference_point} for {letter}: the table would lie elsewhere"

@@ -301,6 +301,8 @@ class TestIdentity:
         [
             ("A1P88A2P89", "A1P89A2P88", "axis-number-differs"),
             ("A1P40", "A1P41", "reference-point-differs"),
+            ("Q1A1P88", "Q1A4P88", "axis-number-differs"),
+            ("Q1A1P40", "Q1A4P40", "axis-number-differs"),
             ("N03605Q1A1P00000000", "N03605Q1A1P00000001", "bidirectional-active"),
         ],
     )
