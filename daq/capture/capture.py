@@ -64,6 +64,7 @@ class Capture:
         self._skip_open = start.skip_open_dwell
         self._last_count = start.last_count
         self._taken_from_ns = -1
+        self._went_on = False
         self._heard_since_poll = False
 
     @property
@@ -87,7 +88,7 @@ class Capture:
     def standing(self) -> Signals | None:
         """Return the signals of the stop that the machine stands at where that is taken already: it is not for the log that follows."""
         dwell = self.tracker.open
-        if dwell is None:
+        if dwell is None or self._went_on:  # the first stop of another setup is for the log that follows
             return None
         taken = dwell.from_ns == self._taken_from_ns or self._pending.goes_on(dwell, self._mover(dwell.signals))
         return dwell.signals if taken else None
@@ -262,6 +263,7 @@ class Capture:
         if isinstance(found, Finding):
             outcomes.append(found)
         elif isinstance(found, Ended) and not self.ended:
+            self._went_on = True
             self._end(found.kind, found.reason, outcomes)
         if not isinstance(found, Walk) or self.ended:
             return

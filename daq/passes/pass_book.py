@@ -22,7 +22,7 @@ class PassBook:
     def __init__(self, survey: Survey) -> None:
         self._survey = survey
         self._stretch = 0
-        self._last: CapturedStop | None = None
+        self.last: CapturedStop | None = None
         self.preferred = ""
         """The setup that a person wants next."""
         self.driven: Pass | None = None
@@ -56,12 +56,12 @@ class PassBook:
         self.stops += 1
         self._credible.update(credible_of(stop))
         self.last_count = stop.stop_count
-        self._last = stop
+        self.last = stop
         return current
 
     def _know(self, stop: CapturedStop, current: Pass, *, anew: bool) -> None:
         """Keep the readings of the unbroken count by place: they tell the next log where the machine stands."""
-        if anew or self._last is None or self._last.setup != stop.setup:
+        if anew or self.last is None or self.last.setup != stop.setup:
             self._known = {}
         if stop.reading_mm is not None and not stop.refused and not _believed_only(stop):
             self._known[stop.stop if stop.outward else len(current.route) - 1 - stop.stop] = stop.reading_mm
@@ -135,7 +135,7 @@ class PassBook:
 
     def next_setup(self) -> str:
         """Return the setup that comes next; empty when all are in. A setup begun comes before one not begun."""
-        first = [self.preferred, self._last.setup if self._last is not None else ""]
+        first = [self.preferred, self.last.setup if self.last is not None else ""]
         for setup in first:
             if setup and self.open_passes(setup):
                 return setup
@@ -159,7 +159,7 @@ class PassBook:
     def _hint(self, setup: str) -> PassHint:
         still_open = self.open_passes(setup)
         wanted, outward = bool(still_open), not still_open or still_open[0] % 2 == 1
-        last = self._last
+        last = self.last
         if last is None or last.setup != setup:
             return PassHint(wanted=wanted, outward=outward)
         current, known = self._find(setup, outward=last.outward), dict(self._known)
@@ -182,7 +182,7 @@ class PassBook:
         self._news += [_as_finding(doubt) for doubt in new]
 
     def _current(self, stop: CapturedStop) -> Pass:
-        last = self._last
+        last = self.last
         if last is not None and (last.setup, last.outward) == (stop.setup, stop.outward) and stop.stop >= last.stop and self.driven:
             return self.driven
         found = self._find(stop.setup, outward=stop.outward)

@@ -8,7 +8,8 @@
 import errno
 import fcntl
 import os
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
 
@@ -120,7 +121,7 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
     mend(last)
     logs = begun_logs(last)
     if (last / RESULT).exists() or any(open_log(log).header.survey_text != survey_text for log in logs):
-        return _new_round(folder, int(last.name) + 1, run)
+        return replace(_new_round(folder, int(last.name) + 1, run), left=_last_stop(logs))
     noted = [noted_in(log) for log in logs]
     used = [int(each.name.partition(".")[0]) for each in last.iterdir() if each.name.partition(".")[0].isdecimal()]
     return Round(
@@ -231,6 +232,11 @@ def _stop_of(note: bytes, log: Path) -> CapturedStop:
         return msgspec.convert(fields, CapturedStop)
     except (*DAMAGE, KeyError) as error:
         raise DataError(str(log), expected="captured stops as the recorder notes them", found=f"{error!r}") from error
+
+
+def _last_stop(logs: Sequence[Path]) -> CapturedStop | None:
+    """Return the last stop of a survey, from the newest log that holds one."""
+    return next((noted.stops[-1] for log in reversed(logs) if (noted := noted_in(log)).stops), None)
 
 
 def _new_round(folder: Path, number: int, run: dict[str, str]) -> Round:

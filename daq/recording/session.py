@@ -64,7 +64,8 @@ class LogSink(Protocol):
 class Round:
     """One survey on disk: its folder, what every log of it says in ``stepdiag.run``, and what its logs already hold.
 
-    That are the stops, what was found meanwhile, and beside the logs the words of persons and of the solver.
+    That are the stops, what was found meanwhile, and beside the logs the words of persons and of the solver. ``left`` is the last stop of
+    the survey before, at which the machine may still stand.
     """
 
     folder: Path
@@ -73,6 +74,7 @@ class Round:
     stops: tuple[CapturedStop, ...] = ()
     findings: tuple[Finding, ...] = ()
     verdicts: Verdicts = field(default_factory=Verdicts)
+    left: CapturedStop | None = None
 
 
 class Session:
@@ -123,12 +125,29 @@ class Session:
         self.book = PassBook(survey)
         self.book.add_all(begun.stops)
         self.book.news()
+        self.owed: int | None = None
+        """The count of the stop that was taken last, in case a daemon died before it told the machine."""
+        self._stand_at(self.book.last or begun.left)
         self._stops = list(begun.stops)
         self._drawn: list[CapturedStop] = []
         self.findings = list(begun.findings)
         self.unsolved = begun.verdicts.tell(self.book)
         """Why the survey cannot be solved although every pass is in; empty where that is not so."""
         self.shown_zero_mm = 0.0
+
+    def _stand_at(self, last: CapturedStop | None) -> None:
+        """Remember the end of a pass that another daemon took: the machine waits there for the word that died with it, and for no new pass.
+
+        Without a counter nobody knows whether it has stood there all the time.
+        """
+        if last is None or last.stop_count is None:
+            return
+        self.owed = last.stop_count
+        if last is self.book.last and last.stop < self.book.last_stop(last):
+            return
+        x, y, z = last.position_mm
+        self._standing = Signals(stopped=True, stop_count=last.stop_count, x_mm=x, y_mm=y, z_mm=z)
+        self._skip_dwell = True
 
     @property
     def folder(self) -> Path:
@@ -307,7 +326,7 @@ class Session:
         breaks = _last_of_each((*self._breaks, *self._idle["laser"].breaks))
         start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks)
         believed = believed_before(self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible)
-        start = msgspec.structs.replace(start, credible=believed)
+        start = msgspec.structs.replace(start, credible=believed, last_count=self.owed if start.last_count is None else start.last_count)
         setup = self.book.next_setup() or "more"
         header = LogHeader(
             survey_text=self._text,

@@ -127,7 +127,7 @@ class Daemon:
         session = self._session(recorder, begun)
         survey_links = SurveyLinks(self.survey, self._consume, self._written)
         if self.survey.plc.handshake.enabled:
-            self._handshake = Handshake(survey_links.acknowledge, session.book.last_count, self.survey.plan.dwell_s)
+            self._handshake = Handshake(survey_links.acknowledge, session.owed, self.survey.plan.dwell_s)
 
         def dead() -> list[str]:
             health = recorder.health

@@ -165,8 +165,7 @@ def solve_estimate(
     expected = expected_angles(found, done.spread)
     errors, of_head = beside_head(_errors(done), of_head, straightness, found)
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
-    twice = with_the_usual(found, done.spread, done.quantities, done.known, 2.0)
-    posterior = make_posterior(found, done.spread, wider, twice, errors)
+    posterior = make_posterior(found, done.spread, wider, done.quantities, done.known, errors)
     result = Result(
         volume=layout.volume,
         chain=chain,

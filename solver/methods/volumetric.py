@@ -20,7 +20,16 @@ from stepdiag.solver.result.field import error_field_um, evenly
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted, volumetric_u_um
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
-from stepdiag.solver.uncertainty.machine import Machine, covariance, machine_of, over_volume, posterior_of, usual_rows, with_usual
+from stepdiag.solver.uncertainty.machine import (
+    Machine,
+    covariance,
+    machine_of,
+    over_volume,
+    posterior_of,
+    told_apart,
+    usual_rows,
+    with_usual,
+)
 from stepdiag.solver.uncertainty.monte_carlo import monte_carlo
 from stepdiag.solver.uncertainty.spread import Spread
 
@@ -52,23 +61,27 @@ _BENT, _BENT_TWICE = 6.0, 70.0
 """Variances of the second and fourth difference of independent values over theirs."""
 
 
-def with_the_usual(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool], factor: float = 1.0) -> Spread:
-    """Return the covariances with what is usual, or ``factor`` times it, for what is not identified; the same where all of it is."""
+def with_the_usual(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]) -> Spread:
+    """Return the covariances with what is usual for what is not identified; the same where all of it is."""
     rows, u = usual_rows(quantities, known, found.assumed)
-    return replace(spread, fit=with_usual(found.fit, found.design, rows, factor * u)) if len(rows) else spread
+    return replace(spread, fit=with_usual(found.fit, found.design, rows, u)) if len(rows) else spread
 
 
-def make_posterior(found: Adjustment, spread: Spread, wider: Spread, twice: Spread, errors: Mapping[str, Function]) -> Posterior:
-    """Return how the machine may differ from what is reported; what is not identified counts with what is usual (`with_the_usual`).
+def make_posterior(
+    found: Adjustment, spread: Spread, wider: Spread, quantities: Quantities, known: Mapping[str, bool], errors: Mapping[str, Function]
+) -> Posterior:
+    """Return how the machine may differ from what is reported; what is not identified counts with what is usual.
 
-    ``twice`` are the covariances with twice that: what grows with it is as unsure as it is how usual the machine is.
+    ``wider`` are the covariances with that (`with_the_usual`): they say where the machine is to be expected.
     """
     first = cause_place(found, "angles") if found.shapes.names else 0
-    machine = machine_of(found.design, found.shapes, first, len(wider.fit.size))
-    offset = np.zeros(len(machine.names)) if wider is spread else _offset(machine, wider, spread, errors)
-    # of a covariance found + f^2 unmeasured, from those at f = 1 and f = 2
-    unmeasured = np.zeros((len(offset),) * 2) if wider is spread else (covariance(twice, machine) - covariance(wider, machine)) / 3.0
-    posterior = posterior_of(wider, machine, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
+    machine = machine_of(found.design, found.shapes, first, len(spread.fit.size))
+    told, unmeasured, offset = machine, np.zeros((len(machine.names),) * 2), np.zeros(len(machine.names))
+    rows, u = usual_rows(quantities, known, found.assumed)
+    if len(rows):
+        told, unmeasured = told_apart(machine, spread.fit.inverse, rows, u)
+        offset = _offset(machine, wider, spread, errors)
+    posterior = posterior_of(spread, told, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
 

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.linear.components import Sizes
 from stepdiag.solver.linear.fit import fit
+from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.assumptions import Assumptions
@@ -29,6 +30,8 @@ from stepdiag.solver.uncertainty.spread import Spread
 MOST_POSITIONS = 20
 """Increments of the positions at which modes are written: finer surveys are not smoother."""
 MOST_MODES = 40
+HIDDEN = 1e-9
+"""What moves what is usual by less than this share of the most does not move it."""
 FINEST_UM = 0.01
 """Readings count as uncertain by so much at least beside what is usual, thousands of times larger: no sum of both is exact else."""
 
@@ -110,16 +113,29 @@ def covariance(spread: Spread, machine: Machine) -> Vector:
     return 0.5 * (matrix + matrix.T)
 
 
+def told_apart(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tuple[Machine, Vector]:
+    """Return the machine's values as the readings know them, and the covariance (k, k) of what only the usual ``rows`` say of them.
+
+    What the readings do not see is taken where the usual is most likely, given what they do see. That takes no difference of large
+    numbers, as covariances with and without what is usual would: these each processor rounds otherwise.
+    """
+    hidden = np.linalg.pinv(rows.times(inverse.null) / u[:, None], rcond=HIDDEN)
+    moved = machine.combination.times(inverse.null) @ hidden
+    told = machine.combination.dense() - moved @ (rows.dense() / u[:, None])
+    column = np.tile(np.arange(told.shape[1]), (len(told), 1))
+    return replace(machine, combination=Rows(column, told, told.shape[1])), moved @ moved.T
+
+
 def posterior_of(
     spread: Spread, machine: Machine, volume: Volume, chain: str, offset: Vector, of_unknown_size: str, unmeasured: Vector
 ) -> Posterior:
     """Return how the machine may differ from what is reported, in modes; ``offset`` (k,) is where it is to be expected beside that.
 
     The causes of the group ``of_unknown_size`` have modes of their own: how far these reach depends on a size that is not known either.
-    ``unmeasured`` is the part of the covariance that only what is usual says (k, k): how usual the machine is, nobody knows.
+    ``unmeasured`` is the covariance (k, k) of what the readings do not see (`told_apart`): how usual the machine is, nobody knows.
     """
     fields = fields_um(machine, volume, chain).reshape(len(machine.names), -1)
-    found = covariance(spread, machine) - unmeasured
+    found = covariance(spread, machine)
     family = spread.families.get(spread.names.index(of_unknown_size)) if of_unknown_size in spread.names else None
     own = BySize.nothing(len(found))
     if family is not None:

@@ -1,0 +1,30 @@
+"""What the readings know of the machine beside what only the usual says of it."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from stepdiag.solver.methods.estimate import estimate
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.uncertainty.machine import covariance, machine_of, told_apart, usual_rows, with_usual
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+
+
+@pytest.mark.parametrize("setups", [DIAGONALS, LINEAR, DIAGONALS[:1], (*DIAGONALS, LINEAR[0])], ids=["diagonals", "linear", "one", "more"])
+@pytest.mark.parametrize(("factor", "more"), [(1.0, 0.1), (10.0, 0.002)])
+def test_what_is_known_and_what_is_not_make_the_covariance_with_what_is_usual(setups, factor, more):
+    """Of a fit in which rows of what is usual stand beside the readings comes the same, the closer the larger the usual is.
+
+    Where it is hardly larger than what is known, it says a little of that too: never is less said to be uncertain for it.
+    """
+    done = estimate(lay_out(Bench(angle_urad=2.0, increments=2, diagonal_noise_um=0.1, linear_noise_um=0.1).survey(setups)), "FXYZ")
+    found, spread = done.adjustment, done.spread
+    rows, u = usual_rows(done.quantities, done.known, found.assumed)
+    machine = machine_of(found.design, found.shapes, 0, len(spread.fit.size))
+    told, unmeasured = told_apart(machine, spread.fit.inverse, rows, u)
+    both = covariance(spread, told) + factor**2 * unmeasured
+    beside = covariance(replace(spread, fit=with_usual(found.fit, found.design, rows, factor * u)), machine)
+    ratio = np.sqrt(np.diag(both) / np.diag(beside))
+    assert np.all(ratio > 1.0 - 1e-3)
+    assert np.all(ratio < 1.0 + more)
