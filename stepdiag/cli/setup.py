@@ -1,8 +1,8 @@
 """``stepdiag setup``: a first survey by questions; every answer may be an option."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Coroutine
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
@@ -12,6 +12,7 @@ if TYPE_CHECKING:
     from stepdiag.checking.hearing import Answered
     from stepdiag.daq.survey.composed import Answers
 
+T = TypeVar("T")
 NOT_REACHED = 4
 SHOWN_BYTES = 24
 _FORMATS = ("umd", "nd", "ids3010", "lasertex", "qudis")
@@ -92,10 +93,7 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
     port = _port(port)
     if form is not None:
         return port, _format(form), baud
-    import asyncio
-
-    typer.echo(f"listening on {port} ...")
-    heard = asyncio.run(listen(port, baud, seconds))
+    heard = _while_saying(f"listening on {port} ...", lambda: listen(port, baud, seconds))
     if heard.trouble:
         raise DeviceError("laser", expected="a port that can be listened to", found=heard.trouble)
     if heard.format in _FORMATS:
@@ -115,15 +113,23 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
     host = _asked("host", "Name or address of the control (none: a machine without signals)", host, _text)
     if host == "none" or control is not None:
         return control if control is not None and host != "none" else "none", host
-    import asyncio
-
     from stepdiag.checking.hearing import probe
 
-    typer.echo(f"asking {host} over Modbus, S7 and LSV2 ...")
-    answered = asyncio.run(probe(host, port))
+    answered = _while_saying(f"asking {host} over Modbus, S7 and LSV2 ...", lambda: probe(host, port))
     for each in answered:
         typer.echo(f"  {each.control}: {each.words}")
     return _asked("control", f"Which one ({', '.join((*CONTROLS, 'none'))})", None, _known_control, _likely(answered)), host
+
+
+def _while_saying(words: str, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
+    """Return what the work gives. The words are said once the loop runs: who answers them with Ctrl-C ends it in good order."""
+    import asyncio
+
+    async def said_and_done() -> T:
+        typer.echo(words)
+        return await work()
+
+    return asyncio.run(said_and_done())
 
 
 def _likely(answered: "list[Answered]") -> str | None:

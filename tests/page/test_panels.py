@@ -211,6 +211,18 @@ def test_contrast_and_labels(watched: Watched, daemon: Served, size: str, scheme
     assert page.evaluate("document.documentElement.scrollWidth") <= width
 
 
+@pytest.mark.parametrize("scheme", ["dark", "light"])
+def test_advice_that_is_old_can_still_be_read(watched: Watched, daemon: Served, scheme: str) -> None:
+    """Struck through as readings are, not faded: a laser that says nothing is when one looks at how the beam was to be set up."""
+    page = watched.open(daemon.address, width=1024, height=768, scheme=scheme)
+    daemon.do(lambda: daemon.survey.publish(beam=None))
+    expect(page.locator("#no-beam")).to_be_visible()
+    daemon.do(lambda: daemon.survey.silent.update({"laser", "plc"}))
+    expect(page.locator(".stale #no-beam")).to_be_visible()
+    expect(page.locator(".stale #tilt-advice")).to_be_visible()
+    assert violations(page) == []
+
+
 def test_the_smallest_phone_needs_no_sideways_scrolling(watched: Watched, daemon: Served) -> None:
     """320 px: the reading still fits in one line."""
     page = watched.open(daemon.address, width=320, height=568)

@@ -94,8 +94,8 @@ class Plc:
         machine_s = scanned_s * self._clock.scale
         segment = self._player.advance(machine_s)
         step = segment.step
-        stopped = step.kind == "dwell" and step.signalled and not self._faults.active("stop-flicker", wall_s)
-        alarm = step.alarm or self._faults.active("plc-alarm", wall_s) is not None
+        stopped = step.kind == "dwell" and step.signalled and not self._faults.active("stop-flicker", scanned_s)
+        alarm = step.alarm or self._faults.active("plc-alarm", scanned_s) is not None
         state = _STOPPED * stopped | _RUNNING * (bool(step.setup) and not step.alarm) | _ALARM * alarm
         if self._lag_s:
             machine_s -= self._lag_s * self._clock.scale
