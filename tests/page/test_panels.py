@@ -220,6 +220,7 @@ def test_advice_that_is_old_can_still_be_read(watched: Watched, daemon: Served, 
     daemon.do(lambda: daemon.survey.silent.update({"laser", "plc"}))
     expect(page.locator(".stale #no-beam")).to_be_visible()
     expect(page.locator(".stale #tilt-advice")).to_be_visible()
+    expect(page.locator(".stale #scatter")).to_be_attached()
     assert violations(page) == []
 
 
