@@ -32,7 +32,7 @@ from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.standing import Standing, standing_findings
-from stepdiag.exporters.safety.verify import predict, worse_findings
+from stepdiag.exporters.safety.verify import harm_findings, predict, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller, Plan
 from stepdiag.exporters.tables.profile import Profile
@@ -76,9 +76,9 @@ def export(
     _require_something(plan, case.profile)
     findings = (*run_checks(case), *standing_findings(standing, result, case.profile))
     refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
-    said = (*findings, *plan.findings, *compensation_remarks(result, case.profile), *remarks(case))
     prediction = predict(result, *standing.acting(result, case.profile))
     refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, f"export for {controller}")
+    said = (*findings, *plan.findings, *compensation_remarks(result, case.profile), *remarks(case), *harm_findings(prediction, result))
     text = report_text(case, plan, said, prediction)
     try:
         files = _control_files(case, standing)

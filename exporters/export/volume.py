@@ -20,7 +20,7 @@ from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um
 from stepdiag.exporters.safety.standing import Standing, lost_in_field
 from stepdiag.exporters.safety.verdicts.curve import COVERED
-from stepdiag.exporters.safety.verify import Prediction, predict_moved, worse_findings
+from stepdiag.exporters.safety.verify import Prediction, harm_findings, predict_moved, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM
 from stepdiag.exporters.tables.lattice import Lattice
@@ -74,6 +74,7 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
     points_moved = (held.correction_um, active.correction_um if active is not None else None)
     prediction = predict_moved(result, *points_moved)
     refuse(tuple(worse_findings(prediction, Standing(), result, profile)), accept, "export for linuxcnc")
+    findings = (*findings, *harm_findings(prediction, result))
     joints = profile.options_as(LinuxCncOptions).joints
     files = kinematics.control_files(held, profile, joints)
     restore = [replace(file, name=suffixed(file.name, RESTORE)) for file in kinematics.restore_files(held, profile, joints)]

@@ -40,6 +40,7 @@ from stepdiag.solver.result.stretches import harmed
 
 Correction = Callable[[Vector], Vector]
 """Commanded points (N, 3) in mm to what is added there in um."""
+STRETCH = "stretch-worse"
 CLEARLY = 1.02
 ROUNDING_UM = 0.3
 """What the rounding of tables in units of 1 um may add to the rms of an error."""
@@ -277,7 +278,7 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
                 f"{one.axis} {one.low_mm:g} to {one.high_mm:g} mm: there the machine would err by {one.after.words()} um rms with these "
                 f"files, without them by {one.before.words()}; measure this stretch finer, or take its points out of the tables"
             )
-            yield Finding(code="stretch-worse", severity="warning", text=text)
+            yield Finding(code=STRETCH, severity="warning", text=text)
     names = coarse_functions(result.errors)
     if names:
         text = (

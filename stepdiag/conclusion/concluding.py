@@ -1,6 +1,6 @@
 """From a result and its exports to the conclusion."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -9,6 +9,8 @@ from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
 from stepdiag.conclusion.sentences import Sentence
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
+from stepdiag.exporters.safety.verify import STRETCH
+from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS
 from stepdiag.solver.result.basis import ASSUMED, Basis, UnseenSlip, basis_of, scales_in_words, unseen_slips
 from stepdiag.solver.result.interval import Interval, decimals_of
@@ -25,12 +27,14 @@ MATTERS = 0.5
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Export:
-    """What became of an export: ``refused`` says why there are no files, ``untested`` names the tables whose sign nobody tried."""
+    """What became of an export: ``refused`` says why there are no files, ``untested`` names the tables whose sign nobody tried, ``harmed``
+    the stretches in which the machine would err more with its files than without."""
 
     controller: str
     refused: str = ""
     untested: tuple[str, ...] = ()
     reach: Reach | None = None
+    harmed: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,7 +57,12 @@ def export_of(written: ExportReport) -> Export:
     kinds = tuple(dict.fromkeys(table.kind for table in written.tables))
     untested = kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
     reach = None if written.prediction is None else reach_of(written.prediction.predicted())
-    return Export(controller=written.controller, untested=untested, reach=reach)
+    return Export(controller=written.controller, untested=untested, reach=reach, harmed=harmed_in(written.findings))
+
+
+def harmed_in(findings: Iterable[Finding]) -> tuple[str, ...]:
+    """Return what is said of stretches in which files harm, of the findings of an export or of `verify`."""
+    return tuple(one.text for one in findings if one.code == STRETCH)
 
 
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
@@ -65,7 +74,7 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
         wrong=tuple((one, _told(one)) for one in wrong),
         unknown=(*_unknown(result), *_unseen(unseen_slips(result), reach)),
         reach=reach,
-        reached=tuple(_reached(reach, refused=_all_refused(exports))),
+        reached=(*_reached(reach, refused=_all_refused(exports)), *_harmed(exports)),
         basis=tuple(_basis(basis_of(result))),
         load=tuple(loadable(exports)),
         next_step=_next_step(result, exports, counts),
@@ -135,6 +144,12 @@ def _reached(reach: Reach, *, refused: bool) -> Iterator[Sentence]:
     if reach.rms_after is not None and reach.largest_after is not None:
         after = _figure("after", reach.rms_after, reach.largest_after)
         yield replace(after, key="reach_after_refused") if refused and after.key == "reach_after" else after
+
+
+def _harmed(exports: Sequence[Export]) -> Iterator[Sentence]:
+    """Yield where the files of an export make the machine worse, though they help on the whole."""
+    for one in exports:
+        yield from (Sentence(key="reach_harmed", arguments={"control": one.controller, "what": text}) for text in one.harmed)
 
 
 def _all_refused(exports: Sequence[Export]) -> bool:

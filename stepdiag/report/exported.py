@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
-from stepdiag.conclusion import Export, export_of, reach_of
+from stepdiag.conclusion import Export, export_of, harmed_in, reach_of
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import UNTESTED, is_restore
@@ -59,18 +59,20 @@ def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> 
     if not tables:
         return Exported(controller="", files=_listed(files))
     if len(tables) == 1 and lattice.recognises(tables[0]):
-        reach = reach_of(verify_files(result, tables).prediction.predicted())
+        lone = verify_files(result, tables)
+        reach = reach_of(lone.prediction.predicted())
         return Exported(
             controller=lattice.NAME,
             files=_listed(files),
             correction=lattice.parse(tables[0]).correction_um,
-            concluded=Export(controller=lattice.NAME, reach=reach),
+            concluded=Export(controller=lattice.NAME, reach=reach, harmed=harmed_in(lone.findings)),
         )
     known = load_profile(profile, controller_for(tables), result.volume) if profile is not None else None
     found = verify_files(result, tables, known)
     kinds = tuple(dict.fromkeys(table.kind for table in found.tables))
     untested = kinds if any(Path(file.name).stem.endswith(UNTESTED) for file in tables) else ()
-    concluded = Export(controller=found.controller, untested=untested, reach=reach_of(found.prediction.predicted()))
+    reach = reach_of(found.prediction.predicted())
+    concluded = Export(controller=found.controller, untested=untested, reach=reach, harmed=harmed_in(found.findings))
     return Exported(controller=found.controller, files=_listed(files), correction=_of_tables(found.tables), concluded=concluded)
 
 

@@ -61,6 +61,20 @@ def noisy(result: Result, repeatability_um: float) -> Result:
     return replace(result, setups={"ppp": {"passes": [1, 2], "repeatability_um": repeatability_um}})
 
 
+def test_a_stretch_in_which_the_tables_harm_is_told_by_the_export_as_by_verify(tmp_path):
+    """A bump narrower than the table's steps: flattened on the whole, with slopes beside it where the machine was right."""
+    fine = replace(VOLUME, increments=8)
+    bumped = made_result({"EXX": [0, 0, 0, 0, 9, 0, 0, 0, 0]}, volume=fine)
+    report = export(bumped, "siemens", None, step_mm=100.0, out_dir=tmp_path)
+    told = [item.text for item in report.findings if item.code == "stretch-worse"]
+    assert [text.partition(":")[0] for text in told] == ["X -100 to -50 mm", "X 50 to 100 mm"]
+    assert all(f"stretch-worse: {text}" in report.text for text in told)
+    files = [tmp_path / name for name in report.files if name.endswith(".INI") and "RESTORE" not in name]
+    assert told == [item.text for item in verify_files(bumped, read_given(files)).findings if item.code == "stretch-worse"]
+    fitting = export(bumped, "siemens", None, step_mm=50.0, out_dir=tmp_path / "fine")
+    assert not [item for item in fitting.findings if item.code == "stretch-worse"]
+
+
 class TestQuickLook:
     @pytest.mark.parametrize("name", sorted(set(CONTROLLERS) - {"fanuc"}))
     def test_a_step_alone_suffices_and_the_files_mend_the_machine(self, name, tmp_path):

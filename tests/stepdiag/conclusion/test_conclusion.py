@@ -7,15 +7,26 @@ from datetime import date
 from pathlib import Path
 from typing import Any, ClassVar
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.conclusion import Export, conclude, conclusion_document, conclusion_in, conclusion_json, contributions_of, render, words_of
+from stepdiag.conclusion import (
+    Export,
+    conclude,
+    conclusion_document,
+    conclusion_in,
+    conclusion_json,
+    contributions_of,
+    export_of,
+    render,
+    words_of,
+)
 from stepdiag.conclusion.intervals import reach_of
 from stepdiag.exporters.export.export import export
 from stepdiag.report.document import build_report
-from stepdiag.report.exported import exported_of
+from stepdiag.report.exported import exported_in, exported_of
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
@@ -24,6 +35,7 @@ from stepdiag.solver.result.result import Quantity, Result
 from stepdiag.texts import LANGUAGES
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
+from testkit.exact.results import VOLUME, made_result
 from testkit.exact.surveys import DIAGONALS, Bench
 from testkit.german import is_english
 
@@ -100,6 +112,22 @@ class TestReach:
     def test_a_strange_prediction_is_none_rather_than_an_error(self, document: object) -> None:
         """A result of a stranger may hold anything under ``predicted``."""
         reach_of(document)
+
+    def test_says_where_files_harm_in_the_words_of_the_export(self, tmp_path: Path) -> None:
+        """The warning of `verify` and export stands beside what compensation reaches, in every language; without one nothing is added."""
+        bump = np.where(np.arange(9) == 4, 9.0, 0.0)
+        bumped = made_result({"EXX": bump.tolist()}, volume=replace(VOLUME, increments=8))
+        written = export(bumped, "siemens", None, step_mm=100.0, out_dir=tmp_path)
+        reached = conclude(bumped, [export_of(written)]).reached
+        told = [one.text for one in written.findings if one.code == "stretch-worse"]
+        assert [render(one, "en") for one in reached[2:]] == [f"Not everywhere, with the files for siemens: {text}." for text in told]
+        assert len(told) == 2
+        german = render(reached[2], "de")
+        assert "X -100 bis -50 mm: dort würde die Maschine mit diesen Dateien um" in german
+        assert not is_english(german)
+        concluded = exported_in(bumped, [tmp_path], None).concluded
+        assert concluded is not None
+        assert list(concluded.harmed) == told
 
 
 class TestWhatToLoad:
