@@ -30,6 +30,8 @@ from stepdiag.solver.uncertainty.spread import Spread
 MOST_POSITIONS = 20
 """Increments of the positions at which modes are written: finer surveys are not smoother."""
 MOST_MODES = 40
+NEXT_TO_NOTHING = 1e-6
+"""A usual size counts as so much of the largest at least: beside one of nothing all others would be taken for rounding (`HIDDEN`)."""
 HIDDEN = 1e-9
 """What moves what is usual by less than this share of the most does not move it."""
 FINEST_UM = 0.01
@@ -79,7 +81,8 @@ def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
     """Return what a machine of its class usually has, by name: functions in um, squareness in urad, scales in um/m."""
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
     usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad) | dict.fromkeys(AXIS_LETTERS, assumed.scale_um_m)
-    return {name: size for name, size in usual.items() if size > 0}
+    least = NEXT_TO_NOTHING * max(usual.values())
+    return {name: max(size, least) for name, size in usual.items() if size > 0}
 
 
 def usual_names(found: Quantities, known: Mapping[str, bool], assumed: Assumptions) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from stepdiag.solver.methods.estimate import estimate
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.uncertainty.machine import covariance, machine_of, told_apart, usual_rows, with_usual
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
@@ -28,3 +29,17 @@ def test_what_is_known_and_what_is_not_make_the_covariance_with_what_is_usual(se
     ratio = np.sqrt(np.diag(both) / np.diag(beside))
     assert np.all(ratio > 1.0 - 1e-3)
     assert np.all(ratio < 1.0 + more)
+
+
+@pytest.mark.parametrize("name", ["shape_um", "squareness_urad", "scale_um_m"])
+def test_a_usual_size_of_next_to_nothing_leaves_the_others_what_they_are(name):
+    """Who states 1e-9 says that there is none of it, and nothing of what else was not measured: that is as unknown as with 1e-3."""
+
+    def unmeasured_um2(size):
+        done = estimate(lay_out(Bench(increments=2).survey(LINEAR)), "FXYZ")
+        rows, u = usual_rows(done.quantities, done.known, Assumptions(**{name: size}))
+        machine = machine_of(done.adjustment.design, done.adjustment.shapes, 0, len(done.spread.fit.size))
+        return np.trace(told_apart(machine, done.spread.fit.inverse, rows, u)[1])
+
+    assert unmeasured_um2(1e-9) == pytest.approx(unmeasured_um2(1e-3), rel=1e-3)
+    assert unmeasured_um2(1e-9) > 100.0
