@@ -20,7 +20,8 @@ from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
 AS_MEASURED, AT_20_C = "as_measured", "at_20_c"
 UNMEASURED_C = 3.5
-"""Standard uncertainty of 20 C, or of what a survey file says, where nobody measured: as of a sensor that fell silent an hour ago."""
+"""Standard uncertainty of 20 C, or of what a survey file says, where nobody measured: as of a sensor that fell silent an hour ago. What
+the user states himself takes its place, smaller or larger."""
 REACH_MM = 100.0
 """Distance from mirror to tool for which it is said what the angles make of it."""
 
@@ -28,7 +29,8 @@ REACH_MM = 100.0
 def at_their_temperature(readings: Readings, assumed: Assumptions | None, source: str) -> Assumptions:
     """Return the assumptions with what the readings say of their temperature: whether they stand at 20 C, and how warm the material was.
 
-    Readings that were brought to 20 C from a temperature that nobody measured carry what is uncertain about that (`UNMEASURED_C`).
+    Readings that were brought to 20 C from a temperature that nobody measured carry what is uncertain about that: what the user stated,
+    else `UNMEASURED_C`.
     Raises ``DataError`` where some readings were brought to 20 C and others not.
     """
     found = assumed or Assumptions()
@@ -41,7 +43,7 @@ def at_their_temperature(readings: Readings, assumed: Assumptions | None, source
     if len(known):
         mean = float(np.mean(known))
         found = replace(found, material_c=(mean, mean, mean))
-    if reduced and not np.all(np.isfinite(readings.temperature_c)):
+    if reduced and not found.material_stated and not np.all(np.isfinite(readings.temperature_c)):
         found = replace(found, u_material_c=max(found.u_material_c, UNMEASURED_C))
     return replace(found, reduced_to_20_c=reduced) if len(readings) else found
 
@@ -56,9 +58,10 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
         return ()
     where = f"at {missing} of {len(temperature_c)} readings"
     if assumed.reduced_to_20_c:
+        by_whom = "as u_material_c states it" if assumed.material_stated else "which is in the uncertainty"
         text = (
             f"{where} nobody measured how warm the machine was when its readings were brought to 20 C: it is taken for known within "
-            f"{assumed.u_material_c:.2g} C (k = 1), which is in the uncertainty; give temperature_c with the readings, or a sensor"
+            f"{assumed.u_material_c:.2g} C (k = 1), {by_whom}; give temperature_c with the readings, or a sensor"
         )
         return (Finding(code="material-unmeasured", severity="warning", text=text),)
     per_axis = ", ".join(f"{one:g}" for one in dict.fromkeys(assumed.expansion_um_m_c))

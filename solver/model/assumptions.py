@@ -22,7 +22,7 @@ class Assumptions:
     ``index_setup`` what it changes unseen between setups. ``alignment_mrad``: largest angle of a beam to mirror or travel.
     ``between_um``: waves of the positioning functions that are too short for the targets. ``reading_um`` serves where a stop
     does not bring its own. ``material_c``: temperature of the axes, ``u_material_c`` how well that is known: it is in the uncertainty of
-    lengths at 20 C, thus of the readings where they are ``reduced_to_20_c``.
+    lengths at 20 C, thus of the readings where they are ``reduced_to_20_c``; ``material_stated`` where the user said it himself.
     ``shape_um``, ``squareness_urad``, ``scale_um_m``: what a machine of its class usually has where nobody measured it.
     """
 
@@ -41,6 +41,7 @@ class Assumptions:
     reading_um: float = 0.3
     material_c: tuple[float, float, float] = (20.0, 20.0, 20.0)
     u_material_c: float = 0.3
+    material_stated: bool = False
     reduced_to_20_c: bool = False
     shape_um: float = 5.0
     squareness_urad: float = 30.0

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.daq.survey.assumed import parse_uncertainty
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.methods.lengths import at_their_temperature, lengths_report, tool_report
 from stepdiag.solver.methods.solve import solve
@@ -13,6 +14,7 @@ from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.result import ROTATIONS, Function, Scale, parse_result
 from stepdiag.solver.standards.expansion import expansion_um
+from stepdiag.texts.sentences import translated
 from testkit.exact.surveys import Bench
 
 WARM_C = 27.0
@@ -114,6 +116,24 @@ def test_a_temperature_that_nobody_measured_is_said(reduced, severity, both):
         known = both[reduced].scale[letter].u if reduced else scale.u
         assert (scale.u > 3.5 * STEEL) is reduced
         assert known < 10.0
+
+
+@pytest.mark.parametrize("stated_c", [1.0, 6.0])
+def test_what_the_user_states_of_the_temperature_stands_and_is_said(stated_c):
+    """Smaller or larger than the 3.5 C that stand for a temperature that nobody measured; the template's value is no statement."""
+    made = readings(reduced=True)
+    blind = replace(made, temperature_c=np.full(len(made), np.nan))
+    stated = parse_uncertainty(f"[uncertainty]\nu_material_c = {stated_c}\n", "u.toml")
+    result = solve(blind, assumed=stated)
+    (said,) = [one for one in result.findings if one.code == "material-unmeasured"]
+    assert said.severity == "warning"
+    assert f"within {stated_c:.2g} C (k = 1), as u_material_c states it" in said.text
+    assert "wie u_material_c es angibt" in translated(said.text, "de")
+    assert result.extra["assumed"]["u_material_c"] == stated_c
+    for scale in result.scale.values():
+        assert stated_c * STEEL < scale.u < np.hypot(stated_c * STEEL, 10.0)
+    template = parse_uncertainty("[uncertainty]\nu_material_c = 0.3\n", "u.toml")
+    assert at_their_temperature(blind, template, "readings").u_material_c == 3.5
 
 
 def test_a_temperature_of_some_readings_is_none_of_the_survey():
