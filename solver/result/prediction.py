@@ -55,41 +55,13 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
 
     ``beside_um`` (N, 3) is known to have been there while it was measured, and is not in the result: steps between its targets.
     """
-    posterior = result.posterior
-    before = error_field_um(result, points_mm) + beside_um
-    if posterior is not None:
-        before = before + bend_um(result, points_mm)
-    moved = _moved(result, posterior, points_mm)
-    amount = np.ones((1, 1)) if posterior is None else posterior.drawn(DRAWS)
-    between = _between(result, posterior, points_mm, len(amount))
+    machines = _machines(result, points_mm, beside_um, DRAWS)
     motions = rigid_motions(result.volume, points_mm)
-    noise, bent = _adjusted_um(result, posterior, points_mm)
-    together = _together(amount)
-    parts: dict[str, dict[str, tuple[Vector, Vector]]] = {}
-    for name, free in (("as_it_is", None), ("without_rigid_motion", motions)):
-        flat, found = _flat(moved, free), _flat(before[None], free)
-        square_um2 = max(float(np.sum(found**2)), 1e-30)
-        bending = _flat(bent, free)
-        common_um2, bent_um2 = _common_um2(flat, _flat(noise, free), together), _common_um2(bending, bending, together)
-        parts[name] = {}
-        for when, change in (("before", np.zeros_like(found)), ("after", _flat(correction_um[None], free))):
-            field = found + change
-            # of what tables take out, its noise is taken out with it; how noise bends the curve between the values stays in either
-            over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
-            whole, likely = (
-                np.vstack([centre + flat[:1], flat[1:]]) for centre in (field, field - min(over_um2 / square_um2, 1.0) * found)
-            )
-            parts[name][when] = (
-                _rms_um(whole, amount, between, 2.0 * over_um2 + bent_um2),
-                _largest_um(likely, amount[:FOR_LARGEST], between),
-            )
-    known = posterior is not None
-    return Predicted(
-        **{
-            name: {when: FieldFigures(rms_um=told(drawn[0], known), largest_um=told(drawn[1], known)) for when, drawn in part.items()}
-            for name, part in parts.items()
-        },
-    )
+    parts = {
+        name: {when: machines.figures(drawn) for when, drawn in machines.drawn(correction_um, free).items()}
+        for name, free in (("as_it_is", None), ("without_rigid_motion", motions))
+    }
+    return Predicted(**parts)
 
 
 def told(drawn: Vector, known: bool) -> Interval:
@@ -101,25 +73,80 @@ def told(drawn: Vector, known: bool) -> Interval:
 def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> tuple[Vector, Vector]:
     """Return the squared length of the error vector at the points for each of `FOR_LARGEST` draws, rigid motion removed, before and after a
     correction, shapes (draws, N); arguments as of `predicted`. One draw where the result has no posterior."""
+    machines = _machines(result, points_mm, beside_um, FOR_LARGEST)
+    drawn = machines.drawn(correction_um, rigid_motions(result.volume, points_mm))
+    before, after = (machines.squares_um2(drawn[when]) for when in ("before", "after"))
+    return before, after
+
+
+class _Drawn(NamedTuple):
+    """The error field of drawn machines as rows (deviations, 3 N), times the amounts of each; ``likely`` is drawn around what is left of
+    the field without its noise. The square sum over all points of ``whole`` is too large by ``over_um2``."""
+
+    whole: Vector
+    likely: Vector
+    over_um2: float
+
+
+class _Machines(NamedTuple):
+    """Drawn machines: the field found at the points ``before``, what each deviation moves there and the ``amount`` of each (draws,
+    deviations), what is between the targets, and which part of the field is noise of what was found (`_adjusted_um`)."""
+
+    before: Vector
+    moved: Vector
+    amount: Vector
+    between: "Between"
+    noise: Vector
+    bent: Vector
+    together: Vector
+    known: bool
+
+    def drawn(self, correction_um: Vector, motions: Vector | None) -> dict[str, _Drawn]:
+        """Return the fields before and after a correction (N, 3), less rigid motion where its basis is given."""
+        flat, found = _flat(self.moved, motions), _flat(self.before[None], motions)
+        square_um2 = max(float(np.sum(found**2)), 1e-30)
+        bending = _flat(self.bent, motions)
+        common_um2 = _common_um2(flat, _flat(self.noise, motions), self.together)
+        bent_um2 = _common_um2(bending, bending, self.together)
+        fields = {}
+        for when, change in (("before", np.zeros_like(found)), ("after", _flat(correction_um[None], motions))):
+            field = found + change
+            # of what tables take out, its noise is taken out with it; how noise bends the curve between the values stays in either
+            over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
+            whole, likely = (
+                np.vstack([centre + flat[:1], flat[1:]]) for centre in (field, field - min(over_um2 / square_um2, 1.0) * found)
+            )
+            fields[when] = _Drawn(whole, likely, 2.0 * over_um2 + bent_um2)
+        return fields
+
+    def figures(self, drawn: _Drawn) -> FieldFigures:
+        """Return the figures of the whole volume."""
+        rms_um = _rms_um(drawn.whole, self.amount, self.between, drawn.over_um2)
+        largest_um = _largest_um(drawn.likely, self.amount[:FOR_LARGEST], self.between)
+        return FieldFigures(rms_um=told(rms_um, self.known), largest_um=told(largest_um, self.known))
+
+    def squares_um2(self, drawn: _Drawn) -> Vector:
+        """Return the squared length of the error vector at each point, shape (draws, N), whose mean over all points is that of `figures`.
+
+        Which points the noise of what was found is in more, no figure of the volume says: each counts with its share of the square.
+        """
+        fields = (self.amount @ drawn.whole).reshape(len(self.amount), -1, 3)
+        square: Vector = np.sum(fields**2 + self.between.square_um(slice(None)), axis=2)
+        total = np.sum(square, axis=1, keepdims=True)
+        cleared: Vector = square * np.maximum(1.0 - drawn.over_um2 / np.maximum(total, 1e-30), 0.0)
+        return cleared
+
+
+def _machines(result: Result, points_mm: Vector, beside_um: Vector | float, draws: int) -> _Machines:
+    """Return ``draws`` machines as the posterior has them; one, as it was found, where the result has none."""
     posterior = result.posterior
     before = error_field_um(result, points_mm) + beside_um
     if posterior is not None:
         before = before + bend_um(result, points_mm)
-    amount = np.ones((1, 1)) if posterior is None else posterior.drawn(FOR_LARGEST)
+    amount = np.ones((1, 1)) if posterior is None else posterior.drawn(draws)
     between = _between(result, posterior, points_mm, len(amount))
-    motions = rigid_motions(result.volume, points_mm)
-    flat, found = _flat(_moved(result, posterior, points_mm), motions), _flat(before[None], motions)
-    noise = _flat(_adjusted_um(result, posterior, points_mm)[0], motions)
-    change = _flat(correction_um[None], motions)
-    square_um2 = max(float(np.sum(found**2)), 1e-30)
-    common_um2 = _common_um2(flat, noise, _together(amount))
-    squares = []
-    for field in (found, found + change):
-        over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
-        likely = field - min(over_um2 / square_um2, 1.0) * found
-        drawn = (amount @ np.vstack([likely + flat[:1], flat[1:]])).reshape(len(amount), -1, 3)
-        squares.append(np.sum(drawn**2 + between.square_um(slice(None)), axis=2))
-    return squares[0], squares[1]
+    noise, bent = _adjusted_um(result, posterior, points_mm)
+    return _Machines(before, _moved(result, posterior, points_mm), amount, between, noise, bent, _together(amount), posterior is not None)
 
 
 def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:

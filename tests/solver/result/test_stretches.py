@@ -5,6 +5,7 @@ import pytest
 
 from stepdiag.solver.geometry.volume import anywhere_mm
 from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.result import prediction
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.stretches import harmed
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
@@ -18,6 +19,21 @@ def result(request):
 def test_tables_of_what_was_found_harm_nowhere(result):
     points = anywhere_mm(result.volume)
     assert harmed(result, points, -error_field_um(result, points)) == []
+
+
+def test_slab_by_slab_is_the_figure_of_the_volume_divided(result, monkeypatch):
+    """All points together are the volume: of the same draws comes the same interval, before and after."""
+    monkeypatch.setattr(prediction, "DRAWS", prediction.FOR_LARGEST)
+    points = anywhere_mm(result.volume)
+    correction = -error_field_um(result, points)
+    whole = prediction.predicted(result, points, correction).without_rigid_motion
+    for when, square_um2 in zip(("before", "after"), prediction.squares_um2(result, points, correction), strict=True):
+        divided = prediction.told(np.sqrt(np.mean(square_um2, axis=1)), known=True)
+        assert ends_of(divided) == pytest.approx(ends_of(whole[when].rms_um), rel=1e-9)
+
+
+def ends_of(interval):
+    return (interval.low_um, interval.value_um, interval.high_um)
 
 
 @pytest.mark.parametrize(("axis", "low", "high"), [(0, 300.0, 400.0), (2, 0.0, 60.0)])
