@@ -115,7 +115,7 @@ class Stretches:
             for known in [each for each in last if each in zeros] if stretch in last else ():
                 here, there = last[stretch], last[known]
                 shift_mm = zeros[known].offset_mm + (there.reading_mm or 0.0) - (here.reading_mm or 0.0)
-                yield shift_mm, zeros[known], float(np.hypot(here.u_um, there.u_um))
+                yield shift_mm, _doubted(zeros[known], there, here), float(np.hypot(here.u_um, there.u_um))
 
     def _joined(self, stretch: int, shifts: list[tuple[float, Zero, float]]) -> Zero:
         offset_mm, known = float(np.median([shift for shift, _, _ in shifts])), shifts[0][1]
@@ -145,6 +145,17 @@ class Stretches:
         apart = {entry.stretch for entries in self.measured.values() for entry in entries} - set(zeros)
         spreads = [_spread_um(shifts) for stretch in apart if len(shifts := list(self._shifts(stretch, zeros))) > 1]
         return max(spreads, default=None)
+
+
+def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
+    """Return a known zero as it is worth for a stretch that is joined by these readings: what is doubted of them is doubted of it all.
+
+    A stop measured again by itself takes over whatever its reading before was off by.
+    """
+    doubtful = next((each for each in readings if each.doubtful), None)
+    if known.doubt or doubtful is None:
+        return known
+    return Zero(known.offset_mm, doubtful.doubtful, next(iter(doubtful.doubt_codes), "stop-doubtful"))
 
 
 def _of_one_count(stop: CapturedStop) -> bool:

@@ -147,7 +147,6 @@ class Session:
             return
         x, y, z = last.position_mm
         self._standing = Signals(stopped=True, stop_count=last.stop_count, x_mm=x, y_mm=y, z_mm=z)
-        self._skip_dwell = True
 
     @property
     def folder(self) -> Path:
@@ -269,6 +268,7 @@ class Session:
             signals = self._decode(event)
             if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):
                 self._standing = None
+            self._skip_dwell = self._skip_dwell or self._standing is not None
             if self._begins(signals):
                 self._begin_log(time_of(event))
 
@@ -349,7 +349,6 @@ class Session:
         self._note(capture, event)
         if capture.ended is not None:
             self._standing = capture.standing
-            self._skip_dwell = self._standing is not None
             status: ExitStatus = "complete" if capture.ended.kind == "complete" else "aborted"
             self._end_log(status, capture.ended.reason)
             self._go_on(time_of(event), whole=status == "complete")

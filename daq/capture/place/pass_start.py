@@ -7,7 +7,8 @@ from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
 from stepdiag.daq.capture.place.route import Route, base_setup, make_route
-from stepdiag.daq.capture.place.walk import Walk
+from stepdiag.daq.capture.place.walk import COUNTER_TRUSTED, Walk
+from stepdiag.daq.capture.standing.dwell import count_steps
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.findings import Finding
@@ -69,11 +70,19 @@ class PassFinder:
         hint = self._start.hints[setup]
         there = self._place(forward, hint, signals, reading_mm)
         if there is not None:
-            hint = _directed(hint, there, len(forward), returns=survey.plan.return_pass)
+            gone_by = self._gone_by(signals)
+            hint = _directed(hint, there, len(forward), gone_by, returns=survey.plan.return_pass)
         self.turn = hint.turn if not hint.outward else None
         route = forward if hint.outward else make_route(survey.volume, setup, survey.axis_order, outward=False)
         known = {_mirrored(stop, hint, route): reading for stop, reading in hint.known.items()} if reading_mm is not None else {}
         return Walk(route, hint.next_stop, self._start.last_count, hint.last_reading_mm, known)
+
+    def _gone_by(self, signals: Signals) -> int | None:
+        """Return how many stops the machine has come to since the last one in the log before; None where its counter does not say."""
+        if signals.stop_count is None or self._start.last_count is None:
+            return None
+        steps = count_steps(self._start.last_count, signals.stop_count)
+        return steps if 0 < steps <= COUNTER_TRUSTED else None
 
     def _place(self, forward: Route, hint: PassHint, signals: Signals, reading_mm: float | None) -> int | None:
         """Return the stop of the outward route at which the machine stands, by its position, else by the laser; None where nobody knows."""
@@ -82,18 +91,27 @@ class PassFinder:
         return LaserPlaces(forward, hint.known).stop_at(reading_mm) if reading_mm is not None else None
 
 
-def _directed(hint: PassHint, there: int, count: int, *, returns: bool) -> PassHint:
+def _directed(hint: PassHint, there: int, count: int, gone_by: int | None, *, returns: bool) -> PassHint:
     """Return where a setup stands once the machine was seen at a stop of the outward route.
 
-    A pass that was left in the middle goes on in its direction, unless the machine stands where a pass in the other direction begins.
+    A pass that was left in the middle goes on in its direction, unless the machine stands where a pass in the other direction begins, or
+    has come to more stops since than the pass has left: then it is on its way back, however many of them were seen.
     """
-    following = hint.next_stop if hint.outward else count - 1 - hint.next_stop
-    begins = there == (count - 1 if hint.outward else 0) and following != there and (returns or not hint.outward)
+    along = there if hint.outward else count - 1 - there
+    counted = None if gone_by is None else hint.next_stop - 1 + gone_by
     if hint.next_stop == 0:
-        return msgspec.structs.replace(hint, outward=2 * there < count)
-    if begins:
+        goes_on = bool(hint.known) and counted is not None and along in (counted, counted + 1)
+        nearer = hint.outward if 2 * there == count - 1 else 2 * there < count
+        return hint if goes_on else msgspec.structs.replace(hint, outward=nearer)
+    begins = along == count - 1 and along not in (hint.next_stop, counted) and (returns or not hint.outward)
+    if begins or (returns and counted is not None and _turned(counted - count, count - 1 - along)):
         return msgspec.structs.replace(hint, outward=not hint.outward, next_stop=0, last_reading_mm=None, turn=None)
     return hint
+
+
+def _turned(beyond: int, back: int) -> bool:
+    """Tell whether the stops beyond the end of a pass lead to this one of the way back: a program stands at the turn twice, or once."""
+    return beyond >= 0 and back in (beyond, beyond + 1)
 
 
 def _mirrored(stop: int, hint: PassHint, route: Route) -> int:

@@ -49,6 +49,20 @@ def test_one_common_stop_alone_is_doubted_until_a_person_accepts_it():
     assert passes.accepted()[0][0] == doubt
 
 
+def test_what_is_joined_by_a_doubtful_stop_alone_is_doubted_with_it():
+    """The stop measured again takes over what its reading before was off by, and hands it on: only a sure stop beside it ends the doubt."""
+    off = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm + 0.01, doubtful="dwell longer") for stop in stops_of(only=[5])]
+    lost = [msgspec.structs.replace(stop, broken="beam lost") for stop in stops_of(only=[5], zero=3.3)]
+    passes = book_of(stops_of(only=range(5)), off, lost, stops_of(only=range(6, 10), zero=3.3))
+    (only,) = passes.passes
+    assert {(each.stop, each.code) for each in passes.doubts()} == {(5, "stop-doubtful")}
+    assert all(only.doubt(stop) == "dwell longer" for stop in range(5, 10))
+    sure = [msgspec.structs.replace(stop, broken="beam lost" if stop.stop == 4 else "") for stop in stops_of(only=range(4, 10), zero=-2.0)]
+    (only,) = book_of(stops_of(only=range(5)), off, lost, stops_of(only=range(6, 10), zero=3.3), sure).passes
+    assert only.complete
+    assert relative(only) == pytest.approx(TRUE, abs=1e-9)
+
+
 def test_a_mirror_that_was_turned_never_makes_one_pass():
     """The stops measured twice disagree: the whole pass is asked for, and once it is driven it alone counts."""
     turned = [msgspec.structs.replace(stop, reading_mm=stop.reading_mm * 1.0001 + 0.05) for stop in stops_of()]

@@ -10,6 +10,7 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.findings import Finding
 from testkit.exact.driven import WALL_OFFSET_NS, Fault, Folder, Program, machine_of, survey_file
 from testkit.timeline import SETUPS as NUMBERS
+from testkit.timeline import Timeline
 
 HANDSHAKE = "[plc.handshake]\nenabled = true\n"
 SETUPS = ("ppp", "npp")
@@ -98,3 +99,21 @@ def test_the_first_stop_of_another_setup_is_taken_although_the_pass_before_was_l
     standing = [event for event in events if time_of(event) < time_of(events[-1]) - 2_000_000_000]
     session, _ = gone_on(text, Round(tmp_path / "0001", {}), standing)
     assert [(each.route.setup, sorted(each.chosen())) for each in session.book.passes] == [("ppp", [0, 1, 2, 3]), ("npp", [0])]
+
+
+def test_a_counter_that_is_stuck_costs_no_stop_where_the_next_daemon_finds_the_machine(tmp_path):
+    """It shows what it showed at the end of the pass before, and the machine stands elsewhere: that is no stop taken already."""
+    text = survey_file(setups=SETUPS)
+    program = Program(machine_of(5))
+    for setup in SETUPS:
+        program.drive(setup)
+    first = next(at for at, each in enumerate(program.stops) if each.setup == NUMBERS["npp"] and each.counts)
+    program.stops[first].seconds = 2.0
+    for stop in program.stops:
+        stop.counts = 0
+    begins_s, _ = Timeline(program.stops, move_s=0.3).schedule()[first]
+    before, rest = cut(tmp_path / "0001", text, list(program.events()), 3)
+    before.close("died")
+    later = [event for event in rest if time_of(event) * 1e-9 > begins_s + 0.5]
+    second, _ = gone_on(text, latest_round(tmp_path, text, {}), later)
+    assert [(each.route.setup, each.whole) for each in second.book.passes] == [("ppp", True), ("npp", True)]
