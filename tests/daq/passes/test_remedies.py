@@ -24,6 +24,8 @@ FAULTS = [
     pytest.param("alarm", 0.0, "", id="alarm"),
     pytest.param("beam", 3.3, STOPPED, id="beam cut, stopped alone"),
     pytest.param("jump", 5.0, STOPPED, id="step in the dwell, stopped alone"),
+    pytest.param("cut", 0.05, STOPPED, id="dwell cut short, stopped alone"),
+    pytest.param("cut", 0.25, STOPPED, id="dwell cut by half, stopped alone"),
     pytest.param("skipped", 0.0, COUNTED, id="stop not driven, counted"),
 ]
 

@@ -38,7 +38,10 @@ SECTIONS = 4
 
 @dataclass(frozen=True)
 class Fault:
-    """One fault at a stop: on the way to it (``slip``, ``beam``, ``reset``), while the machine stands there, or right after."""
+    """One fault at a stop: on the way to it (``slip``, ``beam``, ``reset``), while the machine stands there, or right after.
+
+    Of a dwell that is ``cut`` the value is what is left of it in seconds.
+    """
 
     kind: str
     setup: str = "ppp"
@@ -153,7 +156,7 @@ class Program:
                 stop += 1
                 continue
             beside = {"shown": "unsignalled" not in kinds, "counts": {"doubled": 2, "missed": 0}.get(next(iter(kinds), ""), 1)}
-            self._stand(taken.position_mm[stop], reads[stop], setup=name, **beside)
+            self._stand(taken.position_mm[stop], reads[stop], setup=name, seconds=kinds.get("cut", 0.55), **beside)
             at = len(self.stops) - 1
             self.spans += [(kind, at, value) for kind, value in kinds.items()]
             if "hold" in kinds and stop + 1 < len(reads):
