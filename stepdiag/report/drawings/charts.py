@@ -16,6 +16,8 @@ COVERAGE = 2.0
 WIDTH, HEIGHT = 460.0, 250.0
 SEEN = 1e-3
 """Of the longest bar: what is shorter says nothing but the last digits of a computer. The table of the figure has it."""
+NEAR_PX = 6.0
+"""How far from a node a pointer still finds its value."""
 LEFT, RIGHT, TOP, BOTTOM = 56.0, 12.0, 14.0, 38.0
 
 
@@ -125,6 +127,19 @@ def _line(series: Series, horizontal: Scale, vertical: Scale, order: int) -> lis
     return parts
 
 
+def _values(series: Series, horizontal: Scale, vertical: Scale, x_label: str, y_label: str) -> list[str]:
+    """Return what a pointer finds at the nodes of a line: its name, both values with their units, and U where there is one."""
+    (x_name, x_unit), (y_name, y_unit) = (label.partition(" / ")[::2] for label in (x_label, y_label))
+    parts = []
+    for index in np.flatnonzero(np.isfinite(series.y)).tolist():
+        x, y = float(series.x[index]), float(series.y[index])
+        u = float("nan") if series.u is None else float(series.u[index])
+        expanded = f" ± {svg.fixed(COVERAGE * u)}" if math.isfinite(u) else ""
+        said = f"{series.label}: {x_name} = {x:.5g} {x_unit}, {y_name} = {svg.fixed(y)}{expanded} {y_unit}"
+        parts.append(svg.told(" ".join(said.split()), "circle", cx=horizontal(x), cy=vertical(y), r=NEAR_PX))
+    return parts
+
+
 def _legend(series: Sequence[Series]) -> list[str]:
     parts, at = [], LEFT + 4
     for order, one in enumerate(series):
@@ -146,6 +161,8 @@ def line_chart(series: Sequence[Series], *, label: str, x_label: str, y_label: s
         content += _band(one, horizontal, vertical, order)
     for order, one in enumerate(series):
         content += _line(one, horizontal, vertical, order)
+    for one in reversed(series):
+        content += _values(one, horizontal, vertical, x_label, y_label)
     if len(series) > 1:
         content += _legend(series)
     return svg.drawing(WIDTH, HEIGHT, label, *content)
@@ -163,4 +180,5 @@ def bar_chart(bars: Sequence[tuple[str, float]], *, label: str, unit: str) -> st
         content.append(svg.text(name, left - 8, top + 11, class_="axis", text_anchor="end"))
         content.append(svg.element("rect", x=left, y=top, width=length, height=row - 7, class_="bar s0"))
         content.append(svg.text(f"{value:.3g} {unit}", left + length + 5, top + 11, class_="tick"))
+        content.append(svg.told(f"{name}: {value:.4g} {unit}", "rect", x=0.0, y=top, width=WIDTH, height=row - 4))
     return svg.drawing(WIDTH, row * len(drawn) + 6, label, *content)

@@ -3,7 +3,7 @@
 import numpy as np
 
 from stepdiag.report.drawings import svg
-from stepdiag.report.drawings.space import HEIGHT, LATTICE, SHADES, WIDTH, Array, lattice_mm, shade
+from stepdiag.report.drawings.space import HEIGHT, LATTICE, SHADES, WIDTH, Array, lattice_mm, shade, vector_words
 from stepdiag.solver.geometry.volume import Volume
 
 _LEFT, _TOP, _GAP = 30.0, 34.0, 18.0
@@ -19,13 +19,13 @@ def slices_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label
     for place, layer in enumerate((0, LATTICE // 2, LATTICE - 1)):
         left = _LEFT + place * (width + _GAP)
         parts.append(svg.text(f"Z = {points[0, 0, layer, 2]:.0f} mm", left, _TOP - 14, class_="tick"))
-        parts += _plane(errors[:, :, layer], left, width, longest_um)
+        parts += _plane(points[:, :, layer], errors[:, :, layer], left, width, longest_um)
     parts.append(svg.text("X", WIDTH / 2, HEIGHT - 8, class_="axis", text_anchor="middle"))
     parts.append(svg.text("Y", 8, HEIGHT / 2, class_="axis"))
     return svg.drawing(WIDTH, HEIGHT, label, *parts)
 
 
-def _plane(errors_um: Array, left: float, width: float, longest_um: float) -> list[str]:
+def _plane(points_mm: Array, errors_um: Array, left: float, width: float, longest_um: float) -> list[str]:
     """Return the cells of one plane, shape (x, y, 3), X to the right and Y up."""
     count = errors_um.shape[0]
     cell, height = width / count, (HEIGHT - _TOP - 28) / count
@@ -37,15 +37,13 @@ def _plane(errors_um: Array, left: float, width: float, longest_um: float) -> li
             size = float(np.linalg.norm(error))
             low, top = left + x * cell, HEIGHT - 28 - (y + 1) * height
             level = min(SHADES - 1, shade(size, longest_um))
-            parts.append(
-                svg.element(
-                    "rect", svg.element("title", f"{size:.1f} µm"), x=low, y=top, width=cell, height=height, class_=f"cell f{level}"
-                )
-            )
+            parts.append(svg.element("rect", x=low, y=top, width=cell, height=height, class_=f"cell f{level}"))
             begin = (low + cell / 2, top + height / 2)
             end = (begin[0] + float(error[0]) * scale, begin[1] - float(error[1]) * scale)
             parts.append(svg.element("path", d=svg.path([begin, end]), class_="arrow"))
             parts.append(svg.element("circle", cx=begin[0], cy=begin[1], r=1.4, class_="tail"))
+            words = vector_words(points_mm[x, y].tolist(), error.tolist())
+            parts.append(svg.told(words, "rect", x=low, y=top, width=cell, height=height))
     return parts
 
 

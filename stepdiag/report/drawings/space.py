@@ -1,7 +1,8 @@
 """The error field of the volume in 3-D: a wire frame in parallel projection, which prints as well as it turns on a screen."""
 
 import json
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from itertools import pairwise, product
 
 import numpy as np
@@ -39,11 +40,12 @@ def lattice_mm(volume: Volume, count: int = LATTICE) -> Array:
 
 
 class WireFrame:
-    """Points in space, in pixels about the middle of the volume, and the lines between them with their classes."""
+    """Points in space, in pixels about the middle of the volume, the lines between them, and what a pointer finds there."""
 
     def __init__(self) -> None:
         self.points: list[tuple[float, float, float]] = []
         self.lines: list[tuple[int, int, str]] = []
+        self.values: list[tuple[int, int, str]] = []
         self.names: list[tuple[int, str]] = []
 
     def add(self, points: Array) -> int:
@@ -57,6 +59,7 @@ class WireFrame:
         flat = np.array(self.points) @ view_matrix().T
         at = [(WIDTH / 2 + x, HEIGHT / 2 - y) for x, y in flat.tolist()]
         parts = [svg.element("path", d=svg.path([at[a], at[b]]), class_=kind, data_ends=f"{a} {b}") for a, b, kind in self.lines]
+        parts += [svg.told(words, "path", d=svg.path([at[a], at[b]]), data_ends=f"{a} {b}") for a, b, words in self.values]
         for index, name in self.names:
             x, y = at[index]
             parts.append(svg.text(name, x, y + 4, class_="axis strong", text_anchor="middle", data_at=str(index)))
@@ -92,6 +95,12 @@ def _lattice_lines(count: int) -> Iterator[tuple[int, int]]:
                 yield from pairwise(along[i, j].tolist())
 
 
+def vector_words(point_mm: Sequence[float], error_um: Sequence[float]) -> str:
+    """Return what a pointer finds at a point of the lattice: its place, the error vector and its length."""
+    place, parts = "; ".join(f"{value:.0f}" for value in point_mm), "; ".join(svg.fixed(value) for value in error_um)
+    return f"X; Y; Z = {place} mm: {parts} µm, |E| = {svg.fixed(math.hypot(*error_um))} µm"
+
+
 def shade(magnitude: float, longest: float) -> int:
     """Return the colour class (0 least .. SHADES - 1 most) of an error."""
     return min(SHADES - 1, int(SHADES * magnitude / longest)) if longest > 0 else 0
@@ -120,6 +129,8 @@ def field_drawing(volume: Volume, errors_um: Array, *, longest_um: float, label:
         frame.lines.append((moved + a, moved + b, f"field f{shade(max(size[a], size[b]), longest_um)}"))
     for index, magnitude in enumerate(size):
         frame.lines.append((start + index, moved + index, f"error f{shade(magnitude, longest_um)}"))
+    for index, (point, error) in enumerate(zip(lattice_mm(volume).tolist(), errors_um.tolist(), strict=True)):
+        frame.values.append((start + index, moved + index, vector_words(point, error)))
     return svg.drawing(WIDTH, HEIGHT, label, frame.markup(), *_key(longest_um))
 
 

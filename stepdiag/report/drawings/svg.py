@@ -11,6 +11,11 @@ def number(value: float) -> str:
     return f"{steady(value, 2):.2f}".rstrip("0").rstrip(".")
 
 
+def fixed(value: float) -> str:
+    """Return a value as a person reads it: two decimals, the same on every processor, no minus nought."""
+    return f"{steady(value, 2):.2f}"
+
+
 def element(tag: str, *content: str, **attributes: str | float) -> str:
     """Return one element.
 
@@ -27,6 +32,11 @@ def element(tag: str, *content: str, **attributes: str | float) -> str:
 def text(words: str, x: float, y: float, **attributes: str | float) -> str:
     """Return a text element; ``words`` is escaped here."""
     return element("text", escape(words), x=x, y=y, **attributes)
+
+
+def told(words: str, tag: str, **attributes: str | float) -> str:
+    """Return an element that is not seen but says ``words`` under the pointer."""
+    return element(tag, element("title", escape(words)), class_="told", **attributes)
 
 
 def path(points: Iterable[tuple[float, float]], *, closed: bool = False) -> str:

@@ -22,9 +22,11 @@ from stepdiag.daq.records.events import Chunk
 from stepdiag.exporters.safety.compensation import Statement, stated
 from stepdiag.report.certificate import facts_table, read_letterhead
 from stepdiag.report.document import build_report
+from stepdiag.report.drawings import svg
 from stepdiag.report.drawings.charts import ticks
+from stepdiag.report.drawings.figure import Figure
 from stepdiag.report.drawings.figures import field_of
-from stepdiag.report.drawings.space import lattice_mm, view_matrix
+from stepdiag.report.drawings.space import LATTICE, lattice_mm, view_matrix
 from stepdiag.report.exported import Exported, ExportedFile
 from stepdiag.report.measured import layout_of, setup_figures
 from stepdiag.report.sections import conditions_table
@@ -35,7 +37,7 @@ from stepdiag.solver.methods.standard_figures import standards_report
 from stepdiag.solver.readings.readings import Readings, parse_readings
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import Result
-from stepdiag.texts.texts import LANGUAGES, SECTIONS, catalogue
+from stepdiag.texts.texts import LANGUAGES, SECTIONS, Language, catalogue
 from testkit.exact.madeup import VOLUME, made_up_result
 from testkit.recording import START_NS, write_log
 
@@ -136,6 +138,57 @@ def test_every_figure_says_its_numbers() -> None:
     inside = [base64.b64decode(address.split(",")[1]).decode() for address in Outline(report.html).addresses]
     assert inside == [one.table for one in report.figures]
     assert {"EXX", "field-before"} <= {one.name for one in report.figures}
+
+
+def drawn_points(figure: Figure) -> int:
+    """Return how many values the CSV of a figure has in its drawing: slices draw three of five layers, a bar no length that is not seen."""
+    rows = list(csv.DictReader(io.StringIO(figure.table)))
+    if figure.name.endswith("-slices"):
+        return len(rows) * 3 // LATTICE
+    if figure.name.startswith("budget-"):
+        return figure.drawing.count('class="bar')
+    return max(len(rows), figure.drawing.count('class="dot'))
+
+
+@pytest.mark.parametrize("language", LANGUAGES)
+def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Language) -> None:
+    """Whatever is drawn in the document has a value at each of its points, in the numbers of the language, and its CSV beside it."""
+    result, readings = golden()
+    budget = {"shares": {"EXX": {"reading": 0.3, "air": 0.1}}}
+    result = replace(result, extra={**result.extra, "budget": budget, "closure_um": {"x": [0.0, 1.0, 2.0]}})
+    exported = [Exported(controller="siemens", files=(), correction=np.zeros_like)]
+    report = build_report(result, source="r", readings=readings, exported=exported, language=language)
+    kinds = {one.name.split("-")[0] for one in report.figures}
+    assert {"EXX", "field", "setup", "closure", "budget"} <= kinds
+    shown = re.findall(r'<figure id="figure-([^"]+)">(.*?)</figure>', report.html, re.DOTALL)
+    figures = {one.name: one for one in report.figures}
+    assert sorted(name for name, _ in shown) == sorted(figures)
+    assert len(shown) == report.html.count("<svg"), "nothing is drawn outside a figure"
+    for name, markup in shown:
+        said = re.findall(r'class="told"[^>]*><title>([^<]+)</title>', markup)
+        assert len(said) == drawn_points(figures[name]) > 0, name
+        assert all(re.search(r"\d", words) for words in said), name
+        assert f'download="{name}.csv" href="data:text/csv' in markup
+    told = next(markup for name, markup in shown if name == "EYX")
+    assert ("± 0," in told or "± 1," in told) == (language == "de")
+
+
+def test_what_a_pointer_finds_is_what_was_computed() -> None:
+    """At a node of a function: position, value and U (k = 2), never a minus nought; at a corner of the volume: place, vector and length."""
+    result = made_up_result(amplitude_um=8.0, u_um=0.4)
+    function = result.errors["EYX"]
+    assert function.value is not None
+    assert function.u is not None
+    report = {one.name: one for one in build_report(result, source="r").figures}
+    at, value, u = function.position_mm[3], function.value[3], function.u[3]
+    assert f"X = {at:.5g} mm, EYX = {value:.2f} ± {2 * u:.2f} µm" in report["EYX"].drawing
+    assert "X = 500 mm, EYX = 0.00 ± 0.00 µm" in report["EYX"].drawing
+    first = next(csv.DictReader(io.StringIO(report["field-before"].table)))
+    vector = [float(first[name]) for name in ("dx_um", "dy_um", "dz_um")]
+    parts = "; ".join(svg.fixed(part) for part in vector)
+    words = f"X; Y; Z = 0; 0; -300 mm: {parts} µm, |E| = {np.linalg.norm(vector):.2f} µm"
+    assert words in report["field-before"].drawing
+    assert words in report["field-before-slices"].drawing
 
 
 def test_the_band_is_twice_the_standard_uncertainty() -> None:
