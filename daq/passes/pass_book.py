@@ -27,7 +27,6 @@ class PassBook:
         """The setup that a person wants next."""
         self.driven: Pass | None = None
         self.passes: list[Pass] = []
-        self.last_count: int | None = None
         self.stops = 0
         """How many were taken, whatever became of them."""
         self._credible: dict[str, Credible] = {}
@@ -36,6 +35,11 @@ class PassBook:
         self._acceptances: list[Acceptance] = []
         self._suspected: tuple[Doubt, ...] = ()
         self._news: list[Finding] = []
+
+    @property
+    def last_count(self) -> int | None:
+        """Return the machine's count of the stop that was taken last; None before the first, or where the machine does not count."""
+        return None if self.last is None else self.last.stop_count
 
     def add_all(self, stops: Iterable[CapturedStop]) -> None:
         """Take stops in the order of their capture."""
@@ -55,7 +59,6 @@ class PassBook:
         self._compare(stop.setup)
         self.stops += 1
         self._credible.update(credible_of(stop))
-        self.last_count = stop.stop_count
         self.last = stop
         return current
 
