@@ -4,7 +4,7 @@ The smallest step of a count that stands out of what the fit and the usual cause
 needs no reading: a plan says it before the survey, a result after it, by the same figures.
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import Any
 
@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.counts import Count, counts, from_each_on, short_counts
 from stepdiag.solver.adjustment.hypotheses import HIDDEN, LEAST_UM, tell
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.mixed import MixedFit
+from stepdiag.solver.linear.ties import first_of_the_largest
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
@@ -25,8 +25,6 @@ NEARLY_ALWAYS = 8.0
 """Nearly always: 6.65 by the normal distribution (95 %), but where few readings check each other, effects larger than usual explain part of
 a step: of drawn surveys with seven degrees of freedom two thirds were named at 6.65, 94 % at 7.5, all at 8.5; with more, 71 of 72 at 6.65.
 """
-ALIKE = 1e-6
-"""Diagonals see alike: which of them sees least is chance beyond so many parts of it."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
 """Names in the result, and the kinds of setups that each holds."""
 
@@ -62,7 +60,7 @@ def least_seen(fit: MixedFit, layout: Layout, kinds: Collection[str]) -> Unseen 
     blind = [_unseen(layout, rows, 1, np.inf) for rows in short_counts(fit.fixed, layout) if kind[rows[0]] in kinds]
     found = [_least_of(fit, layout, count) for count in counts(fit.fixed, layout) if kind[count.rows[0]] in kinds]
     every = blind + found
-    return every[_first_of_the_largest([each.u_um for each in every])] if every else None
+    return every[first_of_the_largest([each.u_um for each in every])] if every else None
 
 
 def _least_of(fit: MixedFit, layout: Layout, count: Count) -> Unseen:
@@ -70,13 +68,8 @@ def _least_of(fit: MixedFit, layout: Layout, count: Count) -> Unseen:
     seen = (count.step - np.sum(mixed**2, axis=1))[1:]
     told = seen > HIDDEN * from_each_on(fit.weight[count.rows])[1:]
     u_um = np.where(told, 1.0 / np.sqrt(np.where(told, seen, 1.0)), np.inf)
-    place = _first_of_the_largest(u_um) + 1
+    place = first_of_the_largest(u_um) + 1
     return _unseen(layout, count.rows, place, float(u_um[place - 1]))
-
-
-def _first_of_the_largest(u_um: Sequence[float] | Vector) -> int:
-    """Return the place of the largest: of those that differ by less than any figure shows, the first, whatever the processor rounds."""
-    return int(np.flatnonzero(np.asarray(u_um) >= (1.0 - ALIKE) * np.max(u_um))[0])
 
 
 def _unseen(layout: Layout, rows: NDArray[np.int64], place: int, u_um: float) -> Unseen:

@@ -6,6 +6,7 @@ import numpy as np
 
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.families import Family, class_factors
+from stepdiag.solver.linear.ties import first_of_the_largest
 from stepdiag.solver.result.posterior import UnknownSize
 
 TOLD = 0.995
@@ -51,7 +52,7 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
     total = float(np.sum(open_um2))
     columns: list[Vector] = []
     while len(columns) < most and float(np.sum(open_um2)) > (1.0 - TOLD) * total:
-        pivot = int(np.argmax(open_um2 >= (1.0 - 1e-6) * np.max(open_um2)))
+        pivot = first_of_the_largest(open_um2)
         column = across[:, pivot] / np.sqrt(open_um2[pivot])
         seen = column @ fields
         columns.append(column)
