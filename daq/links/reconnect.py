@@ -13,7 +13,7 @@ from stepdiag.daq.records.events import LOST
 from stepdiag.daq.records.status import LinkState
 from stepdiag.solver.errors import DeviceError
 
-FIRST_WAIT_S = 0.1
+FIRST_WAIT_S = 0.05
 WAIT_GROWTH = 2.0
 LONGEST_WAIT_S = 1.0
 """With the time that an attempt takes, a device is back within two seconds of its return."""

@@ -98,10 +98,12 @@ class Standstills:
 def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None:
     """Tell whether two dwells are one standstill: no move was seen between them, or but for a moment, and the laser stood still.
 
+    Where nobody looked for longer than a step takes, no move was seen because none could be: there the laser must have stood all the time.
     None while there are too few samples to tell.
     """
     unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
-    flicker = after.from_ns - before.end_ns < FLICKER_NS and same_stop(before.dwell.signals, after.signals)
+    soon = after.from_ns - before.end_ns < FLICKER_NS
+    flicker = soon and same_stop(before.dwell.signals, after.signals)
     if placing is None:
         return flicker and after.signals.stop_count is not None
     if not (unbroken or flicker):
@@ -111,7 +113,7 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
         return None
     earlier = placing.span(max(before.dwell.from_ns, before.end_ns - RECENT_MS * MS), after.from_ns).position_mm
     strays = float(np.mean(np.abs(earlier - np.median(then)) > STILL_MM)) if len(earlier) else 0.0
-    return strays < (MOST if unbroken else STRAYS)
+    return strays < (MOST if unbroken and soon else STRAYS)
 
 
 def _joined(before: _Waiting, after: Dwell) -> _Waiting:

@@ -46,7 +46,7 @@ def test_a_device_that_is_absent_is_tried_again_and_again_but_warned_of_once(mon
     with capture_logs() as logs:
         states, sleeps = keep(absent, 20, monkeypatch)
     assert states == ["connecting", "lost"]
-    assert sleeps[:5] == [0.1, 0.2, 0.4, 0.8, 1.0]
+    assert sleeps[:5] == [0.05, 0.1, 0.2, 0.4, 0.8]
     assert max(sleeps) == LONGEST_WAIT_S
     assert [entry["log_level"] for entry in logs[:3]] == ["warning", "debug", "debug"]
     assert "warning" not in [entry["log_level"] for entry in logs[1:]]
@@ -63,9 +63,9 @@ def test_after_a_steady_session_the_first_wait_is_short_again_and_a_new_loss_is_
         raise refusal()
 
     with capture_logs() as logs:
-        states, sleeps = keep(session, 61, monkeypatch)
+        states, sleeps = keep(session, 60.45, monkeypatch)
     assert states == ["connecting", "lost", "connected", "lost"]
-    assert sleeps[:5] == [0.1, 0.2, 0.4, 60, 0.1]
+    assert sleeps[:5] == [0.05, 0.1, 0.2, 60, 0.05]
     assert [entry["log_level"] for entry in logs if entry["log_level"] != "debug"] == ["warning", "info", "warning"]
 
 
