@@ -2,7 +2,9 @@
 
 import contextlib
 import re
+from base64 import b64decode
 
+import numpy as np
 import pytest
 from msgspec.structs import replace
 from playwright.sync_api import Error as PlaywrightError
@@ -88,6 +90,56 @@ def test_every_chart_says_its_values_under_pointer_and_key(page: Page, daemon: S
     for name in ("EXX", "EZZ"):
         by_key = values_at(page, f"#function-{name}", key="End")
         assert all(re.fullmatch(r"[−\d,]+", value) for value in by_key), by_key
+
+
+def table_of(page: Page, figure: str) -> list[list[str]]:
+    """Return the CSV that the link of a figure hands out, in rows."""
+    with page.expect_download() as handed:
+        page.locator(f"{figure} a.csv").click()
+    return [line.split(",") for line in handed.value.path().read_text(encoding="utf-8").splitlines()]
+
+
+def test_drawings_of_the_volume_say_their_values_and_every_figure_has_its_table(page: Page, daemon: Served) -> None:
+    """Stops and errors by pointer and key, in the numbers of the language; what is drawn as CSV with decimal points in either."""
+    for stop in range(9):
+        daemon.do(lambda stop=stop: daemon.survey.stop("npp", 1, stop))
+    volume, value = page.locator("#volume"), page.locator("#volume .value")
+    expect(page.locator("#volume .stop")).to_have_count(9)
+    volume.press("PageDown")
+    volume.press("PageDown")
+    expect(value).to_have_text("diagonal npp. Stop 1: 0.89 µm, X; Y; Z = 450; 0; −300 mm")
+    volume.press("ArrowLeft")
+    page.locator("#language").click()
+    expect(value).to_have_text("Diagonale npp. Messpunkt 1: 0,89 µm, X; Y; Z = 450; 0; −300 mm")
+    page.locator("#volume .stop").nth(8).hover()
+    expect(value).to_contain_text("Messpunkt 8: 4,80 µm")
+    page.mouse.move(0, 0)
+    expect(value).to_have_text("")
+    head, *rows = table_of(page, "#volume")
+    assert head == ["setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "deviation_um", "u_um", "doubtful"]
+    assert (len(rows), rows[1][:6]) == (9, ["npp", "1", "1", "450", "0", "-300"])
+    head, *rows = table_of(page, "#deviations")
+    assert head == ["stop", "pass_1_um", "u_pass_1_um"]
+    assert (len(rows), rows[0], rows[9]) == (31, ["0", "0", "0.3"], ["9", "", ""])
+    assert [name.partition("_")[0] for name in table_of(page, "#strip")[0]] == ["time", "high", "low"], "in mm while the laser travels"
+    daemon.do(daemon.survey.complete)
+    expect(page.locator("#field figure a.csv")).to_have_count(2)
+    expect(page.locator("#result figure a.csv")).to_have_count(9)
+    report = (daemon.survey.place / "report.html").read_text(encoding="utf-8")
+    for figure in ("#function-EXX", "#function-EZZ", "#field-before"):
+        name = figure.removeprefix("#function-").removeprefix("#")
+        written = re.search(rf'download="{name}.csv" href="data:text/csv;charset=utf-8;base64,([^"]+)"', report)
+        assert written is not None
+        shown, wanted = table_of(page, figure), [line.split(",") for line in b64decode(written[1]).decode().splitlines()]
+        columns = slice(0, len(shown[0]))
+        assert shown[0] == wanted[0][columns], "the columns of the report"
+        assert np.allclose(np.array(shown[1:], dtype=float), np.array([row[columns] for row in wanted[1:]], dtype=float), atol=6e-5)
+    page.locator("#field-before").press("End")
+    x, y, z, *vector = map(float, shown[-1])
+    said = "; ".join(f"{part:.2f}" for part in vector) + f" µm, |E| = {np.linalg.norm(vector):.2f} µm"
+    expect(page.locator("#field-before .value")).to_have_text(
+        f"X; Y; Z = {x:.0f}; {y:.0f}; {z:.0f} mm: {said}".replace("-", "−").replace(".", ",")
+    )
 
 
 def test_the_last_ten_seconds_are_drawn_at_full_rate(page: Page, daemon: Served) -> None:

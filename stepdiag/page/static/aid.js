@@ -52,5 +52,5 @@ function draw(strength = reported) {
   put("h-trend", words);
   const y = trend.map(({ beam, noise }) => (strength ? beam : noise));
   curves ??= new Curves("trend", { height: 130, xRange: [-KEEP_S, 0], decimals: 1 });
-  curves.draw([{ label: say(strength ? "beam" : "noise"), x, y, dots: false }], words, { xLabel: say("seconds"), yLabel: strength ? "%" : "µm", yRange: strength ? [0, 100] : null });
+  curves.draw([{ label: say(strength ? "beam" : "noise"), x, y, dots: false }], words, { columns: ["time_s", strength ? "beam_percent" : "noise_um"], xLabel: say("seconds"), yLabel: strength ? "%" : "µm", yRange: strength ? [0, 100] : null });
 }

@@ -1,5 +1,6 @@
 // Curves by uPlot (vendor/), in the colours of the page: zoom by dragging, back by a double click or Escape, values under the pointer or by arrow keys.
 
+import { tableLink } from "./table.js";
 import { shown } from "./words.js";
 
 const COVERAGE = 2;
@@ -8,9 +9,11 @@ const LINES = ["--accent", "--second", "--good", "--warn"];
 const DASHES = [[], [6, 3], [2, 3], [8, 3, 2, 3]];
 
 // A place holds one plot. Series: { label, x: [], y: [], u: [] | null, odd: [] of truth, dots }; all share x. A null in y is a gap.
+// The option columns names what stands in its CSV: x, then y and, where there is one, u of every series.
 export class Curves {
   #plot = null;
   #shape = "";
+  #series = [];
 
   constructor(id, options) {
     this.place = document.getElementById(id);
@@ -27,6 +30,7 @@ export class Curves {
 
   draw(series, label, options = {}) {
     Object.assign(this.options, options);
+    this.#series = series;
     this.place.dataset.points = JSON.stringify(series.map(({ y }) => y.filter((value) => value !== null).length));
     const data = [series[0]?.x ?? [], ...series.flatMap(({ y, u }) => (u ? [y, ...bounds(y, u)] : [y]))];
     const shape = JSON.stringify([label, series.map(({ label: name, u }) => [name, Boolean(u)]), this.options]);
@@ -34,9 +38,14 @@ export class Curves {
     if (shape === this.#shape) return void this.#plot.setData(data, !this.#zoomed());
     this.#shape = shape;
     this.#plot?.destroy();
-    this.place.replaceChildren();
+    this.place.replaceChildren(tableLink(this.place.id.replace("function-", ""), () => this.#table()));
     this.#plot = new uPlot(this.#build(series, label), data, this.place);
     this.#name(label);
+  }
+
+  #table() {
+    const data = [this.#series[0].x, ...this.#series.flatMap(({ y, u }) => (u ? [y, u] : [y]))];
+    return [this.options.columns, data[0].map((_, row) => data.map((column) => column[row]))];
   }
 
   #zoomed() {

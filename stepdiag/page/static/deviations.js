@@ -22,7 +22,7 @@ export function update({ stops, stops_in_pass: count, setups, stage }) {
   if (key === drawn) return;
   drawn = key;
   curves ??= new Curves("deviations", { height: 230 });
-  const labels = { xLabel: say("stop_axis"), yLabel: say("deviation_axis"), xRange: [0, Math.max(1, places - 1)] };
+  const labels = { columns: ["stop", ...columns(of)], xLabel: say("stop_axis"), yLabel: say("deviation_axis"), xRange: [0, Math.max(1, places - 1)] };
   curves.draw(passes(of, places), `${say("deviations")}: ${setupName(last.setup)}`, labels);
 }
 
@@ -33,13 +33,17 @@ function frame(count, stops, setups) {
   return Math.max(own, ...stops.map(({ place }) => place + 1));
 }
 
-function words({ setup, place, deviation_um: deviation, doubtful }) {
+// Return what is said of a stop: its setup, number and deviation, and why it is doubtful.
+export function words({ setup, place, deviation_um: deviation, doubtful }) {
   const said = `${setupName(setup)}. ${say("last_stop", { stop: place, deviation: shown(deviation, 2) })}`;
   return told(doubtful) ? `${said} (${say("doubtful", { reason: told(doubtful) })})` : said;
 }
 
+const passNumbers = (stops) => [...new Set(stops.map((one) => one.pass_number))].sort((a, b) => a - b);
+const columns = (stops) => passNumbers(stops).flatMap((number) => [`pass_${number}_um`, `u_pass_${number}_um`]);
+
 function passes(stops, count) {
-  const numbers = [...new Set(stops.map((one) => one.pass_number))].sort((a, b) => a - b);
+  const numbers = passNumbers(stops);
   const x = Array.from({ length: count }, (_, index) => index);
   return numbers.map((number) => {
     const y = Array(count).fill(null);

@@ -85,7 +85,8 @@ const holder = (name, { slope_identified: sloped }) =>
   node("figure", {}, node("figcaption", {}, sloped ? name : say("shape_only", { name })), node("div", { class: "curve", id: `function-${name}` }));
 
 function curve(name, { position_mm: x, value: y, u, unit }) {
-  const curves = new Curves(`function-${name}`, { height: 180, xLabel: `${name[2]} / mm`, yLabel: `${name} / ${UNITS[unit]}`, xRange: [x[0], x.at(-1)] });
+  const columns = [`${name[2].toLowerCase()}_mm`, `${name}_${unit}`, `u_${unit}`];
+  const curves = new Curves(`function-${name}`, { columns, height: 180, xLabel: `${name[2]} / mm`, yLabel: `${name} / ${UNITS[unit]}`, xRange: [x[0], x.at(-1)] });
   curves.draw([{ label: name, x, y, u }], name);
 }
 

@@ -1,10 +1,13 @@
-// Parallel projection of points in mm, turned by pointer or arrow keys.
+// Parallel projection of points in mm: turned by pointer or arrow keys, values under the pointer or by Home, End, Page Up and Page Down.
 
-import { drawing, shape, line } from "./draw.js";
+import { drawing, node, shape, line } from "./draw.js";
+import { tableLink } from "./table.js";
+import { shown } from "./words.js";
 
 export const WIDTH = 460;
 export const HEIGHT = 320;
 const MARGIN = 44;
+const NEAR = 16; // how far from a mark a pointer still finds its value
 const view = { azimuth: -58, elevation: 22 };
 
 function project([x, y, z]) {
@@ -37,24 +40,83 @@ export function box({ edges_mm: edges, axes }, place) {
   return [...sides, ...names];
 }
 
-export const picture = (label, parts) => drawing(WIDTH, HEIGHT, label, ...parts);
+// Return a place of the volume in words.
+export const placeWords = (point) => `X; Y; Z = ${point.map((value) => shown(value, 0)).join("; ")} mm`;
 
-// Let a place be turned; redraw is called after each turn.
-export function turnable(place, redraw) {
-  const turn = (right, up) => {
+// A drawing in a place. draw() returns its label, its parts and its marks ({ at: [x, y], words }); table() the columns and rows behind it.
+// Those of one list turn together.
+export class Space {
+  #chosen = null;
+  #marks = [];
+
+  constructor(place, name, draw, table, together = [this]) {
+    this.draw = draw;
+    this.together = together;
+    this.place = place;
+    this.sheet = node("div");
+    this.value = node("output", { class: "value", "aria-live": "polite" });
+    place.replaceChildren(this.sheet, this.value, tableLink(name, table));
+    place.setAttribute("role", "group");
+    place.tabIndex = 0;
+    place.addEventListener("pointerdown", (event) => this.#press(event));
+    place.addEventListener("pointermove", (event) => this.#move(event));
+    place.addEventListener("pointerleave", ({ pointerType }) => pointerType === "mouse" && this.#choose(null));
+    place.addEventListener("keydown", (event) => this.#key(event));
+  }
+
+  redraw() {
+    const { label, parts, marks } = this.draw();
+    this.#marks = marks;
+    this.place.setAttribute("aria-label", label);
+    const mark = marks[this.#chosen];
+    const ring = mark ? [shape("circle", { class: "chosen", cx: mark.at[0], cy: mark.at[1], r: 9 })] : [];
+    this.sheet.replaceChildren(drawing(WIDTH, HEIGHT, label, ...parts, ...ring));
+    const words = mark?.words ?? "";
+    if (this.value.textContent !== words) this.value.textContent = words;
+  }
+
+  #choose(index) {
+    if (index === this.#chosen) return;
+    this.#chosen = index;
+    this.redraw();
+  }
+
+  #turn(right, up) {
     view.azimuth -= right;
     view.elevation = Math.min(90, Math.max(-90, view.elevation + up));
-    redraw();
-  };
-  const keys = { ArrowLeft: [-5, 0], ArrowRight: [5, 0], ArrowUp: [0, 5], ArrowDown: [0, -5] };
-  place.tabIndex = 0;
-  place.addEventListener("pointerdown", (event) => place.setPointerCapture(event.pointerId));
-  place.addEventListener("pointermove", (event) => {
-    if (place.hasPointerCapture(event.pointerId)) turn(event.movementX / 2, event.movementY / 2);
-  });
-  place.addEventListener("keydown", (event) => {
-    if (!(event.key in keys)) return;
+    for (const one of this.together) one.redraw();
+  }
+
+  // A finger that touches a mark asks for its value too.
+  #press(event) {
+    if (event.target.closest("a")) return;
+    this.place.setPointerCapture(event.pointerId);
+    this.#find(event);
+  }
+
+  #move(event) {
+    if (this.place.hasPointerCapture(event.pointerId)) this.#turn(event.movementX / 2, event.movementY / 2);
+    else this.#find(event);
+  }
+
+  #find(event) {
+    const seen = this.sheet.firstChild?.getScreenCTM()?.inverse();
+    if (!seen) return;
+    const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(seen);
+    const far = this.#marks.map(({ at }) => Math.hypot(at[0] - x, at[1] - y));
+    const nearest = Math.min(...far);
+    this.#choose(nearest <= NEAR ? far.indexOf(nearest) : null);
+  }
+
+  #key(event) {
+    if (event.target !== this.place) return;
+    const turn = { ArrowLeft: [-5, 0], ArrowRight: [5, 0], ArrowUp: [0, 5], ArrowDown: [0, -5] }[event.key];
+    const last = this.#marks.length - 1;
+    const at = this.#chosen ?? -1;
+    const next = { Home: 0, End: last, PageDown: Math.min(last, at + 1), PageUp: Math.max(0, at - 1) }[event.key];
+    if (!turn && next === undefined) return;
     event.preventDefault();
-    turn(...keys[event.key]);
-  });
+    if (turn) this.#turn(...turn);
+    else if (last >= 0) this.#choose(next);
+  }
 }

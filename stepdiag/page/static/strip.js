@@ -42,7 +42,8 @@ function draw(oldest, newest, width) {
   const moving = Math.max(...middle) - Math.min(...middle) > 1; // a travel is read in mm, a standstill in µm
   const shift = (column) => column.map((value) => (value === null ? null : (value - zero) * (moving ? 1 : 1e3)));
   curves ??= new Curves("strip", { height: 110, xRange: [-KEEP_S, 0], yRange: narrow });
-  const labels = { xLabel: say("seconds"), yLabel: moving ? "mm" : "µm" };
+  const unit = moving ? "mm" : "um";
+  const labels = { columns: ["time_s", `high_${unit}`, `low_${unit}`], xLabel: say("seconds"), yLabel: moving ? "mm" : "µm" };
   curves.draw([{ label: say("strip_high"), x, y: shift(high), dots: false }, { label: say("strip_low"), x, y: shift(low), dots: false }], say("strip"), labels);
   put("scatter", say("scatter", { um: shown(scatter(newest, width), 2) }));
 }

@@ -1,12 +1,14 @@
 // How far the survey is: the setups, the time left, and the volume with the way being driven.
 
+import { words } from "./deviations.js";
 import { node, put } from "./draw.js";
-import { turnable, volume } from "./volume.js";
+import { Space } from "./space.js";
+import { stopsTable, volume } from "./volume.js";
 import { say, setupName, shown, told } from "./words.js";
 
 let latest = null;
 let drawn = "";
-let turns = false;
+let space = null;
 
 export function forget() {
   drawn = "";
@@ -27,17 +29,11 @@ export function update(snapshot) {
   if (key === drawn || snapshot.stage === "done") return;
   drawn = key;
   document.getElementById("setups").replaceChildren(...setups.map(item));
-  draw();
+  space ??= new Space(document.getElementById("volume"), "stops", draw, () => stopsTable(latest));
+  space.redraw();
 }
 
-function draw() {
-  const place = document.getElementById("volume");
-  place.replaceChildren(volume(latest, say("volume_alt")));
-  place.setAttribute("role", "group");
-  place.setAttribute("aria-label", say("volume_alt"));
-  if (!turns) turnable(place, draw);
-  turns = true;
-}
+const draw = () => ({ label: say("volume_alt"), ...volume(latest, words) });
 
 function left({ phase, seconds_left: seconds }) {
   if (phase === "complete") return "–";

@@ -1,23 +1,35 @@
 // The volume, the route being driven and the stops done. Every place comes from the daemon (stepdiag/page/geometry.py).
 
 import { line, shape } from "./draw.js";
-import { box, picture, sheet } from "./space.js";
+import { box, placeWords, sheet } from "./space.js";
 import { told } from "./words.js";
 
-export { turnable } from "./space.js";
+const COLUMNS = ["setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "deviation_um", "u_um", "doubtful"];
 
-export function volume({ geometry, stops, commanded_mm: commanded, expects_setup: setup }, label) {
+const shownStops = ({ stops, expects_setup: setup }) => stops.filter((one) => !setup || one.setup === setup);
+
+// Return the parts of the drawing and its marks: every stop in the words that say says of it, with its place.
+export function volume(snapshot, say) {
+  const { geometry, commanded_mm: commanded } = snapshot;
   const place = sheet(geometry.edges_mm);
   const parts = box(geometry, place);
   for (const { state, ends_mm: ends } of geometry.ways) parts.push(shape("path", { class: `diagonal ${state}`, d: line(ends.map(place)) }));
   const driven = geometry.route_mm.map(place);
   if (driven.length) parts.push(shape("path", { class: "route", d: line(driven) }), ...arrow(driven));
-  for (const stop of stops.filter((one) => !setup || one.setup === setup)) parts.push(mark(place(stop.position_mm), Boolean(told(stop.doubtful))));
+  const stops = shownStops(snapshot);
+  const marks = stops.map((stop) => ({ at: place(stop.position_mm), words: `${say(stop)}, ${placeWords(stop.position_mm)}` }));
+  stops.forEach((stop, index) => parts.push(mark(marks[index].at, Boolean(told(stop.doubtful)))));
   if (commanded) {
     const [cx, cy] = place(commanded);
     parts.push(shape("circle", { class: "tool", cx, cy, r: 7 }));
   }
-  return picture(label, parts);
+  return { parts, marks };
+}
+
+// Return the columns and rows behind the drawing.
+export function stopsTable(snapshot) {
+  const rows = shownStops(snapshot).map((one) => [one.setup, one.pass_number, one.place, ...one.position_mm, one.deviation_um, one.u_um, told(one.doubtful)]);
+  return [COLUMNS, rows];
 }
 
 // A doubtful stop is a cross, not only another colour.

@@ -14,7 +14,7 @@ DECIMALS = 9
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figure:
-    """A drawing (SVG) and the numbers behind it (CSV); ``name`` is the stem of the CSV file."""
+    """A drawing (SVG) and the numbers behind it (CSV); ``name`` is the stem of the CSV file and, without a space in it, an id."""
 
     name: str
     title: str

@@ -117,7 +117,11 @@ def budget_figures(budget: dict[str, dict[str, float]], units: dict[str, str], l
         title = translated(quantity, language)
         named = [(translated(source, language), u) for source, u in bars]
         drawing = charts.bar_chart(named, label=title, unit=UNITS.get(unit, unit))
-        figures.append(Figure(name=f"budget-{quantity}", title=title, drawing=drawing, table=csv_table(["source", f"u_{unit}"], bars)))
+        figures.append(
+            Figure(
+                name="-".join(["budget", *quantity.split()]), title=title, drawing=drawing, table=csv_table(["source", f"u_{unit}"], bars)
+            )
+        )
     return figures
 
 

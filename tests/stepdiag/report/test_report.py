@@ -154,7 +154,7 @@ def drawn_points(figure: Figure) -> int:
 def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Language) -> None:
     """Whatever is drawn in the document has a value at each of its points, in the numbers of the language, and its CSV beside it."""
     result, readings = golden()
-    budget = {"shares": {"EXX": {"reading": 0.3, "air": 0.1}}}
+    budget = {"shares": {name: {"reading": 0.3, "air": 0.1} for name in ("EXX", "sloped EXX")}}
     result = replace(result, extra={**result.extra, "budget": budget, "closure_um": {"x": [0.0, 1.0, 2.0]}})
     exported = [Exported(controller="siemens", files=(), correction=np.zeros_like)]
     report = build_report(result, source="r", readings=readings, exported=exported, language=language)
@@ -169,6 +169,11 @@ def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Lan
         assert len(said) == drawn_points(figures[name]) > 0, name
         assert all(re.search(r"\d", words) for words in said), name
         assert f'download="{name}.csv" href="data:text/csv' in markup
+    ids = re.findall(r'\sid="([^"]*)"', report.html)
+    assert len(ids) == len(set(ids)) >= len(figures), "no name stands twice"
+    assert [one for one in ids if not one or re.search(r"\s", one)] == []
+    referred = re.findall(r'\s(?:href="#|aria-(?:labelledby|describedby|controls)="|for=")([^"]*)"', report.html)
+    assert set(" ".join(referred).split()) <= set(ids)
     told = next(markup for name, markup in shown if name == "EYX")
     assert ("± 0," in told or "± 1," in told) == (language == "de")
 
