@@ -6,10 +6,14 @@ from html import escape
 
 from stepdiag.fleet.history import Point
 from stepdiag.fleet.rows import RMS
+from stepdiag.fleet.terminal import as_csv
 from stepdiag.fleet.trend import Trend, already_perhaps, severity
 from stepdiag.report.drawings import svg
+from stepdiag.report.drawings.figure import data_link
 from stepdiag.texts.texts import Language, catalogue, localised
 
+NEAR_PX = 5.0
+"""How far from a survey's dot a pointer still finds its value."""
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, BOTTOM = 300.0, 120.0, 34.0, 6.0, 8.0, 18.0
 STYLE = """
 body{font:14px/1.4 system-ui,sans-serif;margin:1.5rem;color:#1b1f24;background:#fff}
@@ -20,6 +24,7 @@ h2{font-size:1rem;margin:0 0 .3rem;overflow-wrap:anywhere}ul{margin:.4rem 0 0;pa
 svg{width:100%;height:auto}text{font:9px system-ui,sans-serif;fill:#57606a}
 .band{stroke:#1f6feb;stroke-opacity:.45;stroke-width:4}.line{fill:none;stroke:#1f6feb;stroke-width:1.4}.dot{fill:#1f6feb}
 .limit{stroke:#b42318;stroke-dasharray:4 3}.step{stroke:#b54708;stroke-dasharray:2 2}.axis{stroke:#8c959f}
+.told{fill:none;pointer-events:all}article>a{color:#0550ae;font-size:.8rem}
 """
 
 
@@ -60,7 +65,8 @@ def _card(machine: str, trends: Sequence[Trend], span: tuple[datetime, datetime]
     state = next((each for each in ("yes", "perhaps") if each in states), "no")
     told = [line for each in trends for line in _told(each, words)]
     listed = "".join(f"<li>{escape(localised(line, language))}</li>" for line in told) or f"<li>{escape(words['unchanged'])}</li>"
-    return f'<article class="{state}"><h2>{escape(machine)}</h2>{_chart(shown, span, words)}<ul>{listed}</ul></article>'
+    table = f'<a download="trend.csv" href="{data_link(as_csv([shown]))}">CSV</a>'
+    return f'<article class="{state}"><h2>{escape(machine)}</h2>{_chart(shown, span, words, language)}{table}<ul>{listed}</ul></article>'
 
 
 def _told(trend: Trend, words: Mapping[str, str]) -> list[str]:
@@ -82,7 +88,7 @@ def _told(trend: Trend, words: Mapping[str, str]) -> list[str]:
     return found
 
 
-def _chart(trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, str]) -> str:
+def _chart(trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, str], language: Language) -> str:
     points = trend.series.points
     low, high = _range(points, trend.tolerance)
     seconds = max((span[1] - span[0]).total_seconds(), 1.0)
@@ -103,12 +109,20 @@ def _chart(trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, st
     ]
     steps = [svg.element("line", x1=x(s.since), x2=x(s.since), y1=TOP, y2=HEIGHT - BOTTOM, class_="step") for s in trend.steps]
     dots = [svg.element("circle", cx=x(point.time), cy=y(point.value), r=1.8, class_="dot") for point in points]
+    values = [svg.told(_value(trend, point, language), "circle", cx=x(point.time), cy=y(point.value), r=NEAR_PX) for point in points]
     line = svg.element("path", d=svg.path((x(point.time), y(point.value)) for point in points), class_="line")
     limit = [rule(y(trend.tolerance), "limit")] if trend.tolerance is not None and low <= trend.tolerance <= high else []
     ends = [svg.text(f"{span[0].date()}", LEFT, HEIGHT - 4), svg.text(f"{span[1].date()}", WIDTH - RIGHT, HEIGHT - 4, text_anchor="end")]
     edges = [svg.text(f"{value:.3g}", LEFT - 4, y(value) + 3, text_anchor="end") for value in (low, high)]
     label = f"{trend.series.machine}: {trend.series.quantity} / {trend.series.unit}, {words['over_time']}"
-    return svg.drawing(WIDTH, HEIGHT, label, rule(HEIGHT - BOTTOM, "axis"), *limit, *steps, *marks, line, *dots, *ends, *edges)
+    return svg.drawing(WIDTH, HEIGHT, label, rule(HEIGHT - BOTTOM, "axis"), *limit, *steps, *marks, line, *dots, *ends, *edges, *values)
+
+
+def _value(trend: Trend, point: Point, language: Language) -> str:
+    """Return what a pointer finds at a survey: its day and name, its figure with U."""
+    expanded = "" if point.u is None else f" ± {svg.fixed(2 * point.u)}"
+    figure = localised(f"{trend.series.quantity} = {svg.fixed(point.value)}{expanded} {trend.series.unit}", language)
+    return f"{point.time.date()}, {point.survey}: {figure}"
 
 
 def _range(points: Sequence[Point], tolerance: float | None) -> tuple[float, float]:

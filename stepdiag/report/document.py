@@ -13,7 +13,7 @@ import jinja2
 from stepdiag.conclusion import Conclusion, conclude, conclusion_document, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
 from stepdiag.report.certificate import AsLeft, Letterhead
-from stepdiag.report.drawings.figure import Figure
+from stepdiag.report.drawings.figure import Figure, data_link
 from stepdiag.report.drawings.figures import (
     budget_figures,
     closure_figures,
@@ -134,15 +134,10 @@ def _source_hash(text: str) -> str:
     return "sha256-" + base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()
 
 
-def _data_link(text: str) -> str:
-    """Return a CSV as a link that holds it."""
-    return "data:text/csv;charset=utf-8;base64," + base64.b64encode(text.encode()).decode()
-
-
 def template(name: str) -> jinja2.Template:
     """Return a template of this room; everything is escaped but what this package drew itself."""
     loader = jinja2.FunctionLoader(_part)
     environment = jinja2.Environment(loader=loader, autoescape=True, undefined=jinja2.StrictUndefined, trim_blocks=True, lstrip_blocks=True)
-    environment.filters["data_link"] = _data_link
+    environment.filters["data_link"] = data_link
     environment.filters["shown"] = sections.shown
     return environment.get_template(name)

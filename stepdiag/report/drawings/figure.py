@@ -1,5 +1,6 @@
 """What every figure of the report is: a drawing, and its numbers as CSV."""
 
+import base64
 import csv
 import io
 import math
@@ -30,6 +31,11 @@ def csv_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
     for row in rows:
         writer.writerow([_cell(value) for value in row])
     return out.getvalue()
+
+
+def data_link(table: str) -> str:
+    """Return a CSV as a link that holds it."""
+    return "data:text/csv;charset=utf-8;base64," + base64.b64encode(table.encode()).decode()
 
 
 def _cell(value: object) -> object:

@@ -4,6 +4,8 @@ import asyncio
 import csv
 import io
 import json
+import re
+from base64 import b64decode
 from datetime import timedelta
 from pathlib import Path
 
@@ -18,7 +20,7 @@ from stepdiag.fleet.report import fleet_html, worst_first
 from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.store import Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.fleet.terminal import leaves
+from stepdiag.fleet.terminal import as_csv, leaves
 from stepdiag.fleet.trend import YEAR, already_perhaps, trend_of
 from testkit.cli import stepdiag
 from testkit.fleets import FIRST, About, whole_result_rows, write_history
@@ -181,6 +183,13 @@ def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store
         sheet = fleet_html(trends, "store", language)  # type: ignore[arg-type]
         assert title in sheet
         assert sheet.count("<article") == sheet.count("<svg") == 3
+        points = [(each, point) for _, (each, *_) in worst_first(trends) for point in each.series.points]
+        said = re.findall(r'class="told"[^>]*><title>([^<]+)</title>', sheet)
+        figures = [f"{point.value:.2f} ± {2 * (point.u or 0):.2f} {each.series.unit}" for each, point in points]
+        assert [words.rpartition(" = ")[2].replace(",", ".") for words in said] == figures, "every survey says its figure with U"
+        assert ("," in said[0].rpartition(" = ")[2]) == (language == "de")
+        tables = [b64decode(each).decode() for each in re.findall(r'href="data:text/csv;charset=utf-8;base64,([^"]+)"', sheet)]
+        assert tables == [as_csv([each]) for _, (each, *_) in worst_first(trends)]
 
 
 def test_the_page_answers_here_and_to_nobody_elses_name(store: Store) -> None:
