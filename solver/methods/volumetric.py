@@ -43,10 +43,10 @@ HARMFUL = 0.42
 than three and a half waves on ten increments."""
 LEAST_VALUES = 8
 """Of fewer values the fourth differences are too few to tell waves from bends: five increments would nearly always be called coarse."""
-FEW_VALUES = 5
+FEW_VALUES = 6
 """Of a function with so few values the waves are not told from their bends: half of what is known (in logarithms) is what is usual."""
-_OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3}
-"""Drawn functions of five half waves leave the curve through so few values by so much more than these say: their waves are shorter than
+_OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
+"""Drawn functions of five half waves leave the curve through so few values by so much more than these say: their waves are no longer than
 two increments."""
 _AT_ENDS = 4.3
 """The spline knows waves less well in its two cells at either end: by 1.34 and 0.59 of what a parabola through three values leaves

@@ -8,9 +8,9 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.arches import Between, arches_of
 from stepdiag.solver.result.field import Smoothed, Tabulated, bend_um, error_field_um, field_of_um, rigid_motions
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.posterior import Posterior
@@ -81,11 +81,11 @@ def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside
 
 class _Drawn(NamedTuple):
     """The error field of drawn machines as rows (deviations, 3 N), times the amounts of each; ``likely`` is drawn around what is left of
-    the field without its noise. The square sum over all points of ``whole`` is too large by ``over_um2``."""
+    the field without its noise. The square sum over all points of ``whole`` is too large by ``over_um2`` (draws,)."""
 
     whole: Vector
     likely: Vector
-    over_um2: float
+    over_um2: Vector
 
 
 class _Machines(NamedTuple):
@@ -95,7 +95,7 @@ class _Machines(NamedTuple):
     before: Vector
     moved: Vector
     amount: Vector
-    between: "Between"
+    between: Between
     noise: Vector
     bent: Vector
     together: Vector
@@ -108,6 +108,7 @@ class _Machines(NamedTuple):
         bending = _flat(self.bent, motions)
         common_um2 = _common_um2(flat, _flat(self.noise, motions), self.together)
         bent_um2 = _common_um2(bending, bending, self.together)
+        met = self.between.met(flat[1:])
         fields = {}
         for when, change in (("before", np.zeros_like(found)), ("after", _flat(correction_um[None], motions))):
             field = found + change
@@ -116,7 +117,8 @@ class _Machines(NamedTuple):
             whole, likely = (
                 np.vstack([centre + flat[:1], flat[1:]]) for centre in (field, field - min(over_um2 / square_um2, 1.0) * found)
             )
-            fields[when] = _Drawn(whole, likely, 2.0 * over_um2 + bent_um2)
+            across_um2 = self.between.across_um2(met + self.between.met(whole[:1]))
+            fields[when] = _Drawn(whole, likely, 2.0 * over_um2 + bent_um2 - across_um2)
         return fields
 
     def figures(self, drawn: _Drawn) -> FieldFigures:
@@ -128,12 +130,13 @@ class _Machines(NamedTuple):
     def squares_um2(self, drawn: _Drawn) -> Vector:
         """Return the squared length of the error vector at each point, shape (draws, N), whose mean over all points is that of `figures`.
 
-        Which points the noise of what was found is in more, no figure of the volume says: each counts with its share of the square.
+        Which points the noise of what was found is in more, or what is between the targets is against, no figure of the volume says: each
+        counts with its share of the square.
         """
         fields = (self.amount @ drawn.whole).reshape(len(self.amount), -1, 3)
         square: Vector = np.sum(fields**2 + self.between.square_um(slice(None)), axis=2)
         total = np.sum(square, axis=1, keepdims=True)
-        cleared: Vector = square * np.maximum(1.0 - drawn.over_um2 / np.maximum(total, 1e-30), 0.0)
+        cleared: Vector = square * np.maximum(1.0 - drawn.over_um2[:, None] / np.maximum(total, 1e-30), 0.0)
         return cleared
 
 
@@ -144,9 +147,9 @@ def _machines(result: Result, points_mm: Vector, beside_um: Vector | float, draw
     if posterior is not None:
         before = before + bend_um(result, points_mm)
     amount = np.ones((1, 1)) if posterior is None else posterior.drawn(draws)
-    between = _between(result, posterior, points_mm, len(amount))
+    arches = arches_of(result, points_mm, len(amount))
     noise, bent = _adjusted_um(result, posterior, points_mm)
-    return _Machines(before, _moved(result, posterior, points_mm), amount, between, noise, bent, _together(amount), posterior is not None)
+    return _Machines(before, _moved(result, posterior, points_mm), amount, arches, noise, bent, _together(amount), posterior is not None)
 
 
 def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
@@ -211,40 +214,10 @@ def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
     return flat if motions is None else flat - (flat @ motions) @ motions.T
 
 
-class Between(NamedTuple):
-    """What functions may do between their values beside the straight line, each point by itself: the height of an arch there
-    (functions, N), the component that is moved (functions,), and standard deviations in the middle (draws, functions)."""
-
-    arch: Vector
-    component: NDArray[np.int64]
-    size_um: Vector
-
-    def square_um(self, some: slice) -> Vector:
-        """Return the mean square at the points of some draws, shape (draws, N, 3)."""
-        found = np.zeros((len(self.size_um[some]), self.arch.shape[1], 3))
-        for place, component in enumerate(self.component):
-            found[:, :, component] += (self.size_um[some, place, None] * self.arch[place]) ** 2
-        return found
-
-
-def _between(result: Result, posterior: Posterior | None, points_mm: Vector, draws: int) -> Between:
-    all_sizes = {} if posterior is None else posterior.between_um
-    arch, size = np.zeros((len(all_sizes), len(points_mm))), np.zeros((draws, len(all_sizes)))
-    alike = np.random.default_rng(1).permutation(draws)
-    for place, (name, sizes) in enumerate(all_sizes.items()):
-        at, nodes = points_mm[:, "XYZ".index(name[2])], result.errors[name].position_mm
-        low = np.clip(np.searchsorted(nodes, at, side="right") - 1, 0, len(nodes) - 2)
-        share = np.clip((at - nodes[low]) / (nodes[low + 1] - nodes[low]), 0.0, 1.0)
-        arch[place] = 4.0 * share * (1.0 - share)
-        # one machine: what one axis hides the others hide too
-        size[:, place] = sizes[alike % len(sizes)]
-    return Between(arch, np.array(["XYZ".index(name[1]) for name in all_sizes], dtype=np.int64), size)
-
-
-def _rms_um(whole: Vector, amount: Vector, between: Between, over_um2: float) -> Vector:
+def _rms_um(whole: Vector, amount: Vector, between: Between, over_um2: Vector) -> Vector:
     """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic form of the amounts.
 
-    What lies between the targets at so many points by itself adds its mean; ``over_um2`` is what the square sum is too large by.
+    What lies between the targets adds its mean square; ``over_um2`` (draws,) is what the square sum is too large by.
     """
     points = whole.shape[1] // 3
     square = np.sum((amount @ (whole @ whole.T)) * amount, axis=1) + between.size_um**2 @ np.sum(between.arch**2, axis=1)

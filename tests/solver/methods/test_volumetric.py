@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.methods.volumetric import coarse_findings
+from stepdiag.solver.methods.volumetric import between_um, coarse_findings
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.prediction import predicted
@@ -104,3 +105,14 @@ def test_linear_runs_alone_are_solved_though_no_angle_moves_them():
     result = solve(Bench(seed=2).survey(LINEAR))
     assert all(scale.identified for scale in result.scale.values())
     assert {name for name, number in result.squareness.items() if number.value is not None} == set()
+
+
+def test_of_six_values_a_wave_of_two_increments_leaves_no_trace():
+    """A bow that looks smooth at six targets may have one; of more targets the bends say that it has none."""
+    height_um = []
+    for increments in (5, 8):
+        at = np.linspace(0.0, 500.0, increments + 1)
+        bow = Function(position_mm=at, value=9.0 * np.sin(np.pi * at / 500.0), u=0 * at, unit="um", u_readings=0 * at)
+        height_um.append(float(np.median(between_um(dict.fromkeys(DISPLACEMENTS, bow), Assumptions())["EYX"])))
+    assert height_um[0] > 0.1
+    assert height_um[1] < 0.01

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.result.arches import Between
 from stepdiag.solver.result.field import Smoothed, Tabulated, field_of_um, without_rigid_motion
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.prediction import predicted
@@ -87,3 +88,61 @@ def test_values_close_to_each_other_do_not_bend_the_curve() -> None:
     value = np.zeros((1, 12))
     value[0, 6] = 0.5
     assert np.max(np.abs(Smoothed(nodes, value).at(np.linspace(0.0, 500.0, 2001)))) < 0.6
+
+
+COARSE = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=4)
+SPARSE = {letter: COARSE.nodes_mm(axis) for axis, letter in enumerate("XYZ")}
+EVERYWHERE = np.random.default_rng(4).uniform(size=(300, 3)) * np.asarray(COARSE.size_mm)
+
+
+def of_few_targets(values: dict[str, Vector], between_um: float) -> Result:
+    """Return a result with values at five targets that are known, and arches of a known size between them."""
+    none, sizes = np.zeros(5), np.array([between_um])
+    return Result(
+        volume=COARSE, chain="FXYZ", method="test", setups={}, findings=(),
+        errors={name: Function(position_mm=SPARSE[name[2]], value=value, u=none, unit="um") for name, value in values.items()},
+        squareness={name: Quantity(value=0.0, u=0.0) for name in SQUARENESS},
+        scale={letter: Scale(value=0.0, u=0.0, identified=True) for letter in "XYZ"},
+        posterior=Posterior(
+            position_mm=SPARSE, offset={}, modes={}, rest=dict.fromkeys(DISPLACEMENTS, none), between_um=dict.fromkeys(DISPLACEMENTS, sizes)
+        ),
+    )  # fmt: skip
+
+
+def arched(values: dict[str, Vector], heights_um: Vector) -> Vector:
+    """Return the field of functions that leave the curve through their values by an arch of its own height from each target to the next."""
+    field = np.zeros_like(EVERYWHERE)
+    for name, own in zip(values, heights_um, strict=True):
+        at = EVERYWHERE[:, "XYZ".index(name[2])] / SPARSE[name[2]][1]
+        share = at % 1.0
+        field[:, "XYZ".index(name[1])] += own[at.astype(int)] * 4.0 * share * (1.0 - share)
+    functions = {name: Smoothed(SPARSE[name[2]], value[None, :]) for name, value in values.items()}
+    whole: Vector = field + field_of_um(COARSE, "FXYZ", functions, {}, EVERYWHERE)[0]
+    return whole
+
+
+def test_what_lies_between_few_targets_goes_along_with_what_was_found_or_against_it() -> None:
+    """36 arches have a sign each: counted as a mean square, as if every point had its own, no machine of 40 lies in its interval."""
+    rng, held, above = np.random.default_rng(9), 0, 0
+    for _ in range(TRIALS):
+        values = {name: np.append(0.0, 6.0 * rng.standard_normal(4)) for name in DISPLACEMENTS}
+        field = without_rigid_motion(COARSE, EVERYWHERE, arched(values, 2.0 * rng.standard_normal((9, 4))))
+        true_um = float(np.sqrt(np.mean(np.sum(field**2, axis=1))))
+        told = predicted(of_few_targets(values, 2.0), EVERYWHERE, np.zeros_like(EVERYWHERE)).without_rigid_motion["before"].rms_um
+        assert told.low_um is not None
+        assert told.high_um is not None
+        held += told.low_um <= true_um <= told.high_um
+        above += true_um > told.value_um
+    assert held >= 0.9 * TRIALS, held
+    assert 0.25 * TRIALS <= above <= 0.75 * TRIALS, above
+
+
+def test_between_many_targets_the_signs_cancel() -> None:
+    """Sixteen times as many arches of the same size move the mean square by a quarter."""
+    widths = []
+    for cells in (4, 64):
+        nodes = np.linspace(0.0, 500.0, cells + 1)
+        at = np.clip(np.searchsorted(nodes, EVERYWHERE[:, 0], side="right") - 1, 0, cells - 1)
+        between = Between(np.ones((1, len(EVERYWHERE))), at[None, :], np.zeros(1, dtype=np.int64), np.ones((2000, 1)))
+        widths.append(float(np.std(between.across_um2(between.met(np.ones((1, 3 * len(EVERYWHERE))))))))
+    assert widths[1] == pytest.approx(widths[0] / 4.0, rel=0.15)
