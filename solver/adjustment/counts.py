@@ -3,6 +3,7 @@
 Worked out once for a fit without causes; with any sizes of the causes it is a small correction.
 """
 
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,18 +35,19 @@ class Count:
     walked: Vector
 
 
-def counts(fixed: Fit, layout: Layout) -> list[Count]:
-    """Return every unbroken count that has more than a handful of used readings."""
-    return [_count(fixed, rows) for rows in _unbroken(fixed, layout) if len(rows) > LEAST_ROWS]
+def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> list[Count]:
+    """Return every unbroken count that has more than a handful of used readings; of setups of some kinds where these are given."""
+    return [_count(fixed, rows) for rows in _unbroken(fixed, layout, kinds) if len(rows) > LEAST_ROWS]
 
 
-def short_counts(fixed: Fit, layout: Layout) -> list[NDArray[np.int64]]:
-    """Return the rows of every unbroken count that has too few used readings to be looked through (two at least)."""
-    return [rows for rows in _unbroken(fixed, layout) if 1 < len(rows) <= LEAST_ROWS]
+def short_counts(fixed: Fit, layout: Layout, kinds: Collection[str]) -> list[NDArray[np.int64]]:
+    """Return the rows of every unbroken count of some kinds of setups that is too short to be looked through (two at least)."""
+    return [rows for rows in _unbroken(fixed, layout, kinds) if 1 < len(rows) <= LEAST_ROWS]
 
 
-def _unbroken(fixed: Fit, layout: Layout) -> list[NDArray[np.int64]]:
-    used = np.flatnonzero(fixed.weight[: len(layout)] > 0)
+def _unbroken(fixed: Fit, layout: Layout, kinds: Collection[str] | None) -> list[NDArray[np.int64]]:
+    wanted = np.array([kinds is None or setup.kind in kinds for setup in layout.setups], dtype=np.bool_)[layout.setup_index]
+    used = np.flatnonzero((fixed.weight[: len(layout)] > 0) & wanted)
     return [used[layout.offset_index[used] == number] for number in np.unique(layout.offset_index[used])]
 
 

@@ -56,9 +56,8 @@ def least_seen(fit: MixedFit, layout: Layout, kinds: Collection[str]) -> Unseen 
 
     In a count too short to be looked through nothing is seen, whatever its size.
     """
-    kind = np.array([setup.kind for setup in layout.setups])[layout.setup_index]
-    blind = [_unseen(layout, rows, 1, np.inf) for rows in short_counts(fit.fixed, layout) if kind[rows[0]] in kinds]
-    found = [_least_of(fit, layout, count) for count in counts(fit.fixed, layout) if kind[count.rows[0]] in kinds]
+    blind = [_unseen(layout, rows, 1, np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
+    found = [_least_of(fit, layout, count) for count in counts(fit.fixed, layout, kinds)]
     every = blind + found
     return every[first_of_the_largest([each.u_um for each in every])] if every else None
 

@@ -32,7 +32,7 @@ class Rows:
             product: Vector = np.einsum("ik,ik->i", self.value, unknowns[self.column])
             return product
         total = np.zeros((len(self), unknowns.shape[1]))
-        for place in range(self.column.shape[1]):
+        for place in np.flatnonzero(np.any(self.value, axis=0)):
             total += self.value[:, place, None] * unknowns[self.column[:, place]]
         return total
 
