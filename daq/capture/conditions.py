@@ -12,6 +12,7 @@ from typing import Protocol
 import msgspec
 
 from stepdiag.daq.formats.signals import Signals
+from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
@@ -90,7 +91,7 @@ def told_names(survey: Survey, sensor: Teller) -> tuple[str, ...]:
 
 def needed_conditions(survey: Survey) -> tuple[str, ...]:
     """Return the conditions that the readings of a survey depend on."""
-    air = () if survey.laser.compensated else ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
+    air = () if survey.laser.compensated else AIR
     return (*air, *(("material_temperature_c",) if survey.machine.apply_expansion else ()))
 
 

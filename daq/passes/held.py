@@ -9,11 +9,11 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import COURSES
 from stepdiag.daq.capture.remarks.machine_remarks import credible_of
 from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.standards.air import HALL, Air, AirUncertainty, index_u
 
-AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
 NEVER_SEEN_S = 3600.0
 """A value of the survey file that no sensor ever confirmed is as sure as one that was seen so long ago."""
 

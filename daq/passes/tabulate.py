@@ -9,13 +9,12 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.counts import Counted, on_one_count
 from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Environment, Survey
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, FOURDOF_RUNS, Vector, diagonal_direction, travel_signs
 from stepdiag.solver.readings.readings import Readings, make_readings
 from stepdiag.solver.standards.air import Air, Done, displacement_mm, refractive_index
 from stepdiag.solver.standards.expansion import expansion_um, reading_at_20_c_mm
-
-AIR_FIELDS = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
 
 
 def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float] | None = None) -> Readings:
@@ -72,7 +71,7 @@ def _count_mm(stop: CapturedStop, offset_mm: float) -> float:
 
 def in_this_air(survey: Survey, first: Pass, stops: list[CapturedStop], readings: Vector) -> Vector:
     """Return true displacements since the first of the stops, where the dead path begins."""
-    values = {name: np.array([_environment(survey.environment, stop, name) for stop in stops]) for name in AIR_FIELDS}
+    values = {name: np.array([_environment(survey.environment, stop, name) for stop in stops]) for name in AIR}
     air = Air(
         temperature_c=values["air_temperature_c"],
         pressure_hpa=values["air_pressure_hpa"],

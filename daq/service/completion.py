@@ -23,6 +23,7 @@ from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, RE
 from stepdiag.daq.replay import Replayed, find_logs, replay
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.bundle import active_in, compensation_findings, compensation_of, tables_for
+from stepdiag.daq.survey.environment import NAMES
 from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
@@ -195,8 +196,7 @@ def _certificate(replayed: Replayed) -> dict[str, Any]:
 def _conditions(replayed: Replayed) -> dict[str, list[float]]:
     """Return the least and the largest value of each sensor over the stops used; a sensor that was not there is left out."""
     stops = [stop for each in replayed.book.passes for stop, _ in each.chosen().values()]
-    names = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
-    seen = {name: [value for stop in stops if (value := getattr(stop, name)) is not None] for name in names}
+    seen = {name: [value for stop in stops if (value := getattr(stop, name)) is not None] for name in NAMES}
     return {name: [min(values), max(values)] for name, values in seen.items() if values}
 
 

@@ -3,7 +3,9 @@
 from stepdiag.daq.survey.models import Environment
 from stepdiag.exporters.files.settings import convert, read_toml, refuse
 
-NAMES = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent", "material_temperature_c")
+AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
+"""What the refractive index is computed from."""
+NAMES = (*AIR, "material_temperature_c")
 
 
 def parse_environment(text: str, source: str) -> dict[str, float]:

@@ -17,11 +17,11 @@ from stepdiag.daq.formats.instruments.tqd import TqdSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import FormatSettings, make_decoder
 from stepdiag.daq.records.events import Stream
+from stepdiag.daq.survey.environment import AIR, NAMES
 from stepdiag.daq.survey.models import AirSensor, FramesSection, Head, Laser, LineSection, Survey
 from stepdiag.daq.timing.samples import Decoder
 
-_AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
-LASER_TELLS = {"ids3010": _AIR, "lasertex": (*_AIR, "material_temperature_c")}
+LASER_TELLS = {"ids3010": AIR, "lasertex": NAMES}
 """What the own sensors of a laser tell where it has them: the IDS3010's environmental unit, Lasertex' wireless ones."""
 
 
