@@ -75,9 +75,10 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
         raise UsageError(
             "--apply", expected="a survey that is better than this one", found="none", remedy="ask with other --minutes or --target-um"
         )
-    changed = with_plan(read_text(file), _section(survey, chosen.plan), file.name)
+    section = _section(survey, chosen.plan)
+    changed = with_plan(read_text(file), section, file.name)
     write_atomically(file, changed.encode("utf-8"))
-    typer.echo(f"{file}: [plan] now drives {', '.join(run.setup for run in chosen.plan.runs)}", err=True)
+    typer.echo(f"{file}: [plan] now drives {', '.join(run.setup for run in chosen.plan.runs)}; repeats = {section.repeats}", err=True)
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":

@@ -237,6 +237,9 @@ def test_both_languages(page: Page, daemon: Served) -> None:
     page.locator("#language").click()
     expect(page.locator("#lead")).to_have_text("Justieren, dann Programm O8002 starten")
     expect(page.locator("#air")).to_have_text("20,41 °C")
+    named = "/dev/ttyUSB1, 115200 baud"
+    daemon.do(lambda: daemon.survey.publish(head=LinkStatus(state="connected", address=named, age_s=0.1, detail=f"{named}, low latency")))
+    expect(page.locator("#links li").nth(2).locator("small")).to_have_text("/dev/ttyUSB1, 115200 Baud, kurze Latenz")
     assert page.locator("html").get_attribute("lang") == "de"
     page.reload()
     expect(page.locator("#lead")).to_have_text("Justieren, dann Programm O8002 starten")

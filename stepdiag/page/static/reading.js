@@ -45,9 +45,9 @@ function links(snapshot) {
   if (key === linked) return;
   linked = key;
   const items = present.map((name) => {
-    const { address } = snapshot[name];
-    const detail = told(snapshot[name].detail);
-    const where = detail.startsWith(address) ? detail : [address, detail].filter(Boolean).join(", ");
+    const { address, detail } = snapshot[name];
+    const named = detail?.en?.startsWith(address); // in the daemon's own words
+    const where = (named ? [told(detail)] : [address, told(detail)]).filter(Boolean).join(", ");
     return node("li", { "data-link": name, class: "chip" }, node("strong", {}, say(name)), " ", node("span", { class: "state" }), node("small", {}, where));
   });
   document.getElementById("links").replaceChildren(...items);

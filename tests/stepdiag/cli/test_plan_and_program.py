@@ -139,8 +139,9 @@ class TestPlan:
 
     def test_writes_its_advice_into_the_survey(self, survey):
         """The first addition, without a wish; what is driven then is what the file says."""
-        advised = json.loads(stepdiag("plan", survey, "--json", "--apply").out)["additions"][0]["text"]
-        assert advised == "a linear run along Z"
+        done = stepdiag("plan", survey, "--json", "--apply")
+        assert json.loads(done.out)["additions"][0]["text"] == "a linear run along Z"
+        assert "[plan] now drives ppp, npp, pnp, ppn, npp+1, linear-z; repeats = " in done.refusal
         runs = json.loads(stepdiag("plan", survey, "--json").out)["forecast"]["runs"]
         assert [run["setup"] for run in runs] == ["ppp", "npp", "pnp", "ppn", "linear-z", "npp+1"]
 

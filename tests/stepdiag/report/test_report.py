@@ -34,6 +34,7 @@ from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
+from stepdiag.solver.model.reported import backlash, reversal, shape, sloped
 from stepdiag.solver.readings.readings import Readings, parse_readings
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import Result
@@ -140,6 +141,9 @@ def test_every_figure_says_its_numbers() -> None:
     assert {"EXX", "field-before"} <= {one.name for one in report.figures}
 
 
+KINDS = (sloped, shape, reversal, backlash)
+
+
 def drawn_points(figure: Figure) -> int:
     """Return how many values the CSV of a figure has in its drawing: slices draw three of five layers, a bar no length that is not seen."""
     rows = list(csv.DictReader(io.StringIO(figure.table)))
@@ -154,7 +158,7 @@ def drawn_points(figure: Figure) -> int:
 def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Language) -> None:
     """Whatever is drawn in the document has a value at each of its points, in the numbers of the language, and its CSV beside it."""
     result, readings = golden()
-    budget = {"shares": {name: {"reading": 0.3, "air": 0.1} for name in ("EXX", "sloped EXX")}}
+    budget = {"shares": {name: {"reading": 0.3, "air": 0.1} for name in ("EXX", *(kind("EXX") for kind in KINDS))}}
     result = replace(result, extra={**result.extra, "budget": budget, "closure_um": {"x": [0.0, 1.0, 2.0]}})
     exported = [Exported(controller="siemens", files=(), correction=np.zeros_like)]
     report = build_report(result, source="r", readings=readings, exported=exported, language=language)
@@ -175,6 +179,10 @@ def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Lan
     referred = re.findall(r'\s(?:href="#|aria-(?:labelledby|describedby|controls)="|for=")([^"]*)"', report.html)
     assert set(" ".join(referred).split()) <= set(ids)
     told = next(markup for name, markup in shown if name == "EYX")
+    titles = [one.title for one in report.figures if one.name.startswith("budget-")]
+    english = {"sloped EXX", "shape EXX", "reversal EXX", "backlash EXX"}
+    assert len(titles) == 1 + len(KINDS)
+    assert english & set(titles) == (english if language == "en" else set())
     assert ("± 0," in told or "± 1," in told) == (language == "de")
 
 
