@@ -2,7 +2,7 @@
 
 import asyncio
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Coroutine, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,12 +14,16 @@ from stepdiag.daq.records.status import Phase, PredictionStatus
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.metrics import Tally
 
+READINGS_ONLY = "--readings"
 _log = structlog.get_logger("daemon")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Commands:
-    """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys and their budget in GB (0: none)."""
+    """``completion`` is run with a finished survey's folder, ``archiving`` with that of all surveys and their budget in GB (0: none).
+
+    ``completion`` with `READINGS_ONLY` before the folder is run for a survey that stays open.
+    """
 
     completion: Sequence[str]
     archiving: Sequence[str] = ()
@@ -37,6 +41,7 @@ class Finisher:
         self._tally = tally
         self._on_done = on_done
         self._children: set[asyncio.Task[None]] = set()
+        self._one = asyncio.Lock()
         self._recorder_idle = asyncio.Event()
         self._recorder_idle.set()
         self.phase: Phase = "starting"
@@ -53,10 +58,12 @@ class Finisher:
 
     def finish(self, folder: Path) -> None:
         """Begin to solve the survey of a folder."""
-        task = asyncio.create_task(self._finish(folder), name=f"completion {folder.name}")
-        self._children.add(task)
-        task.add_done_callback(self._children.discard)
+        self._begin(self._finish(folder), f"completion {folder.name}")
         self.phase, self.message = "solving", ""
+
+    def tabulate(self, folder: Path, then: Callable[[], None]) -> None:
+        """Begin to write the readings of a survey that stays open; ``then`` is called when they are written, or cannot be."""
+        self._begin(self._tabulate(folder, then), f"readings {folder.name}")
 
     def forget(self) -> None:
         """Show the result no longer: another survey is being recorded, or this one goes on."""
@@ -69,24 +76,39 @@ class Finisher:
             child.cancel()
         await asyncio.gather(*self._children, return_exceptions=True)
 
+    def _begin(self, work: Coroutine[None, None, None], name: str) -> None:
+        task = asyncio.create_task(work, name=name)
+        self._children.add(task)
+        task.add_done_callback(self._children.discard)
+
+    async def _run(self, *command: str) -> tuple[int, str]:
+        """Return how a child ended and its last words; one after the other, for two would write the same readings."""
+        async with self._one:
+            child = await asyncio.create_subprocess_exec(*command, stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE)
+            said = (await _said_at_the_end(child)).decode("utf-8", "replace").strip()
+        return child.returncode or 0, said.splitlines()[-1] if said else ""
+
+    async def _tabulate(self, folder: Path, then: Callable[[], None]) -> None:
+        await self._recorder_idle.wait()
+        code, said = await self._run(*self._commands.completion, READINGS_ONLY, str(folder))
+        if code:
+            _log.error("readings-unwritten", folder=str(folder), exit_code=code, reason=said)
+        then()
+
     async def _finish(self, folder: Path) -> None:
         await self._recorder_idle.wait()
         began_s = time.monotonic()
-        child = await asyncio.create_subprocess_exec(
-            *self._commands.completion, str(folder), stdin=asyncio.subprocess.DEVNULL, stderr=asyncio.subprocess.PIPE
-        )
-        said = await _said_at_the_end(child)
-        self.message = said.decode("utf-8", "replace").strip().splitlines()[-1] if said.strip() else ""
-        self.phase = "complete" if child.returncode == 0 else "failed"
+        code, self.message = await self._run(*self._commands.completion, str(folder))
+        self.phase = "complete" if code == 0 else "failed"
         self.result = folder / RESULT if (folder / RESULT).exists() else None
         self.prediction = prediction_in(folder)
         self._tally.solve_s = time.monotonic() - began_s
-        self._tally.surveys[child.returncode or 0] += 1
-        if child.returncode == 0:
+        self._tally.surveys[code] += 1
+        if code == 0:
             _log.info("survey-complete", folder=str(folder), exit_code=0, message=self.message)
         else:
-            _log.error("survey-open", folder=str(folder), exit_code=child.returncode, reason=self.message)
-        self._on_done(folder, child.returncode == 0)
+            _log.error("survey-open", folder=str(folder), exit_code=code, reason=self.message)
+        self._on_done(folder, code == 0)
         await self._keep_budget(folder.parent)
 
     async def _keep_budget(self, folder: Path) -> None:

@@ -65,11 +65,7 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     survey is never replaced. A refused export does not cost the others nor the result: it leaves its reason in
     ``exports/<controller>/REFUSED.txt``.
     """
-    replayed = replay(find_logs(paths), survey_file)
-    verdicts_in(_folder(replayed)).tell(replayed.book)
-    _require_all(replayed)
-    out.mkdir(parents=True, exist_ok=True)
-    _write_readings(out, render_readings(readings_of(replayed)))
+    replayed = leave_readings(paths, out, survey_file)
     try:
         computed, _ = solve_logs(replayed)
     except DataError as error:
@@ -83,6 +79,19 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     _write_prediction(out / PREDICTION, exports)
     write_once(out / RESULT, text)
     return Completed(out, _folder(replayed), result, exports, refusals, replayed.survey.page.language)
+
+
+def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = None) -> Replayed:
+    """Write the readings of logs into ``out``, whatever is doubted in them; return the logs, with what was said of them since.
+
+    ``survey_file`` as in `complete`. Raises DataError where passes are missing.
+    """
+    replayed = replay(find_logs(paths), survey_file)
+    verdicts_in(_folder(replayed)).tell(replayed.book)
+    _require_all(replayed)
+    out.mkdir(parents=True, exist_ok=True)
+    _write_readings(out, render_readings(readings_of(replayed)))
+    return replayed
 
 
 def solve_logs(replayed: Replayed, method: str | None = None, environment: Mapping[str, float] | None = None) -> tuple[Result, str]:

@@ -17,6 +17,7 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.log.recorder import Recorder, RecorderHealth
 from stepdiag.daq.log.topics import log_note
+from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.recording.begun import BegunWords
 from stepdiag.daq.recording.handshake import Handshake
 from stepdiag.daq.recording.rounds import FolderLock, latest_round, next_round
@@ -249,9 +250,15 @@ class Daemon:
             self._complete()
         elif not session.recording and session.book.whole():
             still = session.book.doubts()
-            places, reason = [doubt.place for doubt in still], "; ".join(doubt.text for doubt in still)
-            said = {"folder": str(session.folder), "doubted": places, "reason": reason}
-            self._write_live(lambda: _log.warning("survey-open", **said))
+            self._working.finisher.tabulate(session.folder, lambda: self._say_open(session, still))
+
+    def _say_open(self, session: Session, still: Sequence[Doubt]) -> None:
+        """Say what is doubted, where it is still so: somebody may have accepted it meanwhile, or driven it again."""
+        if session is not self._working.session or session.book.doubts() != still:
+            return
+        places, reason = [doubt.place for doubt in still], "; ".join(doubt.text for doubt in still)
+        said = {"folder": str(session.folder), "doubted": places, "reason": reason}
+        self._write_live(lambda: _log.warning("survey-open", **said))
 
     def _complete(self) -> None:
         """Hand the finished survey to a child process and be ready for the next one."""

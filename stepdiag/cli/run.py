@@ -25,12 +25,17 @@ def run(file: SurveyFile, verbose: Annotated[bool, typer.Option("--verbose", hel
     record(file, verbose=verbose)
 
 
-def complete(folder: Path) -> None:
+def complete(folder: Path, readings: Annotated[bool, typer.Option("--readings", help="Only the readings.")] = False) -> None:
     """Solve a recorded survey, write result, controller files and report beside its logs (what `run` starts)."""
     from stepdiag.daq.service.priority import lower_priority
 
     lower_priority()
     from stepdiag.daq.service.completion import complete as finish
+    from stepdiag.daq.service.completion import leave_readings
+
+    if readings:
+        leave_readings([folder], folder)
+        return
     from stepdiag.report.completed import write_completed_report
 
     done = finish([folder], folder)

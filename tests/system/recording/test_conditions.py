@@ -53,6 +53,7 @@ def test_a_plc_without_sensors_leaves_the_survey_open_with_its_readings(tmp_path
             opened = until(process, "survey-open")[-1]
         assert opened["doubted"] == ["ppp/1/0", "npp/1/0"]
         assert "solve with --environment FILE" in opened["reason"]
+        assert (place.round / "readings.csv").exists()
         assert not (place.round / "result.json").exists()
         (tmp_path / "air.toml").write_text(
             "air_temperature_c = 20.0\nair_pressure_hpa = 1013.25\nrelative_humidity_percent = 50.0\nmaterial_temperature_c = 20.0\n"

@@ -30,12 +30,13 @@ def drive_all(place, process):
 
 @on_a_steady_computer
 def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
-    """No result before; the same words in journal and status, before and after a restart; accepted with name and time, shown, replayed."""
+    """Readings, no result before; the same words in journal and status, before and after a restart; accepted by name, shown, replayed."""
     options = {**QUICK, "exports": "", "handshake": False, "dwell": 5.0}
     with hall(tmp_path, faults=UNSIGNALLED, **options) as place:
         with daemon(place.survey) as process:
             opened = drive_all(place, process)
             assert opened["doubted"] == ["npp/1/2"]
+            readings = (place.round / "readings.csv").read_text()
             live = stepdiag("status", place.survey).out
         told = json.loads(stepdiag("status", place.survey, "--json").out)
         assert "it waits for: doubted: npp/1/2" in live
@@ -50,6 +51,7 @@ def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
             done = stepdiag("accept", place.survey, "npp/1/2", "--reason", "a hand on the cable", "--name", "Kim")
             assert done.code == 0, done.refusal
             assert until(process, "survey-complete")[-1]["exit_code"] == 0
+        assert (place.round / "readings.csv").read_text() == readings
         result = json.loads((place.round / "result.json").read_text())
         (found,) = [each for each in result["findings"] if each["code"] == "stop-recovered"]
         assert (found["severity"], found["setup"], found["stop"]) == ("warning", "npp", 2)
