@@ -6,6 +6,8 @@ import { shown } from "./words.js";
 const COVERAGE = 2;
 const colour = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
 const LINES = ["--accent", "--second", "--good", "--warn"];
+// Steps of an axis that counts: between two stops there is none.
+const COUNTS = [1, 10, 100, 1000].flatMap((ten) => [1, 2, 5].map((each) => each * ten));
 const DASHES = [[], [6, 3], [2, 3], [8, 3, 2, 3]];
 
 // A place holds one plot. Series: { label, x: [], y: [], u: [] | null, odd: [] of truth, dots }; all share x. A null in y is a gap.
@@ -17,7 +19,7 @@ export class Curves {
 
   constructor(id, options) {
     this.place = document.getElementById(id);
-    this.options = { height: 190, decimals: 2, xRange: null, yRange: null, legend: true, ...options };
+    this.options = { height: 190, decimals: 2, xRange: null, yRange: null, counts: false, legend: true, ...options };
     new ResizeObserver(() => this.#plot?.setSize({ width: this.#width(), height: this.#height() })).observe(this.place);
   }
 
@@ -64,7 +66,7 @@ export class Curves {
   };
 
   #build(series, label) {
-    const { xLabel, yLabel, decimals, yRange } = this.options;
+    const { xLabel, yLabel, decimals, yRange, counts } = this.options;
     const value = (_plot, given) => shown(given, decimals);
     const axis = { stroke: colour("--quiet"), grid: { stroke: colour("--grid"), width: 1 }, ticks: { stroke: colour("--grid") }, font: "12px system-ui", labelFont: "12px system-ui", labelSize: 20 };
     const lines = [{ label: xLabel, value: (_plot, given) => shown(given, Number.isInteger(given) ? 0 : 2) }];
@@ -87,7 +89,7 @@ export class Curves {
       cursor: { drag: { x: true, y: false }, points: { size: 8 } },
       scales: { x: { time: false, range: this.#range }, y: { range: yRange ?? around } },
       axes: [
-        { ...axis, label: xLabel, size: 34, values: (_plot, marks) => marks.map((mark) => shown(mark, places(marks))) },
+        { ...axis, label: xLabel, size: 34, incrs: counts ? COUNTS : undefined, values: (_plot, marks) => marks.map((mark) => shown(mark, places(marks))) },
         { ...axis, label: yLabel, size: 54, values: (_plot, marks) => marks.map((mark) => shown(mark, places(marks))) },
       ],
       hooks: { draw: [(plot) => this.#marks(plot, series)], setScale: [(plot, key) => key === "x" && this.#show(plot.scales.x)] },

@@ -21,7 +21,7 @@ export function update({ stops, stops_in_pass: count, setups, stage }) {
   const key = `${places}|${of.map((one) => `${one.setup}${one.pass_number}.${one.place}:${one.deviation_um}${told(one.doubtful)}`).join()}`;
   if (key === drawn) return;
   drawn = key;
-  curves ??= new Curves("deviations", { height: 230 });
+  curves ??= new Curves("deviations", { height: 230, counts: true });
   const labels = { columns: ["stop", ...columns(of)], xLabel: say("stop_axis"), yLabel: say("deviation_axis"), xRange: [0, Math.max(1, places - 1)] };
   curves.draw(passes(of, places), `${say("deviations")}: ${setupName(last.setup)}`, labels);
 }
