@@ -81,6 +81,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "scale": sections.scale_table(result, words),
         "lengths": sections.lengths_table(result, words),
         "positioning": sections.positioning_table(standards, words, partial(translated, language=language)),
+        "positioning_lengths": sections.positioning_lengths(standards, words),
         "vdi": sections.vdi_table(standards, words),
         "head": sections.head_table(result, words),
         "fit": sections.fit_table(result),

@@ -163,7 +163,8 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
 def positioning_table(standards: object, words: Mapping[str, str], said: Callable[[str], str] = str) -> Table | None:
     """Return the figures along the axes and along the diagonals, one row a setup, each with its U where that is known (k = 2).
 
-    ``standards`` is the entry of the result; columns that nothing is known of are left out; ``said`` puts the name of a
+    ``standards`` is the entry of the result; columns that nothing is known of are left out. Of which lengths a
+    figure is stands in its row only where they differ (`positioning_lengths`); ``said`` puts the name of a
     standard into the words' language.
     """
     entries = standards if isinstance(standards, dict) else {}
@@ -171,8 +172,14 @@ def positioning_table(standards: object, words: Mapping[str, str], said: Callabl
     known = {
         name: symbol for name, symbol in POSITIONING_FIGURES.items() if any(_figure(facts, name) is not None for facts in first.values())
     }
+    once = positioning_lengths(standards, words)
     rows = [
-        (name, _standard(facts, words, said), shown(facts.get("runs")), *(_with_u(facts, figure) for figure in known))
+        (
+            name,
+            ", ".join(filter(None, (said(shown(facts.get("standard"))), "" if once else _lengths(facts, words)))),
+            shown(facts.get("runs")),
+            *(_with_u(facts, figure) for figure in known),
+        )
         for name, facts in list(first.items())[:MOST_ROWS]
     ]
     return (
@@ -182,10 +189,16 @@ def positioning_table(standards: object, words: Mapping[str, str], said: Callabl
     )
 
 
-def _standard(facts: Mapping[str, Any], words: Mapping[str, str], said: Callable[[str], str]) -> str:
-    """Return the standard of a row, and of which lengths its figures are where that is said."""
-    of = {"as measured": words["figures_as_measured"], "at 20 C": words["figures_at_20_c"]}.get(str(facts.get("lengths")), "")
-    return ", ".join(text for text in (said(shown(facts.get("standard"))), of) if text)
+def positioning_lengths(standards: object, words: Mapping[str, str]) -> str:
+    """Return of which lengths all figures along axes and diagonals are; empty where that is not said, or not the same of all."""
+    entries = standards.values() if isinstance(standards, dict) else ()
+    first = [found[0] for found in entries if isinstance(found, list) and found and isinstance(found[0], dict)]
+    said = {text for facts in first if (text := _lengths(facts, words))}
+    return said.pop() if len(said) == 1 else ""
+
+
+def _lengths(facts: Mapping[str, Any], words: Mapping[str, str]) -> str:
+    return {"as measured": words["figures_as_measured"], "at 20 C": words["figures_at_20_c"]}.get(str(facts.get("lengths")), "")
 
 
 VDI_FIGURES = {"P": "P", "Pa": "Pa", "U_max": "U max", "U_mean": "U̅", "Ps_max": "Ps max", "Ps_mean": "P̅s"}

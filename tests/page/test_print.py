@@ -21,7 +21,7 @@ from stepdiag.texts.texts import LANGUAGES, Language, catalogue
 from testkit.exact.surveys import Bench
 
 A4_PT = (595, 842)
-HALF = 0.55
+HALF = 0.6
 """Of a page's height: a page before the last one that ends above it is a half-empty one."""
 SURVEY = {
     "customer": "Gebr. Kunde", "machine": "VM 500", "machine_serial": "M-4711", "survey": "spring 2026", "operator": "A. Bediener",

@@ -6,7 +6,7 @@ import pytest
 
 from stepdiag.report.certificate import bound_words, interval_words
 from stepdiag.report.document import build_report
-from stepdiag.report.sections import lengths_table, positioning_table, slips_table, vdi_table
+from stepdiag.report.sections import lengths_table, positioning_lengths, positioning_table, slips_table, vdi_table
 from stepdiag.solver.result.interval import Interval
 from stepdiag.texts.texts import LANGUAGES, catalogue
 from testkit.exact.madeup import made_up_result
@@ -28,10 +28,23 @@ def test_lengths_stand_both_ways_and_those_in_the_tables_are_marked(language):
     assert lengths_table(made_up_result(), words) is None
 
 
-def test_linear_figures_stand_with_u_and_with_the_lengths_they_are_of():
+def test_linear_figures_stand_with_u_and_the_lengths_they_are_of_are_said_once():
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
-    (row,) = positioning_table({"linear-x": [ISO, VDI]}, words).rows
-    assert row == ("linear-x", "ISO 230-2:2014, lengths as measured", "5", "7.00 ± 1.00", "3.00 ± 0.50")
+    standards = {"linear-x": [ISO, VDI], "linear-y": [ISO]}
+    row, _ = positioning_table(standards, words).rows
+    assert row == ("linear-x", "ISO 230-2:2014", "5", "7.00 ± 1.00", "3.00 ± 0.50")
+    assert positioning_lengths(standards, words) == "lengths as measured"
+    assert positioning_lengths({"linear-x": [VDI]}, words) == positioning_lengths(None, words) == ""
+
+
+def test_lengths_that_differ_stand_in_the_rows_they_are_of():
+    words = {**catalogue("common", "en"), **catalogue("report", "en")}
+    standards = {"linear-x": [ISO], "linear-y": [{**ISO, "lengths": "at 20 C"}]}
+    assert [row[1] for row in positioning_table(standards, words).rows] == [
+        "ISO 230-2:2014, lengths as measured",
+        "ISO 230-2:2014, lengths at 20 °C",
+    ]
+    assert positioning_lengths(standards, words) == ""
 
 
 def test_vdi_3441_stands_beside_where_a_run_has_it():
