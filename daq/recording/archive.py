@@ -8,6 +8,7 @@ of its own.
 
 import hashlib
 import os
+import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -30,6 +31,7 @@ PACKED_CHUNK_BYTES = 1_000_000
 LEVEL = 19
 MARK = ".packed"
 """Stands in a folder whose logs are packed."""
+_ONE_AT_A_TIME = threading.Lock()
 _SUFFIX = ".packing"
 _DRAIN_BYTES = 4_000_000
 
@@ -124,13 +126,17 @@ def _copy(log: Path, file: PartFile) -> None:
 
 @contextmanager
 def _tight() -> Iterator[None]:
-    """Have the MCAP writer, which offers no choice of level, compress as tightly as it goes; for this process, which does nothing else."""
+    """Have the MCAP writer, which offers no choice of level, compress as tightly as it goes; for this process, which does nothing else.
+
+    One at a time: a second one that began meanwhile would find the level taken back below its hands, and pack the same log to other bytes.
+    """
     names = vars(mcap.writer)
-    usual, names["zstandard"] = names["zstandard"], _Tight
-    try:
-        yield
-    finally:
-        names["zstandard"] = usual
+    with _ONE_AT_A_TIME:
+        usual, names["zstandard"] = names["zstandard"], _Tight
+        try:
+            yield
+        finally:
+            names["zstandard"] = usual
 
 
 class _Tight:

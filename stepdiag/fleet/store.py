@@ -13,7 +13,7 @@ import hashlib
 import json
 import os
 import secrets
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -28,6 +28,11 @@ FORMAT, VERSION = "stepdiag-store", 1
 MARK, INDEX, LISTED = "stepdiag-store.json", "points.parquet", "archived.json"
 TABLE_SUFFIX = ".parquet"
 LARGEST_JSON_BYTES = 16_000_000
+
+
+def sha256(data: bytes) -> str:
+    """Return the SHA-256 of a file in hexadecimal."""
+    return hashlib.sha256(data).hexdigest()
 
 
 class Place(NamedTuple):
@@ -78,8 +83,8 @@ class Store:
         with said(name):
             return bytes(self._files.cat_file(self.path(name)))
 
-    def write(self, name: str, data: bytes) -> None:
-        """Write a file whole or not at all, and on the disk when this returns."""
+    def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
+        """Write a file whole or not at all, and on the disk when this returns; not ``anew``, one that came meanwhile stays."""
         target, part = self.path(name), f"{self.path(name)}.{secrets.token_hex(4)}.part"
         with said(name):
             if not self.is_local:
@@ -91,23 +96,25 @@ class Store:
                     file.write(data)
                     file.flush()
                     os.fsync(file.fileno())
-                Path(part).replace(target)
+                _publish(Path(part), Path(target), anew=anew)
                 _sync(Path(target).parent)
             finally:
                 Path(part).unlink(missing_ok=True)
 
-    def write_checked(self, name: str, data: bytes) -> None:
-        """Write a file and read it back; one that is there with these bytes stays.
+    def write_checked(self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256) -> bytes:
+        """Write a file, read it back and return what is there; one that is there with this meaning stays, its bytes unless said otherwise.
 
-        Raises DataError where others are there, or come back.
+        Raises DataError where another is there, or comes back.
         """
-        wanted = hashlib.sha256(data).hexdigest()
+        wanted = meaning(data)
         if not self.exists(name):
-            self.write(name, data)
-        found = hashlib.sha256(self.read(name)).hexdigest()
+            self.write(name, data, anew=False)
+        there = self.read(name)
+        found = meaning(there)
         if found != wanted:
             remedy = "nothing in a store is ever overwritten; see who wrote it"
-            raise DataError(f"{self.address}: {name}", expected=f"SHA-256 {wanted}", found=found, remedy=remedy)
+            raise DataError(f"{self.address}: {name}", expected=f"SHA-256 {wanted}", found=found or "a damaged file", remedy=remedy)
+        return there
 
     def tables(self) -> list[Place]:
         """Return every survey that is whole, by machine, year and name; what was solved anew behind what was archived."""
@@ -169,6 +176,20 @@ def _place(path: str) -> Place:
     machine, year, file = path.split("/")[-3:]
     survey, _, software = file.removesuffix(TABLE_SUFFIX).partition("@")
     return Place(unquote(machine.removeprefix("machine=")), year.removeprefix("year="), survey, unquote(software))
+
+
+def _publish(part: Path, target: Path, *, anew: bool) -> None:
+    """Give a written file its name; where the share knows links, another's that has it by now is left alone."""
+    if not anew:
+        try:
+            target.hardlink_to(part)
+        except FileExistsError:
+            return
+        except OSError:  # a share without links; what is there now is read back and compared
+            pass
+        else:
+            return
+    part.replace(target)
 
 
 def _sync(folder: Path) -> None:

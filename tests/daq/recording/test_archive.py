@@ -1,6 +1,10 @@
 """A budget is kept by packing finished surveys, the oldest first; nothing is lost by it."""
 
+import threading
+
+import mcap.writer
 import pytest
+import zstandard
 
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.recording.archive import MARK, digest, keep_budget, pack, size_bytes
@@ -30,6 +34,19 @@ def test_a_packed_log_is_smaller_and_says_the_same(tmp_path):
     assert pack(log) == size - log.stat().st_size > 0.1 * size
     assert (read(log), digest(log), log.stat().st_mtime_ns) == (before, said, stamp)
     assert [path.name for path in log.parent.iterdir() if path.name.startswith("0001")] == ["0001.mcap"]
+
+
+def test_packed_at_once_or_one_by_one_a_log_comes_to_the_same_bytes(tmp_path):
+    """Two that changed the writer's level at once left it changed, and one of the logs loose."""
+    logs = [finished_round(tmp_path, number) / "0001.mcap" for number in range(1, 7)]
+    pack(logs[0])
+    threads = [threading.Thread(target=pack, args=[log]) for log in logs[1:]]
+    for each in threads:
+        each.start()
+    for each in threads:
+        each.join()
+    assert {log.read_bytes() for log in logs} == {logs[0].read_bytes()}
+    assert vars(mcap.writer)["zstandard"] is zstandard
 
 
 def test_the_oldest_finished_rounds_come_first(tmp_path):

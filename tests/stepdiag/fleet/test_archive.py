@@ -91,11 +91,12 @@ def test_a_share_that_fills_up_leaves_nothing_listed_and_the_next_try_completes(
 ) -> None:
     usual, written = Store.write, []
 
-    def full(self: Store, name: str, data: bytes) -> None:
+    def full(self: Store, name: str, data: bytes, *, anew: bool = True) -> None:
         if len(written) == files:
             monkeypatch.setattr("pathlib.Path.replace", _no_space)
+            monkeypatch.setattr("pathlib.Path.hardlink_to", _no_space)
         written.append(name)
-        usual(self, name, data)
+        usual(self, name, data, anew=anew)
 
     monkeypatch.setattr(Store, "write", full)
     with pytest.raises(UsageError, match="No space left"):
@@ -132,6 +133,43 @@ def test_two_writers_at_once_do_no_harm(survey: Path, store: Store) -> None:
     assert len(store.tables()) == 6
     assert {each.machine for each in series_in(store)} == {"other", "Mill 7/ä"}
     assert not [name for name in everything_in(store) if name.endswith(".part")]
+
+
+def test_what_another_zstd_packed_is_the_same_log_and_what_it_says_is_compared(
+    survey: Path, store: Store, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Another computer got half-way: its log, packed to other bytes, is completed; one with other records is refused."""
+    with monkeypatch.context() as other:
+        other.setattr("stepdiag.daq.recording.archive.LEVEL", 1)
+        add(survey, store)
+    place = store.tables()[0]
+    log = Path(store.path(f"{place.folder}/0001.mcap"))
+    theirs = log.read_bytes()
+    Path(store.path(place.table)).unlink()
+    Path(store.path(f"{place.folder}/{LISTED}")).unlink()
+    assert add(survey, store).outcome == "archived"
+    assert log.read_bytes() == theirs
+    assert store.json(f"{place.folder}/{LISTED}")["files"]["0001.mcap"] == hashlib.sha256(theirs).hexdigest()
+    Path(store.path(place.table)).unlink()
+    log.write_bytes(theirs[:-200])
+    with pytest.raises(DataError, match="nothing in a store is ever overwritten"):
+        add(survey, store)
+
+
+@pytest.mark.parametrize("links", [True, False])
+def test_a_file_that_came_meanwhile_stays_where_the_share_knows_links(
+    store: Store, monkeypatch: pytest.MonkeyPatch, *, links: bool
+) -> None:
+    """Another writer's file appears between the look and the writing: with other bytes it is never taken for ours."""
+    Path(store.path("x")).write_bytes(b"theirs")
+    monkeypatch.setattr(Store, "exists", lambda _self, _name: False)
+    if not links:
+        monkeypatch.setattr("pathlib.Path.hardlink_to", _no_space)
+        assert store.write_checked("x", b"ours") == b"ours"
+        return
+    with pytest.raises(DataError, match="see who wrote it"):
+        store.write_checked("x", b"ours")
+    assert Path(store.path("x")).read_bytes() == b"theirs"
 
 
 def test_the_index_says_the_same_as_the_tables(store: Store) -> None:
