@@ -7,13 +7,14 @@ figure that the result of that survey would state. What a survey does not identi
 
 from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 from typing import Literal
 
 from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS
 from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.planning.foresight import Foresight, foresee
-from stepdiag.solver.planning.identifiability import identified_with_angles
+from stepdiag.solver.planning.identifiability import Seen, identified_with_angles
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings, plan_minutes
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
@@ -28,17 +29,21 @@ FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Circumstances:
-    """Everything about the job that is not in the plan. ``head_u_urad``: pitch and yaw from a run of the 4-DOF head."""
+    """Everything about the job that is not in the plan. ``head_u_urad``: pitch and yaw from a run of the 4-DOF head.
+
+    ``made`` keeps what was forecast under them: a search comes to the same plan by many ways.
+    """
 
     chain: str = "FXYZ"
     assumed: Assumptions = field(default_factory=Assumptions)
     head_u_urad: float = 1.0
     beam_offset_mm: float = 50.0
+    made: dict[Plan, "Forecast"] = field(default_factory=dict, init=False, repr=False, compare=False)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Forecast:
-    """What a planned survey would give.
+    """What a planned survey would give; each figure is worked out when it is first asked for, and a search asks most plans for one or two.
 
     ``u``: combined standard uncertainty by name, root mean square over a function's nodes, None where not identified (units: um,
     urad, um/m). ``angles`` says whether the readings resolve all angular functions or the assumed size stands for them.
@@ -48,12 +53,43 @@ class Forecast:
     """
 
     plan: Plan
-    minutes: float
-    ahead: Foresight
-    angles: Literal["assumed", "solved"]
-    u: dict[str, float | None]
-    resolved: tuple[str, ...]
-    hidden: int
+    layout: Layout
+    chain: str
+    assumed: Assumptions
+
+    @property
+    def minutes(self) -> float:
+        """Return how long the survey takes."""
+        return plan_minutes(self.plan)
+
+    @cached_property
+    def ahead(self) -> Foresight:
+        """Return its uncertainties."""
+        return foresee(self.layout, self.chain, self.assumed, self.plan.volume.increments)
+
+    @cached_property
+    def _free(self) -> Seen:
+        return identified_with_angles(self.layout, self.chain)
+
+    @property
+    def hidden(self) -> int:
+        """Return how many combinations of the unknowns no reading shows."""
+        return self._free.hidden
+
+    @property
+    def resolved(self) -> tuple[str, ...]:
+        """Return the functions that are solved from the laser's readings."""
+        return tuple(name for name in FUNCTIONS if self._free.known[name])
+
+    @property
+    def angles(self) -> Literal["assumed", "solved"]:
+        """Tell where the angular functions come from."""
+        return "solved" if self.resolves_all else "assumed"
+
+    @property
+    def u(self) -> dict[str, float | None]:
+        """Return combined standard uncertainties."""
+        return {name: self.ahead.u.get(name) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)}
 
     @property
     def volumetric_um(self) -> float:
@@ -77,9 +113,22 @@ class Addition:
 
     text: str
     forecast: Forecast
-    minutes: float
-    gain_um: float
-    newly_identified: tuple[str, ...]
+    before: Forecast
+
+    @property
+    def minutes(self) -> float:
+        """Return how much longer the survey takes."""
+        return self.forecast.minutes - self.before.minutes
+
+    @property
+    def gain_um(self) -> float:
+        """Return by how much the volumetric uncertainty falls."""
+        return self.before.volumetric_um - self.forecast.volumetric_um
+
+    @property
+    def newly_identified(self) -> tuple[str, ...]:
+        """Return what was not identified before."""
+        return tuple(name for name, u in self.forecast.u.items() if u is not None and self.before.u[name] is None)
 
     @property
     def gain_um_per_minute(self) -> float:
@@ -116,21 +165,11 @@ def plan(survey: Plan, about: Circumstances | None = None, *, available_min: flo
 
 def forecast(survey: Plan, about: Circumstances) -> Forecast:
     """Return what the survey would give. Raises ``UsageError`` for a plan without a run of the laser."""
-    coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
-    layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan")
-    assumed = _with_head(survey, about)
-    ahead = foresee(layout, about.chain, assumed, survey.volume.increments)
-    free = identified_with_angles(layout, about.chain)
-    resolved = tuple(name for name in FUNCTIONS if free.known[name])
-    return Forecast(
-        plan=survey,
-        minutes=plan_minutes(survey),
-        ahead=ahead,
-        angles="solved" if set(resolved) == set(FUNCTIONS) else "assumed",
-        u={name: ahead.u.get(name) for name in (*FUNCTIONS, *SQUARENESS, *AXIS_LETTERS)},
-        resolved=resolved,
-        hidden=free.hidden,
-    )
+    if survey not in about.made:
+        coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
+        layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan")
+        about.made[survey] = Forecast(plan=survey, layout=layout, chain=about.chain, assumed=_with_head(survey, about))
+    return about.made[survey]
 
 
 def _with_head(survey: Plan, about: Circumstances) -> Assumptions:
@@ -152,17 +191,7 @@ def rank(now: Forecast, about: Circumstances) -> tuple[Addition, ...]:
 
 
 def _addition(text: str, changed: Plan, now: Forecast, about: Circumstances) -> Addition:
-    return _compared(text, forecast(changed, about), now)
-
-
-def _compared(text: str, then: Forecast, now: Forecast) -> Addition:
-    return Addition(
-        text=text,
-        forecast=then,
-        minutes=then.minutes - now.minutes,
-        gain_um=now.volumetric_um - then.volumetric_um,
-        newly_identified=tuple(name for name, u in then.u.items() if u is not None and now.u[name] is None),
-    )
+    return Addition(text=text, forecast=forecast(changed, about), before=now)
 
 
 def _changes(survey: Plan, about: Circumstances) -> Iterator[tuple[str, Plan]]:
@@ -247,5 +276,4 @@ def best_survey(
 def _as_one_step(steps: tuple[Addition, ...], here: Forecast) -> list[Addition]:
     if not steps:
         return []
-    end = steps[-1].forecast
-    return [_compared("; ".join(step.text for step in steps), end, here)]
+    return [Addition(text="; ".join(step.text for step in steps), forecast=steps[-1].forecast, before=here)]

@@ -122,11 +122,11 @@ def circumstances(survey: "Survey") -> "Circumstances":
 
 
 def _advise(plan: "Plan", about: "Circumstances", minutes: float | None, target_um: float | None) -> "Advice":
-    """Return the planner's advice; each additional survey that it weighs takes about a second of computing."""
+    """Return the planner's advice."""
     from stepdiag.solver.planning.planner import plan as advise
     from stepdiag.terminal.progress import working
 
-    with working("forecasting this survey and each that has one more run (about half a minute)"):
+    with working("forecasting this survey and each that has one more run (some seconds)"):
         return advise(plan, about, available_min=minutes, target_um=target_um)
 
 
