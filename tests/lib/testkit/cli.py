@@ -3,7 +3,8 @@
 from functools import cache
 from typing import NamedTuple
 
-from typer.testing import CliRunner
+import typer.main
+import typer.testing
 
 from stepdiag.cli.app import app, build
 from stepdiag.solver.errors import StepdiagError
@@ -18,6 +19,10 @@ class Told(NamedTuple):
     refusal: str
 
 
+# the runner builds all commands anew for each call, which costs more than most calls: a command keeps nothing of a call
+vars(typer.testing)["_get_command"] = cache(typer.main.get_command)
+
+
 @cache
 def _built() -> None:
     build()
@@ -26,7 +31,7 @@ def _built() -> None:
 def stepdiag(*arguments: object) -> Told:
     """Run ``stepdiag`` with these arguments."""
     _built()
-    result = CliRunner().invoke(app, [str(argument) for argument in arguments])
+    result = typer.testing.CliRunner().invoke(app, [str(argument) for argument in arguments])
     if isinstance(result.exception, StepdiagError):
         code = next(code for cause, code in EXIT_CODES.items() if isinstance(result.exception, cause))
         return Told(code, result.stdout, str(result.exception))
