@@ -44,10 +44,11 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
             disk.fill()
             said += until(process, "recorder", state="blocked")
             assert (said[-1]["level"], said[-1]["reason"]) == ("error", "No space left on device")
+            before = stops_in(said)
             time.sleep(1.0)
             said += list(iter(process.poll, None))
             announced = stops_in(said)
-            assert announced[-1][1] <= 3, "the machine waits for room"
+            assert len(announced) <= len(before) + 1, "the machine waits for room"
             told = stepdiag("status", disk.here).out
             shutil.copytree(round_, tmp_path / "meanwhile")
             kept = noted_stops(next((tmp_path / "meanwhile").iterdir()))
