@@ -250,7 +250,7 @@ class StreamBuffer:
 
     def _remember(self, batch: Samples, arrival_ns: int) -> None:
         self._watch_for_holes(batch)
-        for end in (*np.flatnonzero(np.diff(batch.arrival_ns)).tolist(), -1):
+        for end in (*np.flatnonzero(batch.arrival_ns[1:] != batch.arrival_ns[:-1]).tolist(), -1):
             self._clock.add(int(batch.counter[end]), int(batch.arrival_ns[end]))
         self._batches.append((batch, self._clock))
         self._last = batch
@@ -261,7 +261,9 @@ class StreamBuffer:
         self._watch_continuity(batch, arrival_ns)
 
     def _learn_resolution(self, batch: Samples) -> None:
-        steps = np.abs(np.diff(batch.position_mm, prepend=self._last_mm))
+        before = np.empty_like(batch.position_mm)
+        before[0], before[1:] = self._last_mm, batch.position_mm[:-1]
+        steps = np.abs(batch.position_mm - before)
         self._last_mm = float(batch.position_mm[-1])
         self._least_step_mm = float(np.min(steps, where=steps > LEAST_STEP_MM, initial=self._least_step_mm))
 

@@ -158,8 +158,8 @@ class LineDecoder:
         found = self._pattern.fullmatch(text.encode()) if len(line) <= LINE_CAP else None  # RE2 looks at UTF-8: twice as fast as at text
         if found is None:
             return None
-        told = (None if place is None else found.group(place) for place in self._places)
-        position, counter, beam = (None if value is None else value.decode() for value in told)
+        told = [None if place is None else found[place] for place in self._places]
+        position, counter, beam = [None if value is None else value.decode() for value in told]
         return _number(position), counter, _number(beam)
 
     def _count(self, text: str | None) -> int | None:
