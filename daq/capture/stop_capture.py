@@ -11,6 +11,7 @@ from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.route import agrees
 from stepdiag.daq.capture.place.walk import BREAKS_COUNT, Walk
+from stepdiag.daq.capture.standing.approach import came_along
 from stepdiag.daq.capture.standing.certain_window import Placing, Taken, certain_windows
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.stop import make_head_stop, make_stop, plateau_window
@@ -25,12 +26,16 @@ ROUNDED_UM = 1.0
 AGAIN = 1.5
 """A difference is said again where it is larger by so much than what was said of the pass before."""
 
+FROM_BEYOND = "the machine came from the other side: it was on its way back, or its backlash is in the reading"
+FROM_WHERE = "nobody saw from which side the machine came back: it may have been on its way back"
+
 
 class StopTaker:
     """Takes the stops of one log."""
 
     def __init__(self, survey: Survey, laser: StreamBuffer, head: StreamBuffer | None, start: CaptureStart) -> None:
         self._rules = survey.stop
+        self._both_ways = survey.plan.return_pass
         self._positions = PositionCheck(survey.plc.signals)
         self._laser = laser
         self._head = head
@@ -100,7 +105,18 @@ class StopTaker:
             walk.skip(index, dwell.signals.stop_count)
         for number, window in enumerate(taken):
             stop = make_stop(walk.route, index, dwell.signals, window, self._head, self._wall_offset_ns)
+            if words := self._from_beyond(walk, index, dwell, taken[0]):
+                stop = marked(stop, "other-side", words)
             self._commit(walk, stop, outcomes, again=number > 0)
+
+    def _from_beyond(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> str:
+        """Return why a stop may have been come to in the direction of the other pass; empty where it was not, or its counter tells."""
+        if not self._both_ways or index == 0 or dwell.signals.stop_count is not None or walk.judge(index, taken.window.mean_mm)[0]:
+            return ""
+        along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(index - 1, index))
+        if along is None and walk.last is None and index < walk.expected - 1:
+            return FROM_WHERE
+        return FROM_BEYOND if along is False else ""
 
     def _place_head(self, walk: Walk, index: int, dwell: Dwell, taken: Taken | None, head: StreamBuffer, outcomes: list[Outcome]) -> None:
         """Take a stop of the 4-DOF head. It does not count: a beam that was cut in between costs nothing, and no step can judge it."""

@@ -11,7 +11,7 @@ from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.recording.verdicts import Verdicts
 from stepdiag.daq.survey.file import parse_survey
-from testkit.exact.driven import WALL_OFFSET_NS, Program, machine_of, survey_file
+from testkit.exact.driven import WALL_OFFSET_NS, Nowhere, Program, machine_of, survey_file
 from testkit.fault_cases import COUNTED
 from testkit.timeline import Timeline
 
@@ -22,25 +22,6 @@ TAKEN_S = 0.45
 WINDOW_S = 0.53
 """A machine that stands for so long once the next daemon listens stands long enough."""
 DRIVEN = [(setup, number, stop) for setup in SETUPS for number in (1, 2) for stop in range(STOPS)]
-
-
-class Nowhere:
-    """A sink that keeps nothing: what a log would hold of it is asked of the session."""
-
-    def begin(self, path, header):
-        pass
-
-    def admit(self, event):
-        return (event,)
-
-    def note(self, note):
-        pass
-
-    def promise(self, note, saved):
-        saved()
-
-    def end(self, status, reason=""):
-        pass
 
 
 class Bench:

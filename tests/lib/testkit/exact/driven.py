@@ -142,9 +142,8 @@ class Program:
         placed = aligned_setup(self.machine, self.box, driven, how)
         name = NUMBERS[setup]
         towards = 2.0 * np.sign(taken.position_mm[1] - taken.position_mm[0])
-        self._stand(
-            taken.position_mm[0] - towards, reads[0], setup=name, seconds=0.03, shown=False, counts=0, off_mm=-2.0 if number % 2 else 2.0
-        )
+        before_mm = -2.0 if number % 2 else 2.0
+        self._stand(taken.position_mm[0] - towards, reads[0], setup=name, seconds=0.03, shown=False, counts=0, off_mm=before_mm)
         stop, beside = 0, {}
         while stop < len(reads):
             here = [fault for fault in self.faults if (fault.setup, fault.number, fault.stop) == (setup, number, stop)]
@@ -171,7 +170,9 @@ class Program:
                 return
             if "abort" in kinds:
                 stop = max(stop - int(kinds["abort"]), 0)
-                self._stand(taken.position_mm[stop] - towards, reads[stop], setup=name, seconds=0.03, shown=False, counts=0, off_mm=-2.0)
+                self._stand(
+                    taken.position_mm[stop] - towards, reads[stop], setup=name, seconds=0.03, shown=False, counts=0, off_mm=before_mm
+                )
                 continue
             stop += 1
 
@@ -238,6 +239,25 @@ class Folder:
         self._file.drain()
         self._file.publish()
         self._file.close()
+
+
+class Nowhere:
+    """A sink that keeps nothing: what a log would hold of it is asked of the session."""
+
+    def begin(self, path, header):
+        pass
+
+    def admit(self, event):
+        return (event,)
+
+    def note(self, note):
+        pass
+
+    def promise(self, note, saved):
+        saved()
+
+    def end(self, status, reason=""):
+        pass
 
 
 def survey_file(*, size=BOX_MM, n=2, back=False, signals="", setups=SETUPS, compensated=True):
