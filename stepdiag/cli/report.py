@@ -59,7 +59,7 @@ def report(
         found,
         source=result.name,
         exported=exported,
-        left=_as_left(found, exported, after) if after is not None else None,
+        left=_as_left(found, exported, read_result(after)) if after is not None else None,
         letterhead=read_letterhead(letterhead) if letterhead is not None else None,
         readings=parse_readings(read_text(readings), readings.name) if readings is not None else None,
         logs=logs_beside(result.parent),
@@ -72,15 +72,15 @@ def report(
         typer.echo(f"report: {written[0]}" + (f", {len(written) - 1} more files beside it" if len(written) > 1 else ""))
 
 
-def _as_left(before: "Result", exported: "list[Exported]", path: Path) -> "AsLeft":
-    """Return what the survey after loading says. Raises ``DataError`` where it is another machine's."""
-    from stepdiag.comparing.compare import same_machine
+def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "AsLeft":
+    """Return what the survey after loading says. Raises ``DataError`` where it is another machine's or of another volume."""
+    from stepdiag.comparing.compare import same_machine, same_volume
     from stepdiag.conclusion import conclude
     from stepdiag.report.certificate import as_left
 
-    after = read_result(path)
     same_machine(before, after)
-    return as_left(path.name, conclude(after), _concluded(before, exported).reach)
+    same_volume(before, after)
+    return as_left(after.source, conclude(after), _concluded(before, exported).reach)
 
 
 def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
@@ -89,12 +89,18 @@ def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
     return conclude(before, [one.concluded for one in exported if one.concluded is not None])
 
 
-def read_result(path: Path) -> "Result":
-    """Return the result in a file. Raises ``UsageError`` where it cannot be read, ``DataError`` where it is none."""
+def read_result(path: Path, name: str = "") -> "Result":
+    """Return the result in a file, called ``name`` or as its file. Raises ``UsageError`` where it cannot be read, ``DataError`` where it
+    is none."""
     from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.result.result import parse_result
 
-    return parse_result(read_text(path), path.name)
+    return parse_result(read_text(path), name or path.name)
+
+
+def _told_apart(paths: list[Path]) -> list[str]:
+    """Return the files' names, and as they were given where two have one name: every survey's result is called result.json."""
+    return [path.name if len({other.name for other in paths}) == len(paths) else str(path) for path in paths]
 
 
 def compare(
@@ -115,15 +121,16 @@ def compare(
     Whether it is more than the uncertainty, and with --loaded whether the prediction came true; from three results on, the trend.
     """
     from stepdiag.comparing import compare as comparing
+    from stepdiag.comparing.tables import which
     from stepdiag.report.exported import exported_in
 
     if len(results) < 2:
         raise UsageError("compare", expected="at least two results", found=str(len(results)))
-    read = [read_result(path) for path in results]
+    read = [read_result(path, name) for path, name in zip(results, _told_apart(results), strict=True)]
     comparison = comparing.compare(read[0], read[-1])
     trends = comparing.trend(read) if len(read) > 2 else ()
     exported = [exported_in(read[0], loaded, profile)] if loaded else []
-    left = _as_left(read[0], exported, results[-1]) if exported or out is not None else None
+    left = _as_left(read[0], exported, read[-1]) if exported or out is not None else None
     if out is not None and left is not None:
         _write_as_left(read[0], read[-1], left, exported, out, letterhead=letterhead, pdf=pdf, language=language)
     if as_json:
@@ -135,10 +142,16 @@ def compare(
             "after": comparison.after.as_json(),
         }
         told = {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
-        document = {"changes": changes, "volumetric_rms": volumetric, "trend": [asdict(one) for one in trends], **told}
+        document = {
+            "results": [{"file": one.source, **which(one)} for one in read],
+            "changes": changes,
+            "volumetric_rms": volumetric,
+            "trend": [asdict(one) for one in trends],
+            **told,
+        }
         typer.echo(json.dumps(document, indent=2))
         return
-    _print(comparison, trends, [path.name for path in results])
+    _print(comparison, trends, read)
     if left is not None:
         _print_left(left, _concluded(read[0], exported))
 
@@ -192,12 +205,14 @@ def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
     typer.echo(f"{kept} {words[f'left_gain_{left.gain}']}")
 
 
-def _print(comparison: Any, trends: Any, names: list[str]) -> None:
+def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     from rich.console import Console
 
-    from stepdiag.comparing.tables import comparison_table, trend_table
+    from stepdiag.comparing.tables import comparison_table, sources, trend_table
 
     console = Console()
+    names = [result.source for result in read]
+    console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
     told = f"volumetric error (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um"
     console.print(told)

@@ -6,6 +6,7 @@ from statistics import NormalDist
 
 import numpy as np
 
+from stepdiag.conclusion.intervals import reach_of
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.result.basis import basis_of
@@ -14,6 +15,8 @@ from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 
+ALMOST = 0.01
+"""Of the shortest side: ends of two volumes that differ by less are the same."""
 GRID = 11
 """Points per axis of the grid over which volumetric errors are compared."""
 TWO_SIGMA = 2 * (1 - NormalDist().cdf(2.0))
@@ -111,8 +114,20 @@ def compare(before: Result, after: Result) -> Comparison:
     )
 
 
+def same_volume(before: Result, after: Result) -> None:
+    """Raise ``DataError`` where one result covers another volume: in a smaller one errors are smaller, and nothing was gained."""
+    one, other = ((*result.volume.origin_mm, *result.volume.size_mm) for result in (before, after))
+    if not np.allclose(one, other, rtol=0.0, atol=ALMOST * min(before.volume.size_mm)):
+        shown = [f"{tuple(volume[:3])} to {tuple(np.add(volume[:3], volume[3:]).tolist())} mm" for volume in (one, other)]
+        remedy = "drive the survey after loading over the volume of the one before"
+        raise DataError(f"{after.source}: volume", expected=f"{shown[0]} as in {before.source}", found=shown[1], remedy=remedy)
+
+
 def _interval(result: Result, common: Volume) -> Interval:
-    """Return the volumetric error as found, with what is not known of it."""
+    """Return the volumetric error as found: what the result says of its own volume, as report and page do; drawn again for another."""
+    said = reach_of(result.extra.get("predicted"))
+    if said is not None and common.origin_mm == result.volume.origin_mm and common.size_mm == result.volume.size_mm:
+        return said.rms_before
     points = anywhere_mm(common)
     return predicted(result, points, np.zeros(points.shape)).without_rigid_motion["before"].rms_um
 

@@ -1,13 +1,32 @@
 """Comparisons as tables that a person reads in a terminal."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from rich.table import Table
 from rich.text import Text
 
 from stepdiag.comparing.compare import Change, Comparison, Trend
+from stepdiag.solver.result.result import Result
+from stepdiag.terminal.printable import printable
 
 VERDICTS = {True: "yes", False: "no", None: "-"}
+
+WHICH = ("machine", "machine_serial", "survey", "begun")
+"""What tells one result from another, by its names in the result's ``survey``; a result whose readings came from elsewhere may say less."""
+
+
+def which(result: Result) -> dict[str, str]:
+    """Return of what survey a result is, as far as it says: machine, serial number, survey and when it was begun."""
+    told = result.extra.get("survey")
+    found = {name: told.get(name) if isinstance(told, Mapping) else None for name in WHICH}
+    return {name: value for name, value in found.items() if isinstance(value, str) and value}
+
+
+def sources(results: Sequence[Result]) -> Text:
+    """Return one line a result: its file, and of what survey it is."""
+    return Text(
+        "\n".join(printable(f"{one.source}: {', '.join(which(one).values()) or 'says neither machine nor time'}") for one in results)
+    )
 
 
 def comparison_table(comparison: Comparison, before: str, after: str) -> Table:

@@ -207,6 +207,63 @@ def test_the_last_page_refuses_another_machine(tmp_path: Path) -> None:
     assert not (tmp_path / "left.html").exists()
 
 
+def test_results_of_one_file_name_are_told_apart(tmp_path: Path) -> None:
+    """Every survey's result is result.json: each is named by its path, machine, survey and time, also where a remark names one of them."""
+    paths = []
+    for month, machine in (("05", "VM 500"), ("11", "VM 500"), ("12", "VM 700")):
+        facts = {"machine": machine, "machine_serial": "M-4711", "survey": "hall 2", "begun": f"2026-{month}-02 08:00 UTC"}
+        paths.append(tmp_path / month / "result.json")
+        paths[-1].parent.mkdir()
+        paths[-1].write_text(made_up_result(survey=facts).to_json(), encoding="utf-8")
+    lines = stepdiag("compare", *paths[:2]).out.splitlines()
+    for path, month in zip(paths, ("05", "11"), strict=False):
+        assert f"{path}: VM 500, M-4711, hall 2, 2026-{month}-02 08:00 UTC" in lines
+    told = json.loads(stepdiag("compare", *paths[:2], "--json").out)["results"]
+    assert [(one["file"], one["begun"]) for one in told] == [
+        (str(paths[0]), "2026-05-02 08:00 UTC"), (str(paths[1]), "2026-11-02 08:00 UTC")
+    ]  # fmt: skip
+    refused = " ".join(stepdiag("compare", paths[0], paths[2]).refusal.split())
+    assert f"{paths[2]}: survey.machine" in refused
+    assert f"as in {paths[0]}" in refused
+
+
+def test_as_left_says_the_figure_of_its_own_report(tmp_path: Path) -> None:
+    """What a result says of its volume stands in its report: compare drew it again, and beside an older solver's it was another figure."""
+
+    def saying(low: float, high: float) -> Result:
+        figure = {"rms_um": {"value": 10.0, "low": low, "high": high}, "largest_um": {"value": 20.0, "low": 15.0, "high": 25.0}}
+        return made_up_result(predicted={"without_rigid_motion": {"before": figure, "after": figure}})
+
+    both = (tmp_path / "before.json", tmp_path / "after.json")
+    for path, result in zip(both, (saying(9.0, 11.0), saying(8.0, 9.5)), strict=True):
+        path.write_text(result.to_json(), encoding="utf-8")
+    told = json.loads(stepdiag("compare", *both, "--out", tmp_path / "left.html", "--json").out)
+    for one in (
+        told["volumetric_rms"]["after"],
+        {name.removesuffix("_um"): value for name, value in told["as_left"]["measured_rms"].items()},
+    ):
+        assert (one["low"], one["high"]) == (8.0, 9.5)
+    assert told["volumetric_rms"]["before"]["high"] == 11.0
+    assert told["as_left"]["gain"] == "same"
+
+
+@pytest.mark.parametrize("command", ["compare", "report"])
+def test_as_left_of_a_smaller_volume_is_refused(tmp_path: Path, command: str) -> None:
+    """Half of the travel errs less, and nothing was gained: it read as "better"."""
+    before = made_up_result()
+    size = before.volume.size_mm
+    half = replace(before, volume=replace(before.volume, size_mm=(size[0] / 2, *size[1:])))
+    paths = tmp_path / "before.json", tmp_path / "after.json"
+    for path, result in zip(paths, (before, half), strict=True):
+        path.write_text(result.to_json(), encoding="utf-8")
+    arguments = {"compare": (paths[0], paths[1]), "report": (paths[0], "--as-left", paths[1])}[command]
+    told = stepdiag(command, *arguments, "--out", tmp_path / "left.html")
+    assert told.code == 3
+    assert "after.json: volume" in told.refusal
+    assert not (tmp_path / "left.html").exists()
+    assert stepdiag("compare", *paths).code == 0, "what changed in what both cover is still said"
+
+
 def test_lengths_at_20_c_and_as_measured_are_not_compared():
     """Six degrees are 70 um/m of a steel scale, which no machine lost."""
     one, other = (replace(made_up_result(), extra={"lengths": {"tables": tables}}) for tables in ("as_measured", "at_20_c"))
