@@ -22,7 +22,7 @@ from stepdiag.solver.model.effects import AngleShapes
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import POSITIONING, reported, sloped
 from stepdiag.solver.result.field import Tabulated, field_of_um, rigid_motions
-from stepdiag.solver.result.posterior import Posterior
+from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS, Posterior
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.solver.uncertainty.modes import BySize, by_size, factored, of_one_factor
 from stepdiag.solver.uncertainty.spread import Spread
@@ -156,10 +156,16 @@ def posterior_of(
         position_mm=positions,
         offset={name: values[0] for name, values in _by_name(machine, names, volume, offset[None, :]) if np.any(values)},
         modes={name: values for name, values in _by_name(machine, names, volume, modes) if len(values)},
-        rest={name: values[0] for name, values in _by_name(machine, names, volume, left[None, :]) if np.any(values)},
+        rest={name: values[0] for name, values in _by_name(machine, names, volume, left[None, :]) if _told(values)},
         between_um={},
         sized=own.sized,
     )
+
+
+def _told(values: Vector) -> bool:
+    """Tell whether anything of them is left as they are written: what is less is rounding, of which each processor has its own, and every
+    name that is kept takes random numbers of its own."""
+    return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))
 
 
 def _by_name(machine: Machine, names: Sequence[str], volume: Volume, values: Vector) -> list[tuple[str, Vector]]:
