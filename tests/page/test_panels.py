@@ -2,7 +2,10 @@
 
 import contextlib
 import re
+import subprocess
+import zipfile
 from base64 import b64decode
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -64,6 +67,30 @@ def test_a_survey_is_watched_to_its_end(page: Page, daemon: Served) -> None:
     expect(page.locator("#bundles a")).to_have_text(["Open the report", "All files for siemens (zip)", "Restore siemens as it was (zip)"])
     expect(page.locator("#bundles .steps li").first).to_contain_text("Make the sign test")
     expect(page.locator("#downloads a")).to_contain_text(["result.json", "conclusion.json", "Open the report"])
+
+
+def test_a_control_gets_one_bundle_whose_sums_hold(page: Page, daemon: Served, tmp_path: Path) -> None:
+    """Clicked, saved, unpacked and checked as by hand: the export's own files under their own names, those that restore apart."""
+    daemon.do(daemon.survey.complete)
+    expect(page.locator("#bundles .steps li").first).to_contain_text("Make the sign test")
+    held = {}
+    for name in ("All files for siemens (zip)", "Restore siemens as it was (zip)"):
+        with page.expect_download() as handed:
+            page.locator("#bundles a", has_text=name).click()
+        place = tmp_path / handed.value.suggested_filename.removesuffix(".zip")
+        with zipfile.ZipFile(handed.value.path()) as packed:
+            packed.extractall(place)
+        checked = subprocess.run(["sha256sum", "--strict", "-c", "SHA256SUMS"], cwd=place, capture_output=True, text=True, check=False)
+        assert checked.returncode == 0, checked.stdout + checked.stderr
+        held[name] = {path.name: path.read_bytes() for path in place.iterdir() if path.name != "SHA256SUMS"}
+        assert sorted(held[name]) == sorted(line.removesuffix(": OK") for line in checked.stdout.splitlines())
+    load, restore = held.values()
+    assert load
+    assert restore
+    assert {"_RESTORE" in name for name in load} == {False}
+    assert {"_RESTORE" in name for name in restore} == {True}
+    written = daemon.survey.place / "exports" / "siemens"
+    assert load | restore == {path.name: path.read_bytes() for path in written.iterdir() if path.name != "SHA256SUMS"}
 
 
 def values_at(page: Page, chart: str, *, key: str = "") -> list[str]:

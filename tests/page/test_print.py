@@ -18,6 +18,7 @@ from stepdiag.report.output import print_pdf, write_report
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.result import Result
 from stepdiag.texts.texts import LANGUAGES, Language, catalogue
+from testkit.exact.madeup import made_up_result
 from testkit.exact.surveys import Bench
 
 A4_PT = (595, 842)
@@ -98,3 +99,23 @@ def test_the_report_page_by_page(tmp_path: Path, measured: tuple[Result, object]
     assert [text for text in (*said, *headings) if text not in texts[0]] == []
     assert "632,991" in texts[0] if language == "de" else "632.991" in texts[0]
     assert sum(text.count("[uncertainty]") for text in texts) == 1
+
+
+@pytest.mark.page
+def test_a_table_that_goes_on_has_its_head_again_and_no_row_torn(tmp_path: Path) -> None:
+    """The one table that may go on over pages, longer than two of them and each row some lines high: every row is whole on one page."""
+    names = [f"R{row:02d}" for row in range(24)]
+    by = "ISO 230-6 " + "steps one after the other " * 9
+    rows = {
+        name: [{"standard": f"{name}a {by} {name}z", "runs": 5, "E": 10.0 + row, "U": {"E": 1.0}, "lengths": "as measured"}]
+        for row, name in enumerate(names)
+    }
+    document, *_ = write_report(build_report(made_up_result(standards=rows), source="r.json"), tmp_path / "report.html")
+    texts, _ = pages_of(document)
+    held = [[name for name in names if name in text] for text in texts]
+    over = [page for page, found in enumerate(held) if found]
+    assert len(over) > 2
+    assert sorted(name for found in held for name in found) == names, "every row stands on one page"
+    for page in over:
+        assert [name for name in held[page] if not {f"{name}a", f"{name}z"} <= set(texts[page].split())] == []
+        assert "Setup By Runs E / µm" in texts[page], "the head stands above the rows of every page"
