@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.basis import Lengths, basis_of, unseen_slips
+from stepdiag.solver.result.interval import decimals_of
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.texts.findings import told
 from stepdiag.texts.texts import Language, finding_advice
@@ -94,7 +95,7 @@ def _from_to(value: object) -> str:
 def setups_table(result: Result, words: Mapping[str, str]) -> Table:
     """Return one row a setup: how it was driven, and how mirror, drift and repeatability stood."""
     setups = {name: facts for name, facts in list(result.setups.items())[:MOST_ROWS] if isinstance(facts, dict)}
-    columns = [column for column in SETUP_COLUMNS if any(facts.get(column) is not None for facts in setups.values())]
+    columns = [column for column in SETUP_COLUMNS if any(facts.get(column) not in (None, []) for facts in setups.values())]
     rows = [(name, *(_setup_fact(facts.get(column)) for column in columns)) for name, facts in setups.items()]
     return Table(header=(words["setup"], *map(_readable, columns)), rows=rows)
 
@@ -105,7 +106,7 @@ def _setup_fact(value: object) -> str:
         drifts = [drift for drift in value if isinstance(drift.get("total_um"), int | float)]
         worst = max(drifts, key=lambda drift: abs(drift["total_um"]), default=None)
         return shown(None) if worst is None else f"{shown(worst['total_um'], 2)} ± {shown(worst.get('u_um'), 2)} µm"
-    return shown(value, 3 if isinstance(value, float) else None)
+    return shown(None if value == [] else value, 3 if isinstance(value, float) else None)
 
 
 def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
@@ -296,9 +297,14 @@ def budget_of(result: Result) -> dict[str, dict[str, float]]:
 
 def slips_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return how large a slip of the count may be without being noticed, where the result says it (``unseen_slip``)."""
-    rows = [(shown(each.place), *(shown(size) for size in (each.half_um, each.nearly_um, each.volume_um))) for each in unseen_slips(result)]
+    rows = [(shown(each.place), *(_size(um) for um in (each.half_um, each.nearly_um, each.volume_um))) for each in unseen_slips(result)]
     header = tuple(words[f"slips_{name}"] for name in ("place", "half", "nearly", "volume"))
     return Table(header=header, rows=rows) if rows else None
+
+
+def _size(um: float | None) -> str:
+    """Return a size with the digits that the conclusion gives it."""
+    return shown(um, None if um is None else decimals_of(um))
 
 
 def assumptions_table(result: Result) -> Table | None:

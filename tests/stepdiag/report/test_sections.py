@@ -6,7 +6,7 @@ import pytest
 
 from stepdiag.report.certificate import bound_words, interval_words
 from stepdiag.report.document import build_report
-from stepdiag.report.sections import lengths_table, positioning_lengths, positioning_table, slips_table, vdi_table
+from stepdiag.report.sections import lengths_table, positioning_lengths, positioning_table, setups_table, slips_table, vdi_table
 from stepdiag.solver.result.interval import Interval
 from stepdiag.texts.texts import LANGUAGES, catalogue
 from testkit.exact.madeup import made_up_result
@@ -69,7 +69,17 @@ def test_what_a_slip_could_hide_stands_with_its_place_and_with_what_it_does_to_t
     words = {**catalogue("common", "en"), **catalogue("report", "en")}
     blind = {**SLIP, "setup": "linear-x", "half_um": None, "nearly_um": None, "volume_um": None}
     result = replace(made_up_result(), extra={"unseen_slip": {"diagonals": SLIP, "runs": blind}})
-    assert slips_table(result, words).rows == [("npp/1/4", "2.5", "4", "1.2"), ("linear-x/1/4", "–", "–", "–")]
+    assert slips_table(result, words).rows == [("npp/1/4", "2.5", "4.0", "1.2"), ("linear-x/1/4", "–", "–", "–")]
     assert slips_table(made_up_result(), words) is None
     assert slips_table(replace(made_up_result(), extra={"unseen_slip": {"diagonals": "nonsense", "runs": {}}}), words) is None
     assert "npp/1/4" in build_report(result, source="result.json").html
+
+
+def test_a_column_that_no_setup_fills_is_left_out():
+    """Without a way back no drift is known: the column stood there empty."""
+    words = {**catalogue("common", "en"), **catalogue("report", "en")}
+    once = {"ppp": {"drift": [], "residual_um": 0.1}, "npp": {"drift": [], "residual_um": 0.2}}
+    assert setups_table(replace(made_up_result(), setups=once), words).header == (words["setup"], "residual / µm")
+    both = {**once, "npp": {"drift": [{"total_um": 0.5, "u_um": 0.1}], "residual_um": 0.2}}
+    rows = setups_table(replace(made_up_result(), setups=both), words).rows
+    assert [row[1] for row in rows] == ["–", "0.50 ± 0.10 µm"]
