@@ -119,6 +119,8 @@ def _unknown(result: Result) -> Iterator[Sentence]:
     functions = [name for name, function in result.errors.items() if function.value is None]
     if functions:
         yield Sentence(key="unknown_functions", arguments={"names": ", ".join(functions)})
+    if result.posterior is not None and (functions or scales or any(one.value is None for one in result.squareness.values())):
+        yield Sentence(key="unknown_usual", arguments={})
     angles = [name for name in ROTATIONS if name not in result.errors]
     if angles:
         yield Sentence(

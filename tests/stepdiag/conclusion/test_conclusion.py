@@ -36,7 +36,7 @@ from stepdiag.texts import LANGUAGES
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
 from testkit.exact.results import VOLUME, made_result
-from testkit.exact.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 from testkit.german import is_english
 
 
@@ -289,6 +289,21 @@ class TestBasis:
             {"lengths": {"tables": ["x"], "material_c": "warm"}, "assumed": {"a": {}}},
         ):
             assert self.said(**foreign) == []
+
+
+class TestWhatWasNotMeasured:
+    """An interval that is wide for what nobody measured says so: it is no spread of the readings."""
+
+    SAID = "that is why the interval is so wide"
+
+    @pytest.mark.parametrize(("setups", "said"), [(LINEAR, True), (DIAGONALS, True), ((*DIAGONALS, *LINEAR), False)])
+    def test_makes_the_interval_wide_and_that_is_said(self, setups: tuple[str, ...], said: bool) -> None:
+        unknown = [render(each, "en") for each in conclude(solve(Bench(increments=4).survey(setups))).unknown]
+        assert any(self.SAID in one for one in unknown) is said
+
+    def test_is_said_of_no_interval_that_is_not_there(self) -> None:
+        result = replace(solve(Bench(increments=4).survey(LINEAR)), posterior=None)
+        assert not any(self.SAID in render(each, "en") for each in conclude(result).unknown)
 
 
 class TestUnseenSlip:
