@@ -297,7 +297,7 @@ def test_contrast_and_labels(watched: Watched, daemon: Served, size: str, scheme
     expect(page.locator("#deviations canvas")).to_be_visible()
     daemon.do(lambda: daemon.survey.silent.update({"laser", "plc"}))
     expect(page.locator(".figures.stale")).to_be_visible()
-    expect(page.locator("body.alarm")).to_be_attached(timeout=20_000)
+    expect(page.locator("body.alarm")).to_be_attached(timeout=60_000)
     assert violations(page) == [], "old, and an alarm: both links are silent"
     daemon.do(daemon.survey.complete)
     daemon.do(daemon.survey.silent.clear)

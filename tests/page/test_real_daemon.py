@@ -52,12 +52,12 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
         expect(page.locator("#setups li")).to_have_count(4)
         expect(page.locator("#reading")).not_to_have_text("–")
         place.start_setups(stop_after=1)
-        expect(page.locator("#lead")).to_contain_text("stop", timeout=20_000)
-        expect(page.locator("#volume .stop").first).to_be_attached(timeout=20_000)
+        expect(page.locator("#lead")).to_contain_text("stop", timeout=60_000)
+        expect(page.locator("#volume .stop").first).to_be_attached(timeout=60_000)
         place.setups = place.setups[1:]
         place.start_setups()
         assert until(process, "survey-complete")[-1]["exit_code"] == 0
-        expect(page.locator("#result figure")).to_have_count(9, timeout=20_000)
+        expect(page.locator("#result figure")).to_have_count(9, timeout=60_000)
         expect(page.locator("#result")).to_contain_text("C0Y")
         expect(page.locator("#conclusion .reached")).to_contain_text("As found")
         expect(page.locator("#conclusion .reached")).to_contain_text("No file may be loaded")
@@ -78,7 +78,7 @@ def test_the_page_asks_what_is_active_before_the_first_pass(tmp_path: Path, real
     port = free_port()
     with hall(tmp_path, page=True, page_port=port, machine="") as place, daemon(place.survey):
         page = real.open(f"http://127.0.0.1:{port}")
-        expect(page.locator("#findings")).to_contain_text("nobody has said whether a compensation is active in the control", timeout=20_000)
+        expect(page.locator("#findings")).to_contain_text("nobody has said whether a compensation is active in the control", timeout=60_000)
         expect(page.locator("#findings")).to_contain_text("machine.compensation")
         expect(page.locator("#setups li")).to_have_count(4)
         page.locator("#language").click()

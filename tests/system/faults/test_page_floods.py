@@ -92,17 +92,14 @@ def answers_soon(port):
 
 def test_a_page_that_dies_is_started_again_and_the_recording_does_not_notice(tmp_path):
     """kill -9 of the page's process in the middle of a pass: every stop is there, and the page answers again."""
-    import subprocess
-
     port = free_port()
     with (
         hall(tmp_path, setups=("ppp",), n=2, handshake=True, dwell=3.0, page=True, page_port=port) as place,
         daemon(place.survey) as process,
     ):
-        pages = subprocess.run(
-            ["pgrep", "-P", str(process.process.pid), "-f", "stepdiag.page.process"], capture_output=True, text=True, check=True
-        )
-        subprocess.run(["kill", "-9", *pages.stdout.split()], check=True)
+        while not (pid := page_process(process.process.pid)):
+            time.sleep(0.05)
+        os.kill(pid, signal.SIGKILL)
         place.start_setups()
         said = until(process, "survey-complete")
         assert sum(one["event"] == "stop" for one in said) == 7
@@ -123,8 +120,9 @@ def test_a_page_that_dies_while_it_starts_comes_back_too(tmp_path, after_s):
 
 def page_process(parent):
     """Return the page's process of a daemon, 0 while there is none."""
-    for child in Path(f"/proc/{parent}/task").glob("*/children"):
-        for pid in child.read_text().split():
-            if b"stepdiag.page.process" in Path(f"/proc/{pid}/cmdline").read_bytes():
-                return int(pid)
+    with suppress(OSError):  # one that ends while it is looked at
+        for child in Path(f"/proc/{parent}/task").glob("*/children"):
+            for pid in child.read_text().split():
+                if b"stepdiag.page.process" in Path(f"/proc/{pid}/cmdline").read_bytes():
+                    return int(pid)
     return 0

@@ -55,7 +55,7 @@ def test_diagonals_lines_and_head_give_one_result_and_replay_to_the_same_bytes(t
         (tmp_path / "level.csv").write_text(level_csv(truth))
         with daemon(place.survey, wait_for=("laser", "machine", "head")) as process:
             place.start_setups()
-            said = until(process, "survey-complete", timeout_s=200.0)
+            said = until(process, "survey-complete")
         assert said[-1]["exit_code"] == 0, said[-1]
         result = json.loads((place.round / "result.json").read_text())
         identified = [name for name, function in result["errors"].items() if function["value"] is not None]

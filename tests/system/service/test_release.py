@@ -37,7 +37,7 @@ def test_every_library_is_listed_with_its_licence():
     assert "not installed" not in told
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_a_release_can_be_checked(tmp_path):
     """Wheel (built twice, the same), requirements with hashes, bill of materials, licences, and the hash of each."""
     out = tmp_path / "release"

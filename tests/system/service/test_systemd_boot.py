@@ -54,7 +54,7 @@ def install(place):
     return root, f"{line}:/dev/ttyUSB0"
 
 
-@pytest.mark.timeout(300)
+@pytest.mark.timeout(600)
 def test_a_survey_goes_on_after_a_kill_a_hang_and_a_stop(tmp_path):
     """With the handshake the machine waits at a stop while the daemon is away: nothing is missing in the end."""
     with hall(tmp_path, handshake=True, n=2) as place:

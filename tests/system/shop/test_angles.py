@@ -41,7 +41,7 @@ def test_angles_are_recorded_through_a_killed_daemon_identified_and_replayed_to_
         drive_one_and_kill(place, links=("laser", "machine", "head"))
         with daemon(place.survey, wait_for=("laser", "machine", "head")) as process:
             place.start_setups()
-            said = until(process, "survey-complete", timeout_s=200.0)
+            said = until(process, "survey-complete")
         assert said[-1]["exit_code"] == 0, said[-1]
         result = json.loads((place.round / "result.json").read_text())
         for each in told:

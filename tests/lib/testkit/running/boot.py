@@ -95,7 +95,7 @@ class Booted:
         lines = self.run("systemctl", "show", unit).splitlines()
         return dict(line.split("=", 1) for line in lines if "=" in line)
 
-    def until(self, unit, wanted, *, timeout_s=30.0):
+    def until(self, unit, wanted, *, timeout_s=120.0):
         """Return the properties of a unit once ``wanted`` says that they are right."""
         end = time.monotonic() + timeout_s
         while not wanted(seen := self.show(unit)):
@@ -143,8 +143,7 @@ def _first_process(container):
     said = ""
     while time.monotonic() < end:
         for pid in _descendants(container.pid):
-            name = Path(f"/proc/{pid}/comm")
-            if not name.exists() or name.read_text().strip() != "systemd":
+            if _name_of(pid) != "systemd":
                 continue
             said = as_root("nsenter", "-t", pid, "-m", "-p", "-C", "systemctl", "is-system-running", check=False).strip()
             if said in {"running", "degraded"}:
@@ -154,9 +153,17 @@ def _first_process(container):
     raise AssertionError(f"the system did not come up: {said}")
 
 
+def _name_of(pid):
+    """Return what a process calls itself; empty where it has ended, which it may do while it is asked."""
+    try:
+        return Path(f"/proc/{pid}/comm").read_text().strip()
+    except OSError:
+        return ""
+
+
 def _descendants(pid):
     try:
         children = [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
-    except FileNotFoundError:
+    except OSError:
         return []
     return children + [each for child in children for each in _descendants(child)]

@@ -215,7 +215,7 @@ def accept_all(survey):
         assert done.code == 0, done.refusal
 
 
-def until_complete(process, survey, *, timeout_s=200.0):
+def until_complete(process, survey, *, timeout_s=500.0):
     """Accept whatever keeps a survey (its file or folder) open, also what comes; return what was said up to its completion."""
     accept_all(survey)
     seen, end = [], time.monotonic() + timeout_s
@@ -228,7 +228,7 @@ def until_complete(process, survey, *, timeout_s=200.0):
     raise AssertionError(f"no survey-complete within {timeout_s} s; last: {seen[-3:]}")
 
 
-def until(talker, event, *, timeout_s=200.0, **fields):
+def until(talker, event, *, timeout_s=500.0, **fields):
     """Return every object up to the first of an event with these fields."""
     seen, end = [], time.monotonic() + timeout_s
     while time.monotonic() < end:
