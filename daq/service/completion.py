@@ -5,6 +5,7 @@ included, so that a replay writes the same bytes.
 """
 
 import json
+import shlex
 import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -164,7 +165,7 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
         Judgement(time_s=time.time(), stops=replayed.book.stops, reason=named, doubts=tuple(each for each in still if each in suspects)),
     )
     again = "" if says_what_to_do(still[-1].text) else "drive it again, "
-    remedy = f"{again}or accept it: `stepdiag accept {_folder(replayed)} {still[0].place} --reason ...`"
+    remedy = f"{again}or accept it: `stepdiag accept {shlex.quote(str(_folder(replayed)))} {still[0].place} --reason ...`"
     raise DataError(str(_folder(replayed)), expected="a survey in which nothing is doubted", found=named, remedy=remedy)
 
 

@@ -1,6 +1,7 @@
 """``stepdiag status``: how a survey stands, from its logs alone; works beside a daemon that runs, and after one that died."""
 
 import json
+import shlex
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -127,12 +128,16 @@ def _live(found: "Standing") -> list[str]:
 
 def _next(found: "Standing") -> list[str]:
     """Return what to do next."""
+    from stepdiag.daq.records.survey_folder import RESULT
+
     if not found.complete:
-        where = found.round or found.folder
+        where = shlex.quote(str(found.round or found.folder))
         words = [f"accept what is known to be right: `stepdiag accept {where} {doubt.place} --reason ...`" for doubt in found.doubts]
         return [f"next: {found.next_setup}", *dict.fromkeys(words)]
     if found.result is not None:
         return [f"complete: {found.result}"]
     if found.unsolved:
         return [f"every pass is in, and there is no result: {found.unsolved}"]
-    return [f"every pass is in, no result yet: `stepdiag solve {found.round}` makes one"]
+    logs = found.round or found.folder
+    command = shlex.join(["stepdiag", "solve", str(logs), "--out", str(logs / RESULT)])
+    return [f"every pass is in, no result yet: `{command}` makes one"]

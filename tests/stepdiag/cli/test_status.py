@@ -1,17 +1,20 @@
 """``status``: what of a survey is kept and what must be driven again, from the disk alone."""
 
 import json
+import re
+import shlex
 from dataclasses import replace
 from pathlib import Path
 
 import msgspec
 import pytest
 
-from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.log.topics import stop_note
 from stepdiag.daq.recording.rounds import FolderLock
 from testkit.cli import stepdiag
 from testkit.exact.captured import stops_of
+from testkit.fleets import finished_survey
 from testkit.recording import HEADER, recording, write_log
 from testkit.timeline import survey_text
 
@@ -79,6 +82,36 @@ def test_the_folder_alone_is_enough_and_the_last_round_counts(survey):
     assert "every pass is in, no result yet: `stepdiag solve" in stepdiag("status", folder / "0001").out
     (folder / "0001" / "result.json").write_text("{}", encoding="utf-8")
     assert "complete: " in stepdiag("status", folder / "0001").out
+
+
+def recommended(out: str) -> list[list[str]]:
+    """Return the commands that a text recommends, as a person would type them."""
+    return [shlex.split(each.replace("...", "'looked at it'")) for each in re.findall(r"`stepdiag ([^`]+)`", out.replace("\n", " "))]
+
+
+def test_what_it_recommends_for_a_doubt_makes_the_pass_whole(tmp_path):
+    """In a folder whose name has a space, too."""
+    survey = tmp_path / "the shop" / "survey.toml"
+    survey.parent.mkdir()
+    survey.write_text(TEXT, encoding="utf-8")
+    doubted = stops_of("npp")
+    doubted[3] = marked(doubted[3], "window-step", "the window has a step")
+    record(survey, 1, [*stops_of("ppp"), *doubted])
+    (accept,) = recommended(stepdiag("status", survey).out)
+    assert not told(survey)["complete"]
+    assert stepdiag(*accept).code == 0
+    assert told(survey)["complete"]
+
+
+def test_what_it_recommends_where_every_pass_is_in_makes_the_result(tmp_path):
+    """The same as the daemon's; afterwards it recommends nothing."""
+    folder = finished_survey(tmp_path / "the shop")
+    made = (folder / "result.json").read_bytes()
+    (folder / "result.json").unlink()
+    (solve,) = recommended(stepdiag("status", folder).out)
+    assert stepdiag(*solve).code == 0
+    assert (folder / "result.json").read_bytes() == made
+    assert recommended(stepdiag("status", folder).out) == []
 
 
 def test_a_daemon_that_records_is_seen_and_not_disturbed(survey):

@@ -182,6 +182,20 @@ def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
 
 
 @on_a_steady_computer
+def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_and_size(tmp_path):
+    """Nothing in the recording tells it: the solver names it, and what else it may have been."""
+    trouble = fault(kind="laser-jump", setup="npp", pass_number=1, stop=4, phase="move", value=20.0)
+    runs = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
+    with hall(tmp_path, n=2, handshake=True, dwell=0.1, setups=runs, faults=trouble, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups(stop_after=len(runs))
+            reason = until(process, "survey-open")[-1]["reason"]
+    (size,) = re.findall(r"setup npp, pass 1, stop 4 \(a step of \+([0-9.]+) um before it\)", reason)
+    assert float(size) == pytest.approx(20.0, abs=1.0)
+    assert not (place.round / "result.json").exists()
+
+
+@on_a_steady_computer
 @pytest.mark.parametrize("handshake", [False, True], ids=["by time", "handshake"])
 def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
     """Counter and position come 0.1 s after the stop signal: nothing is said, nothing is lost."""
