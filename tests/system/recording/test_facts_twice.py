@@ -186,11 +186,11 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
     """Nothing in the recording tells it: the solver names it, and what else it may have been."""
     trouble = fault(kind="laser-jump", setup="npp", pass_number=1, stop=4, phase="move", value=20.0)
     runs = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
-    with hall(tmp_path, n=2, handshake=True, dwell=0.1, setups=runs, faults=trouble, **COMPENSATED) as place:
-        with daemon(place.survey) as process:
-            place.start_setups(stop_after=len(runs))
-            reason = until(process, "survey-open")[-1]["reason"]
-    (size,) = re.findall(r"setup npp, pass 1, stop 4 \(a step of \+([0-9.]+) um before it\)", reason)
+    driven = {"n": 2, "handshake": True, "dwell": 0.1, "setups": runs, "faults": trouble, **COMPENSATED}
+    with hall(tmp_path, **driven) as place, daemon(place.survey) as process:
+        place.start_setups(stop_after=len(runs))
+        reason = until(process, "survey-open")[-1]["reason"]
+    (size,) = set(re.findall(r"setup npp, pass 1, stop 4 \(a step of \+([0-9.]+) um before it\)", reason))
     assert float(size) == pytest.approx(20.0, abs=1.0)
     assert not (place.round / "result.json").exists()
 
