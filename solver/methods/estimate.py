@@ -1,7 +1,7 @@
 """The estimator as a method of the solver: all readings of a survey in one adjustment, and what it identifies."""
 
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -184,7 +184,7 @@ def solve_estimate(
     left = left_with_head_um(found, wider, volume["volumetric_u_um"])
     extra = {
         **_extra(done),
-        "assumed": asdict(found.assumed),
+        "assumed": found.assumed.as_json(),
         "lengths": lengths_report(result.scale, found.assumed, known=bool(np.all(np.isfinite(found.layout.temperature_c)))),
         "tool": tool_report(errors, expected, found.assumed),
         **volume,

@@ -1,13 +1,15 @@
 """What a user takes for granted about machine, laser and hall: the ``[uncertainty]`` of the survey file."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
+from typing import Any
 
 import numpy as np
 
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
+RELATIVE = ("index", "index_setup")
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumptions:
@@ -52,6 +54,13 @@ class Assumptions:
         excess_c = np.array(self.material_c) - REFERENCE_TEMPERATURE_C
         u: Vector = np.hypot(np.array(self.expansion_um_m_c) * self.u_material_c, excess_c * self.u_expansion_um_m_c)
         return u
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the sizes by their names; what is relative in ppm, for a result keeps six decimals, of which 2e-7 leaves nothing."""
+        return {
+            f"{name}_ppm" if name in RELATIVE else name: round(1e6 * value, 6) if name in RELATIVE else value
+            for name, value in asdict(self).items()
+        }
 
     def angle_range_urad(self, name: str) -> float:
         """Return the range assumed for an angular function."""

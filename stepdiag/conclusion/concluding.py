@@ -169,7 +169,7 @@ def _basis(found: Basis) -> Iterator[Sentence]:
         told = ", ".join(f"{letter} = {found.air[name]:g} {unit}" for name, (letter, unit) in AIR.items() if name in found.air)
         yield Sentence(key="basis_air_assumed", arguments={"told": told})
     if found.assumed.keys() >= set(ASSUMED):
-        sizes = {name: f"{value * (1e6 if name == 'index' else 1.0):g}" for name, value in found.assumed.items()}
+        sizes = {name: f"{value:g}" for name, value in found.assumed.items()}
         yield Sentence(key="basis_assumed", arguments=sizes)
     if found.tool_um is not None:
         yield Sentence(key="basis_tool", arguments={"um": _um(found.tool_um)})

@@ -18,7 +18,9 @@ SEEN = 1e-3
 """Of the longest bar: what is shorter says nothing but the last digits of a computer. The table of the figure has it."""
 NEAR_PX = 6.0
 """How far from a node a pointer still finds its value."""
-LEFT, RIGHT, TOP, BOTTOM = 56.0, 12.0, 14.0, 38.0
+LEFT, RIGHT, TOP, BOTTOM = 56.0, 20.0, 14.0, 38.0
+LETTER_PX = 9.2
+"""Of the legend in print, where three drawings stand beside each other and their letters are half as large again."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -142,10 +144,12 @@ def _values(series: Series, horizontal: Scale, vertical: Scale, x_label: str, y_
 
 def _legend(series: Sequence[Series]) -> list[str]:
     parts, at = [], LEFT + 4
+    room = WIDTH - at - 30 * len(series)
+    letter = min(LETTER_PX, room / max(sum(len(one.label) for one in series), 1))
     for order, one in enumerate(series):
         parts.append(svg.element("path", d=svg.path([(at, 9), (at + 16, 9)]), class_=f"line s{order}"))
         parts.append(svg.text(one.label, at + 20, 12, class_="tick"))
-        at += 30 + 6.2 * len(one.label)
+        at += 30 + letter * len(one.label)
     return parts
 
 

@@ -2,7 +2,7 @@
 
 import json
 import re
-from dataclasses import asdict, replace
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 from typing import Any, ClassVar
@@ -31,7 +31,7 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.result import Quantity, Result
+from stepdiag.solver.result.result import Quantity, Result, parse_result
 from stepdiag.texts import LANGUAGES
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
@@ -266,11 +266,18 @@ class TestBasis:
         assert "X +3,2 ± 3,0" in text
 
     def test_what_u_takes_for_granted(self) -> None:
-        (text,) = self.said(assumed=asdict(Assumptions(angles_urad=7.5, index=3e-7)))
+        (text,) = self.said(assumed=Assumptions(angles_urad=7.5, index=3e-7).as_json())
         assert "angular errors over 7.5 µrad" in text
         assert "air and wavelength 0.3 ppm" in text
         (text,) = self.said(tool={"up_to_um_per_100_mm": 3.21})
         assert "100 mm from it may differ by up to 3.2 µm" in text
+
+    def test_the_file_says_the_same_as_the_result(self) -> None:
+        """The index is some 1e-7: of the six decimals that a file keeps it left 0 ppm."""
+        result = solve(Bench(increments=3).survey())
+        said, of_file = (conclude(each).basis for each in (result, parse_result(result.to_json())))
+        assert said == of_file
+        assert any("0.2" in sentence.arguments.get("index_ppm", "") for sentence in of_file)
 
     def test_air_that_was_assumed_is_said_as_such(self) -> None:
         conditions = {"air_temperature_c": [20.1, 20.4], "assumed": {"air_pressure_hpa": 1013.25}}
