@@ -11,6 +11,7 @@ from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
 RELATIVE = ("index", "index_setup")
 
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Assumptions:
     """Usual sizes (k = 1 unless a range is named), zero switches a source off. Those marked * are only where the search begins: the
