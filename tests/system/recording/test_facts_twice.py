@@ -214,7 +214,7 @@ def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
 def test_a_stop_signal_that_flickers(tmp_path):
     """Away for 40 ms, 0.1 s into the dwell: the long part is measured, once."""
     trouble = fault(kind="stop-flicker", setup="ppp", stop=2, delay_s=0.1, duration_s=0.04)
-    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+    with hall(tmp_path, n=1, dwell=12.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             until(process, "pass-ended", kind="complete")
