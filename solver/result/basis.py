@@ -64,7 +64,11 @@ def basis_of(result: Result) -> Basis:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class UnseenSlip:
     """A slip of the count as a result tells of it: sizes that are noticed in half of the surveys and in 95 % of them, and what the first
-    makes of the volume (rms), in um; None where one of any size goes unnoticed."""
+    makes of the volume (rms), in um; None where one of any size goes unnoticed.
+
+    ``passes``: where a slip that is noticed in half of the surveys makes the volume worse by more than the noise of the readings allows
+    for, ``readings_um`` (k = 1).
+    """
 
     setup: str
     pass_number: int
@@ -72,6 +76,8 @@ class UnseenSlip:
     half_um: float | None
     nearly_um: float | None
     volume_um: float | None
+    readings_um: float | None = None
+    passes: tuple[str, ...] = ()
 
     @property
     def place(self) -> str:
@@ -90,6 +96,8 @@ def unseen_slips(result: Result) -> tuple[UnseenSlip, ...]:
             half_um=_number(entry.get("half_um")),
             nearly_um=_number(entry.get("nearly_um")),
             volume_um=_number(entry.get("volume_um")),
+            readings_um=_number(entry.get("readings_um")),
+            passes=_names(entry.get("passes")),
         )
         for entry in (found.get(name) for name in ("diagonals", "runs"))
         if isinstance(entry, dict)
@@ -102,6 +110,10 @@ def unseen_slips(result: Result) -> tuple[UnseenSlip, ...]:
 def _part(result: Result, name: str) -> Mapping[str, Any]:
     found = result.extra.get(name)
     return found if isinstance(found, dict) else {}
+
+
+def _names(found: object) -> tuple[str, ...]:
+    return tuple(name for name in found if isinstance(name, str)) if isinstance(found, list) else ()
 
 
 def _assumed_air(result: Result) -> Mapping[str, Any]:

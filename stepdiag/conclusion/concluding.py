@@ -129,15 +129,21 @@ def _unknown(result: Result) -> Iterator[Sentence]:
 
 
 def _unseen(slips: Sequence[UnseenSlip], reach: Reach) -> Iterator[Sentence]:
-    """Yield how large a slip of the count may have gone unnoticed, where that matters beside what compensation leaves: the worst one."""
+    """Yield how large a slip of the count may have gone unnoticed, where that matters: the worst one, and the passes that could have it.
+
+    It matters beside what compensation leaves, or beside the noise of the readings: the stated uncertainty has that and not the slip.
+    """
     blind = next((one for one in slips if one.half_um is None), None)
     if blind is not None:
         yield Sentence(key="unknown_slip_any", arguments={"place": blind.place})
+    passes = [name for one in slips for name in one.passes]
     worst = max((one for one in slips if one.half_um is not None), key=lambda one: one.volume_um or 0.0, default=None)
-    if worst is None or reach.rms_after is None or (worst.volume_um or 0.0) < MATTERS * reach.rms_after.value_um:
-        return
-    sizes = {"half": worst.half_um, "nearly": worst.nearly_um, "volume": worst.volume_um}
-    yield Sentence(key="unknown_slip", arguments={"place": worst.place, **{name: _um(size or 0.0) for name, size in sizes.items()}})
+    if worst is not None and (passes or (reach.rms_after is not None and (worst.volume_um or 0.0) >= MATTERS * reach.rms_after.value_um)):
+        sizes = {"half": worst.half_um, "nearly": worst.nearly_um, "volume": worst.volume_um}
+        yield Sentence(key="unknown_slip", arguments={"place": worst.place, **{name: _um(size or 0.0) for name, size in sizes.items()}})
+    if passes:
+        readings_um = max(one.readings_um or 0.0 for one in slips)
+        yield Sentence(key="unknown_slip_passes", arguments={"passes": ", ".join(passes), "readings": _um(readings_um)})
 
 
 def _reached(reach: Reach, *, refused: bool) -> Iterator[Sentence]:

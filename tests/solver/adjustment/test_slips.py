@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.result.field import error_field_um
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 NAMED = {
@@ -75,6 +76,47 @@ def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result()
     along["Y"] = along["Y"] - 1e-3 * square["A0Z"] * 100.0 / 3 * z
     rms_um = float(np.sqrt(np.mean(sum(each**2 for each in along.values()))))
     assert rms_um == pytest.approx(0.5 * at["volume_um"], rel=0.25)
+
+
+@pytest.mark.parametrize("increments", [2, 5])
+def test_a_slip_of_2_um_that_nobody_noticed_is_held_by_what_is_said_of_its_pass(increments):
+    """At a drawn stop of a diagonal driven once: named, or its pass is, and the volume moves by no more than is said for the size."""
+    for seed in (50, 51, 53):
+        readings, slips = survey(seed, increments, (1,))
+        rng = np.random.default_rng(seed)
+        at = {"setup": DIAGONALS[rng.integers(4)], "pass": 1, "stop": int(rng.integers(1, 3 * increments + 1))}
+        clean, wrong = solve(readings), solve(slipped(readings, at, 2.0))
+        points = np.random.default_rng(1).uniform(size=(200, 3)) * (300.0, 200.0, 100.0)
+        moved = error_field_um(wrong, points) - error_field_um(clean, points)
+        rms_um = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
+        told = wrong.extra["unseen_slip"]["diagonals"]
+        if not {each.code for each in wrong.findings if each.severity != "info"} & NAMED:
+            assert f"{at['setup']}/1" in told["passes"]
+            assert rms_um <= 1.3 * told["volume_um"] * 2.0 / told["half_um"]
+        assert slips["diagonals"]["passes"] == [f"{name}/1" for name in DIAGONALS]
+
+
+@pytest.mark.parametrize("increments", [4, 5])
+def test_out_and_back_on_one_count_from_four_increments_on_2_um_are_named(increments):
+    """Readings to 0.1 um, at a drawn stop: none of 60 surveys (four, five, ten increments) was silent."""
+    for seed in (60, 61):
+        bench = Bench(seed=seed, increments=increments, diagonal_noise_um=0.1, linear_noise_um=0.1, angle_urad=2.0)
+        readings = bench.survey(passes=(1, 2), joined=True)
+        rng = np.random.default_rng(seed)
+        setup, stop = DIAGONALS[rng.integers(4)], int(rng.integers(1, 3 * increments + 1))
+        mine, number = np.array(readings.setup) == setup, np.array(readings.pass_number)
+        late = mine & ((number == 2) | (np.array(readings.stop) >= stop))
+        assert said(replace(readings, reading_mm=readings.reading_mm + 2e-3 * late))
+
+
+def test_a_slip_at_the_turn_that_harms_nothing_does_not_hide_those_that_do():
+    """On one count it looks like backlash and is seen least of all: the conclusion said 5 um that make 0.0 um of the volume."""
+    bench = Bench(seed=1, increments=3, diagonal_noise_um=0.1, linear_noise_um=0.1, angle_urad=2.0)
+    slips = solve(bench.survey(passes=(1, 2), joined=True)).extra["unseen_slip"]
+    for each in slips.values():
+        assert (each["pass"], each["stop"]) != (2, 0)
+        assert each["volume_um"] > each["readings_um"]
+        assert {name[-1] for name in each["passes"]} == {"1", "2"}
 
 
 def test_two_passes_hide_less_than_one_and_each_kind_of_setup_has_its_own():
