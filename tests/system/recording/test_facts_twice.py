@@ -13,6 +13,8 @@ from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
 
+LEAST_U_UM = 0.0005
+"""Steps of two nanometres, the finest instrument's, over the root of twelve: no reading is known better."""
 COMPENSATED = {"laser_bench": "compensated = true\n", "laser_survey": "compensated = true\n"}
 
 
@@ -78,6 +80,8 @@ def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, tr
     assert not book.complete()
     assert "may be off" in told
     assert "drive again from stop 1 on" in told
+    doubted = book.passes[0].chosen()[2][0]
+    assert doubted.u_um > LEAST_U_UM, "a reading that stands still is no better than its resolution"
 
 
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n'
@@ -107,6 +111,8 @@ def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, ba
     assert only.complete, only.why_incomplete()
     assert [len(only.measured[stop]) for stop in range(7)] == [1 + (4 - back_by <= stop <= 4) for stop in range(7)]
     assert findings_of(said, "stop-again")
+    alike = "X and Y and Z make the same step along the diagonal, so the laser cannot tell which of them moved"
+    assert any(alike in text for text in findings_of(said, "position-unchecked")) == (box.get("size") == CUBE)
 
 
 @on_a_steady_computer
