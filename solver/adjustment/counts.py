@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.fit import Fit
+from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
 
 LEAST_ROWS = 3
@@ -37,7 +38,8 @@ class Count:
 
 def counts(fixed: Fit, layout: Layout, kinds: Collection[str] | None = None) -> list[Count]:
     """Return every unbroken count that has more than a handful of used readings; of setups of some kinds where these are given."""
-    return [_count(fixed, rows) for rows in _unbroken(fixed, layout, kinds) if len(rows) > LEAST_ROWS]
+    known = _Known(fixed)
+    return [_count(known, rows) for rows in _unbroken(fixed, layout, kinds) if len(rows) > LEAST_ROWS]
 
 
 def short_counts(fixed: Fit, layout: Layout, kinds: Collection[str]) -> list[NDArray[np.int64]]:
@@ -51,21 +53,54 @@ def _unbroken(fixed: Fit, layout: Layout, kinds: Collection[str] | None) -> list
     return [used[layout.offset_index[used] == number] for number in np.unique(layout.offset_index[used])]
 
 
-def _count(fixed: Fit, rows: NDArray[np.int64]) -> Count:
-    left, walk = _left_of(fixed, rows), walk_of(len(rows))
-    step = np.diag(from_each_on(from_each_on(left).T))
-    return Count(rows=rows, stop=np.diag(left).copy(), step=step.copy(), walk=walk, walked=walk.T @ left @ walk)
+def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
+    """Return a count from W - W A C A' W among its rows: what a fit without causes leaves of their readings."""
+    weight, walk = known.fixed.weight[rows], walk_of(len(rows))
+    taken = weight[:, None] * known.among(rows) * weight
+    own = np.diag(taken)
+    # all from one reading on: its own share, and twice what it has in common with each that follows
+    common = np.sum(np.triu(taken, 1), axis=1)
+    return Count(
+        rows=rows,
+        stop=weight - own,
+        step=from_each_on(weight - own - 2.0 * common),
+        walk=walk,
+        walked=walk.T @ (weight[:, None] * walk - taken @ walk),
+    )
 
 
-def _left_of(fixed: Fit, rows: NDArray[np.int64]) -> Vector:
-    """Return W - W A C A' W among some rows, shape (k, k): what a fit without causes leaves of their readings."""
-    some, weight = fixed.rows.select(rows), fixed.weight[rows]
-    left = np.diag(weight)
-    for start in range(0, len(rows), _PIECE):
-        piece = np.arange(start, min(start + _PIECE, len(rows)))
-        right = some.select(piece).dense().T * weight[piece]
-        left[:, piece] -= weight[:, None] * some.times(fixed.inverse.solve(right))
-    return left
+class _Known:
+    """A C A' among the rows of one count after the other.
+
+    The counts of repeats differ only in unknowns that all their rows have, their zero and drift: A = B + D, and B C B' is worked out once
+    for all of them, as long as they follow each other.
+    """
+
+    def __init__(self, fixed: Fit) -> None:
+        self.fixed = fixed
+        self._before: tuple[bytes, Vector] = (b"", np.zeros((0, 0)))
+
+    def among(self, rows: NDArray[np.int64]) -> Vector:
+        """Return A C A' among some rows, shape (k, k)."""
+        some = self.fixed.rows.select(rows)
+        alike = np.all(some.column == some.column[0], axis=0)
+        own, rest = some.value[:, alike], Rows(some.column * ~alike, some.value * ~alike, some.count)
+        unit = np.zeros((some.count, own.shape[1]))
+        unit[some.column[0, alike], np.arange(own.shape[1])] = 1.0
+        solved = self.fixed.inverse.solve(unit)
+        across = (rest.times(solved) + 0.5 * own @ (unit.T @ solved)) @ own.T
+        among: Vector = self._of(rest) + across + across.T
+        return among
+
+    def _of(self, rest: Rows) -> Vector:
+        key = rest.column.tobytes() + rest.value.tobytes()
+        if key != self._before[0]:
+            found = np.empty((len(rest), len(rest)))
+            for start in range(0, len(rest), _PIECE):
+                piece = np.arange(start, min(start + _PIECE, len(rest)))
+                found[:, piece] = rest.times(self.fixed.inverse.solve(rest.select(piece).dense().T))
+            self._before = key, found
+        return self._before[1]
 
 
 def from_each_on(values: Vector) -> Vector:

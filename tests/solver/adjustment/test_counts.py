@@ -1,0 +1,24 @@
+"""What a fit leaves of the readings of every unbroken count, against the definition."""
+
+import numpy as np
+
+from stepdiag.solver.adjustment.adjustment import adjust
+from stepdiag.solver.adjustment.counts import counts
+from stepdiag.solver.model.layout import lay_out
+from testkit.exact.surveys import DIAGONALS, Bench
+
+
+def test_counts_of_repeats_that_share_their_rows_are_as_by_the_definition():
+    """W - W A C A' W, worked out row by row: three repeats share their rows but for zero and drift."""
+    layout = lay_out(Bench(increments=3).survey(DIAGONALS, passes=(1, 3, 5)))
+    fixed = adjust(layout, "FXYZ").fit.fixed
+    found = counts(fixed, layout)
+    assert len(found) == 12
+    for count in found:
+        rows, weight = fixed.rows.select(count.rows).dense(), fixed.weight[count.rows]
+        left = np.diag(weight) - weight[:, None] * (rows @ fixed.inverse.solve(rows.T)) * weight
+        steps = np.tril(np.ones((len(left), len(left))))
+        scale = 1e-9 * np.max(weight)
+        np.testing.assert_allclose(count.stop, np.diag(left), atol=scale)
+        np.testing.assert_allclose(count.step, np.diag(steps.T @ left @ steps), atol=len(left) * scale)
+        np.testing.assert_allclose(count.walked, count.walk.T @ left @ count.walk, atol=len(left) ** 2 * scale)
