@@ -5,14 +5,17 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from stepdiag.solver.findings import Finding
-from stepdiag.solver.result.result import parse_result
+from stepdiag.solver.readings.readings import render_readings
+from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, parse_result
 from stepdiag.terminal.tables import result_table
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
 from testkit.exact.results import made_result
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
 
@@ -146,3 +149,19 @@ def test_help_comes_at_once():
     )
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60)
     assert done.stdout.strip() == "[]"
+
+
+def test_three_beam_offsets_give_all_eighteen_functions(tmp_path):
+    """No switch: where the beam's places tell the angular functions apart, ``solve`` of a CSV reports them and says so."""
+    offsets = {f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k)) for name in DIAGONALS for k in (1, 2)}
+    bench = Bench(angle_urad=20.0, diagonal_noise_um=0.1, linear_noise_um=0.1, increments=6, beam_offset_mm=offsets)
+    (tmp_path / "r.csv").write_text(render_readings(bench.survey((*DIAGONALS, *offsets, *LINEAR))), encoding="utf-8")
+    told = stepdiag("solve", tmp_path / "r.csv", "--out", tmp_path / "result.json")
+    assert told.code == 0, told.refusal
+    result = parse_result((tmp_path / "result.json").read_text(encoding="utf-8"))
+    assert "angles-resolved" in {finding.code for finding in result.findings}
+    for name in (*DISPLACEMENTS, *ROTATIONS):
+        function, true = result.errors[name], bench.truth.errors[name]
+        true = true if function.slope_identified else true - true[-1] * np.arange(7) / 6
+        assert np.max(np.abs(function.value - true) - 5 * function.u) < 0.05, name
+        assert name in told.out
