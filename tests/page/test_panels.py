@@ -171,12 +171,15 @@ def test_drawings_of_the_volume_say_their_values_and_every_figure_has_its_table(
         columns = slice(0, len(shown[0]))
         assert shown[0] == wanted[0][columns], "the columns of the report"
         assert np.allclose(np.array(shown[1:], dtype=float), np.array([row[columns] for row in wanted[1:]], dtype=float), atol=6e-5)
-    page.locator("#field-before").press("End")
+    before, value = page.locator("#field-before"), page.locator("#field-before .value")
+    before.press("End")
     x, y, z, *vector = map(float, shown[-1])
     said = "; ".join(f"{part:.2f}" for part in vector) + f" µm, |E| = {np.linalg.norm(vector):.2f} µm"
-    expect(page.locator("#field-before .value")).to_have_text(
-        f"X; Y; Z = {x:.0f}; {y:.0f}; {z:.0f} mm: {said}".replace("-", "−").replace(".", ",")
-    )
+    words = f"X; Y; Z = {x:.0f}; {y:.0f}; {z:.0f} mm: {said}".replace("-", "−").replace(".", ",")
+    expect(value).to_have_text(words)
+    for event in ("pointermove", "pointerleave"):
+        before.dispatch_event(event, {"pointerType": "mouse"})
+        expect(value, "what a browser sends when the drawing changes below a pointer that rests").to_have_text(words)
 
 
 def test_the_last_ten_seconds_are_drawn_at_full_rate(page: Page, daemon: Served) -> None:

@@ -47,6 +47,7 @@ export const placeWords = (point) => `X; Y; Z = ${point.map((value) => shown(val
 // Those of one list turn together.
 export class Space {
   #chosen = null;
+  #byKey = false; // a mark that was chosen by key stays until the pointer finds another
   #marks = [];
 
   constructor(place, name, draw, table, together = [this]) {
@@ -60,7 +61,7 @@ export class Space {
     place.tabIndex = 0;
     place.addEventListener("pointerdown", (event) => this.#press(event));
     place.addEventListener("pointermove", (event) => this.#move(event));
-    place.addEventListener("pointerleave", ({ pointerType }) => pointerType === "mouse" && this.#choose(null));
+    place.addEventListener("pointerleave", ({ pointerType }) => pointerType === "mouse" && !this.#byKey && this.#choose(null));
     place.addEventListener("keydown", (event) => this.#key(event));
   }
 
@@ -94,7 +95,9 @@ export class Space {
     this.#find(event);
   }
 
+  // Browsers send a move of nothing when what is drawn changes below a pointer that rests: it took the value of a key away.
   #move(event) {
+    if (event.movementX === 0 && event.movementY === 0) return;
     if (this.place.hasPointerCapture(event.pointerId)) this.#turn(event.movementX / 2, event.movementY / 2);
     else this.#find(event);
   }
@@ -105,6 +108,7 @@ export class Space {
     const { x, y } = new DOMPoint(event.clientX, event.clientY).matrixTransform(seen);
     const far = this.#marks.map(({ at }) => Math.hypot(at[0] - x, at[1] - y));
     const nearest = Math.min(...far);
+    this.#byKey = false;
     this.#choose(nearest <= NEAR ? far.indexOf(nearest) : null);
   }
 
@@ -116,7 +120,9 @@ export class Space {
     const next = { Home: 0, End: last, PageDown: Math.min(last, at + 1), PageUp: Math.max(0, at - 1) }[event.key];
     if (!turn && next === undefined) return;
     event.preventDefault();
-    if (turn) this.#turn(...turn);
-    else if (last >= 0) this.#choose(next);
+    if (turn) return this.#turn(...turn);
+    if (last < 0) return;
+    this.#byKey = true;
+    this.#choose(next);
   }
 }
