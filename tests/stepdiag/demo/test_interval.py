@@ -1,0 +1,42 @@
+"""The demo's machine, surveyed as the demo surveys it: what the result promises holds the true errors."""
+
+import numpy as np
+
+from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench
+from stepdiag.solver.geometry.volume import anywhere_mm
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.model.angles import parse_angles
+from stepdiag.solver.readings.readings import make_readings
+from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.virtual.bench.building import build_machine
+from stepdiag.virtual.bench.config import read_config
+from stepdiag.virtual.drive.sequence import Box
+from stepdiag.virtual.drive.setups import Conditions, simulate_pass
+
+
+def test_the_interval_of_the_demo_holds_its_own_truth(tmp_path):
+    """Before and after ideal tables, anywhere in the volume, of the seed that ``make demo`` takes."""
+    bench = write_bench(tmp_path, 1)
+    write_angles(tmp_path, bench, 1)
+    machine, box = build_machine(read_config(bench)), Box(origin_mm=(0.0, 0.0, 0.0), size_mm=SIZE_MM, increments=INCREMENTS)
+    columns = {name: [] for name in ("stop", "position_mm", "reading_mm", "beam_mm", "time_s")}
+    setup, number, start_s = [], [], 0.0
+    for name in SETUPS:
+        for which in range(1, PASSES + 1):
+            taken = Conditions(noise_um=0.3, seed=len(setup), start_s=start_s)
+            one = simulate_pass(machine, box, name, which, conditions=taken)
+            start_s = float(one.time_s[-1]) + 10.0
+            setup += [name] * len(one.stop)
+            number += [which] * len(one.stop)
+            for column, values in columns.items():
+                values.extend(getattr(one, column))
+    result = solve(
+        make_readings(setup=setup, pass_number=number, **columns),
+        angles=parse_angles((tmp_path / "angles.csv").read_text(encoding="utf-8")),
+    )
+    points = anywhere_mm(result.volume)
+    true = machine.error_at(points)
+    for when, errors in (("before", true), ("after", true - error_field_um(result, points))):
+        left = np.sqrt(np.mean(np.sum(without_rigid_motion(result.volume, points, errors) ** 2, axis=1)))
+        told = result.extra["predicted"]["without_rigid_motion"][when]["rms_um"]
+        assert told["low"] < left < told["high"], (when, left, told)
