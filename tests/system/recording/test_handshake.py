@@ -30,6 +30,24 @@ def test_a_plc_that_is_silent_at_the_turn_leaves_nobody_waiting(tmp_path):
     assert [len(each.chosen()) for each in book.passes] == [4, 4]
 
 
+STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n'
+
+
+@on_a_steady_computer
+def test_a_dwell_that_is_open_when_a_pass_ends_belongs_to_the_next(tmp_path):
+    """Over the end and back within 0.1 s: the out pass ends while the first stop of the return pass stands, and nobody counts stops."""
+    alone = {**PACED, "handshake": False, "signals": STOPPED, "dwell": 6.0, "bench": "[machine]\nbacklash_um = [0.0, 0.0, 4.0]\n"}
+    with hall(tmp_path, back=True, **alone) as place, daemon(place.survey) as process:
+        place.start_setups(stop_after=1)
+        until(process, "pass-ended", kind="complete")
+        said = until(process, "pass-ended")
+        book = nothing_silently_wrong(place)
+    assert said[-1]["kind"] == "complete"
+    out, back = book.passes
+    assert back.chosen()[0][0].window_from_ns > out.chosen()[3][0].window_to_ns, "it stands twice at the turn, with the backlash in between"
+    assert not book.doubts()
+
+
 def machine_says(process, code):
     """Return the finding with a code, once the daemon has said it."""
     return until(process, "finding", code=code)[-1]
