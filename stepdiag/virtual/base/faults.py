@@ -10,6 +10,7 @@
               axis-order (text such as "yxz"), feed-hold (half way to the stop, its duration in machine seconds),
               program-aborted (value: stops to go back before it is restarted; its duration in machine seconds)
 
+Garbage of a value below 0 is so many bytes that are lost instead.
 A fault strikes once: when the program comes to its place, ``delay_s`` after it; without a place, that long after the bench started.
 """
 

@@ -59,6 +59,7 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
     faults = {
         "stop-recovered": at("ppp", 2, "stop-unsignalled"),
         "count-disagrees": at("ppp", 5, "count-doubled"),
+        "lost bytes": at("ppp", 3, "laser-garbage", delay_s=0.2, value=-60.0),
         "silent PLC": at("npp", 2, "plc-silent", duration_s=0.2),
         "count-reset": at("npp", 4, "plc-reboot", phase="move", duration_s=0.2),
         "slow PLC": at("pnp", 1, "plc-late", duration_s=0.3, value=0.1),
@@ -70,6 +71,9 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
     book, said, told = run_with(tmp_path, faults.values())
     assert all(each.whole for each in book.passes), [each.why_incomplete() for each in book.passes]
     assert {code for code in faults if " " not in code} <= codes_of(said)
+    first = said[: next(at for at, each in enumerate(said) if each["event"] == "pass-ended")]
+    assert {"laser-garbage", "laser-gap"} <= codes_of(first), "the line that lost bytes, and the samples that went with them"
+    assert "laser-restart" not in codes_of(first)
     assert {doubt.code for doubt in book.doubts()} == {"stop-recovered"}
     assert "recovered from the laser's plateau" in told
 
