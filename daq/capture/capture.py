@@ -260,6 +260,7 @@ class Capture:
         found = self._finder.follow(dwell.signals, None if begun else self._reading_mm(dwell))
         if not begun and isinstance(found, Walk):
             outcomes.extend(unchecked(self._survey))
+            outcomes.extend([found.said_anew()] if found.apart else [])
         if isinstance(found, Finding):
             outcomes.append(found)
         elif isinstance(found, Ended) and not self.ended:

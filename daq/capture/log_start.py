@@ -14,7 +14,8 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
     """Where a setup stands when a log begins: the direction and the stop that come next, and what was read last.
 
     ``known`` are the readings of the laser's unbroken count so far, by stop of the outward route. ``turn`` is the last stop of the outward
-    pass: a program that does not dwell there twice begins its return pass with it.
+    pass: a program that does not dwell there twice begins its return pass with it. ``believed`` are the readings of the stops with which
+    a pass ended and which nobody could place: they were its first ones if the machine goes on by the step that follows from those.
     """
 
     outward: bool = True
@@ -22,6 +23,7 @@ class PassHint(msgspec.Struct, frozen=True, kw_only=True):
     last_reading_mm: float | None = None
     known: dict[int, float] = {}
     turn: CapturedStop | None = None
+    believed: tuple[float, ...] = ()
     wanted: bool = True
 
 

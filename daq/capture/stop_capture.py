@@ -3,14 +3,12 @@
 from dataclasses import replace
 
 import msgspec
-import numpy as np
 
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Outcome
-from stepdiag.daq.capture.place.route import agrees
-from stepdiag.daq.capture.place.walk import BREAKS_COUNT, Walk
+from stepdiag.daq.capture.place.walk import ANEW, BREAKS_COUNT, Walk, begun_anew
 from stepdiag.daq.capture.standing.approach import came_along
 from stepdiag.daq.capture.standing.certain_window import Placing, Taken, certain_windows
 from stepdiag.daq.capture.standing.dwell import Dwell
@@ -80,13 +78,11 @@ class StopTaker:
         """
         believed = self._believed
         readings = [*(windows[0].window.mean_mm for _, windows in believed), reading_mm]
-        steps = [walk.route.step_mm(stop, stop + 1) for stop in range(len(walk.route) - 1)]
-        anew = 1 < len(readings) <= len(walk.route) and all(map(agrees, np.diff(readings), steps))
-        if not anew or (walk.goes_on(readings) and not walk.retreated):
+        if not begun_anew(walk.route, readings) or (walk.goes_on(readings) and not walk.retreated):
             return
         outcomes.append(walk.begin_anew())
         self._believed = []
-        self._before = (Break(0, "the pass was begun anew", watched=True),)
+        self._before = (Break(0, ANEW, watched=True),)
         for index, (dwell, windows) in enumerate(believed):
             self._place(walk, index, dwell, windows, outcomes)
 

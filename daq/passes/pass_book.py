@@ -31,6 +31,7 @@ class PassBook:
         """How many were taken, whatever became of them."""
         self._credible: dict[str, Credible] = {}
         self._known: dict[int, float] = {}
+        self._believed: tuple[float, ...] = ()
         self._placed = places_known(survey)
         self._acceptances: list[Acceptance] = []
         self._suspected: tuple[Doubt, ...] = ()
@@ -66,6 +67,9 @@ class PassBook:
         """Keep the readings of the unbroken count by place: they tell the next log where the machine stands."""
         if anew or self.last is None or self.last.setup != stop.setup:
             self._known = {}
+        self._believed = () if anew or not _believed_only(stop) else self._believed
+        if _believed_only(stop) and stop.reading_mm is not None:
+            self._believed = (*self._believed, stop.reading_mm)
         if stop.reading_mm is not None and not stop.refused and not _believed_only(stop):
             self._known[stop.stop if stop.outward else len(current.route) - 1 - stop.stop] = stop.reading_mm
 
@@ -167,7 +171,8 @@ class PassBook:
             return PassHint(wanted=wanted, outward=outward)
         current, known = self._find(setup, outward=last.outward), dict(self._known)
         if _believed_only(last):
-            return PassHint(wanted=wanted, outward=last.outward)
+            over = last.stop == self.last_stop(last)
+            return PassHint(wanted=wanted, outward=last.outward, believed=self._believed if over else ())
         if current is not None and last.stop + 1 < len(current.route):
             following = last.stop + 1
             return PassHint(wanted=wanted, outward=last.outward, next_stop=following, last_reading_mm=last.reading_mm, known=known)

@@ -7,7 +7,7 @@ from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
 from stepdiag.daq.capture.place.route import Route, base_setup, make_route
-from stepdiag.daq.capture.place.walk import COUNTER_TRUSTED, Walk
+from stepdiag.daq.capture.place.walk import COUNTER_TRUSTED, Walk, begun_anew
 from stepdiag.daq.capture.standing.dwell import count_steps
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
@@ -74,6 +74,8 @@ class PassFinder:
             hint = _directed(hint, there, len(forward), gone_by, returns=survey.plan.return_pass)
         self.turn = hint.turn if not hint.outward else None
         route = forward if hint.outward else make_route(survey.volume, setup, survey.axis_order, outward=False)
+        if reading_mm is not None and begun_anew(route, (*hint.believed, reading_mm)):
+            return Walk.begun_before(route, hint.believed, self._start.last_count)
         known = {_mirrored(stop, hint, route): reading for stop, reading in hint.known.items()} if reading_mm is not None else {}
         return Walk(route, hint.next_stop, self._start.last_count, hint.last_reading_mm, known)
 

@@ -1,6 +1,9 @@
 """Which stop of its pass a dwell is, and whether the laser agrees."""
 
 from collections.abc import Mapping, Sequence
+from typing import Self
+
+import numpy as np
 
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
@@ -13,6 +16,7 @@ BREAKS_COUNT = {"laser-reset", "step-mismatch"}
 """A step of the wrong size that nothing explains is a lost count: what follows is right again, relative to itself."""
 BACKWARDS = -0.5
 """Shares of a step: who goes back by more, to where no stop is, begins anew."""
+ANEW = "the pass was begun anew"
 COUNTER_TRUSTED = 1000
 """A stop counter that seems to have gone on by more than this was set back: the PLC has started again."""
 
@@ -142,7 +146,18 @@ class Walk:
         self.expected, self.last, self._last_stop, self._last_reading_mm, self.unsure = 0, None, -1, None, ""
         self.nowhere = self.retreated = False
         self.laser.lost()
-        return self.finding("stop-again", "info", 0, "the steps are those from the first stop on: the pass was begun anew")
+        return self.said_anew()
+
+    @classmethod
+    def begun_before(cls, route: Route, believed: Sequence[float], last_count: int | None) -> Self:
+        """Return the walk of a pass whose first stops are in the log before, where they were taken for the last ones of its pass."""
+        walk = cls(route, len(believed), last_count, None, dict(enumerate(believed)))
+        walk.apart = ANEW
+        return walk
+
+    def said_anew(self) -> Finding:
+        """Return what is to be said of a pass that was begun anew."""
+        return self.finding("stop-again", "info", 0, f"the steps are those from the first stop on: {ANEW}")
 
     def _nowhere(self, by_count: int, odd: list[Finding], counted: int | None, reading_mm: float) -> tuple[int | None, list[Finding]]:
         """Return the stop where the laser reads what no stop reads: its count went wrong, or the machine stands between two stops."""
@@ -231,3 +246,10 @@ class Walk:
             f"the stop counter went from {self._last_count} back to {count} (it counts to {COUNT_MODULUS - 1}): the PLC has started again"
         )
         return self.expected, [self.finding("count-reset", "warning", self.expected, text)]
+
+
+def begun_anew(route: Route, readings: Sequence[float]) -> bool:
+    """Tell whether two readings or more make the steps of a route from its first stop on."""
+    if not 1 < len(readings) <= len(route):
+        return False
+    return all(agrees(step, route.step_mm(stop, stop + 1)) for stop, step in enumerate(np.diff(readings)))

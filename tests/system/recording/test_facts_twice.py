@@ -6,6 +6,7 @@ import re
 
 import pytest
 
+from stepdiag.daq.replay import begun_logs, replay
 from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
 from testkit.running.steady import on_a_steady_computer
@@ -113,6 +114,26 @@ def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, ba
     assert findings_of(said, "stop-again")
     alike = "X and Y and Z make the same step along the diagonal, so the laser cannot tell which of them moved"
     assert any(alike in text for text in findings_of(said, "position-unchecked")) == (box.get("size") == CUBE)
+
+
+@on_a_steady_computer
+def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_is_right(tmp_path):
+    """A cube by `stopped` alone, left at the last stop but one, the beam cut, begun anew: its first stop reads as the last one would."""
+    troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=2, duration_s=20.0)
+    troubles += fault(kind="beam-lost", setup="ppp", stop=2, delay_s=1.5, duration_s=0.2)
+    unplaced = {"setups": ("ppp",), "signals": STOPPED, "size": CUBE, "faults": troubles}
+    with hall(tmp_path, n=1, dwell=6.0, **unplaced, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups(stop_after=1)
+            said = until(process, "pass-ended", kind="complete")
+            after = until(process, "pass-ended", kind="complete")
+        book = nothing_silently_wrong(place)
+        (left,) = replay(begun_logs(place.round)[:1]).book.passes
+    assert findings_of(said, "place-unknown")
+    assert "drive the whole pass again" in left.why_incomplete()
+    assert findings_of(after, "stop-again")
+    (only,) = book.passes
+    assert only.complete, only.why_incomplete()
 
 
 @on_a_steady_computer

@@ -137,10 +137,39 @@ def test_where_nobody_can_tell_the_stops_are_doubted():
     """
     truth = diagonal("ppp", (200.0, 200.0, 200.0), 2)
     cut = 1.0 + 1.3 * 6 - 0.4
-    book, codes = drive([*truth[:6], *truth], signals=STOPPED_ONLY, size=(200.0,) * 3, n=2, beam_lost=[(cut, cut + 0.2)], lost_mm=2.7)
+    book, codes = drive([*truth[:6], truth[0]], signals=STOPPED_ONLY, size=(200.0,) * 3, n=2, beam_lost=[(cut, cut + 0.2)], lost_mm=2.7)
     assert not book.complete()
     assert "place-unknown" in codes
     assert "drive the whole pass again" in book.passes[0].why_incomplete()
+
+
+@pytest.mark.parametrize(("n", "left_at"), [(1, 2), (2, 5), (2, 4)])
+def test_what_was_taken_for_the_last_stops_is_the_first_where_the_machine_goes_on_beyond_them(n, left_at):
+    """No step leads on from the last stop, so the log that follows knows that the pass was begun anew: it ends right by itself.
+
+    Its stops were once taken one off, none of them doubted, however often the whole pass was driven again.
+    """
+    size = (200.0,) * 3
+    truth = [replace(stop, reading=stop.reading + 0.01 * (k * k % 5)) for k, stop in enumerate(diagonal("ppp", size, n))]
+    cut = 1.0 + 1.3 * (left_at + 1) - 0.4
+    stops = [*truth[: left_at + 1], *truth]
+    book, codes = drive(stops, signals=STOPPED_ONLY, size=size, n=n, beam_lost=[(cut, cut + 0.2)], lost_mm=2.7)
+    assert "stop-again" in codes
+    (only,) = book.passes
+    assert_as_driven(only, truth)
+    assert only.complete, only.why_incomplete()
+
+
+def test_a_pass_restarted_where_nobody_can_tell_is_right_once_it_was_driven_again_whole():
+    """A cube by `stopped` alone, left at stop 4, restarted at stop 2, then driven whole, the beam cut before both."""
+    size = (200.0,) * 3
+    truth = [replace(stop, reading=stop.reading + 0.01 * (k * k % 5)) for k, stop in enumerate(diagonal("ppp", size, 2))]
+    cuts = [1.0 + 1.3 * begun - 0.4 for begun in (5, 10)]
+    lost = [(cut, cut + 0.2) for cut in cuts]
+    book, _ = drive([*truth[:5], *truth[2:], *truth], signals=STOPPED_ONLY, size=size, n=2, beam_lost=lost, lost_mm=2.7)
+    (only,) = book.passes
+    assert_as_driven(only, truth)
+    assert only.complete, only.why_incomplete()
 
 
 @SIGNALS
