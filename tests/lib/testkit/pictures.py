@@ -12,10 +12,10 @@ from playwright.sync_api import Page, expect, sync_playwright
 
 from stepdiag.demo.files import siemens_profile
 from testkit.browser import launch
+from testkit.exact.siemens_files import HALL_EXPORT
 from testkit.running.hall import Hall, daemon, hall, until
 
 FOLDER = Path(__file__).parents[3] / "docs" / "pictures"
-SIEMENS = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
 NOBODYS_PATH = """document.querySelectorAll("[data-link=laser] small").forEach((one) => {
   one.textContent = one.textContent.replace(/^\\/[^,]+/, "/dev/ttyUSB0");
 })"""
@@ -48,7 +48,7 @@ def _surveyed() -> Iterator[tuple[Hall, Any, Page]]:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    how = {"back": True, "handshake": True, "dwell": 2.0, "page": True, "page_port": port, "exports": SIEMENS}
+    how = {"back": True, "handshake": True, "dwell": 2.0, "page": True, "page_port": port, "exports": HALL_EXPORT}
     with (
         tempfile.TemporaryDirectory() as work,
         hall(Path(work), **how) as place,

@@ -5,23 +5,12 @@ import json
 import pytest
 
 from testkit.cli import stepdiag
-from testkit.exact.siemens_files import HALL_AXES
+from testkit.exact.siemens_files import HALL_EXPORT, HALL_PROFILE
 from testkit.running.hall import daemon, hall, until
 from testkit.running.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
 
-SIEMENS = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
-PROFILE = """
-[machine]
-name = "virtual"
-controller = "siemens"
-measured_with = "off"
-[limits]
-slope_um_mm = 2.0
-value_um = 500.0
-warn_value_um = 500.0
-"""
 QUICK = {
     "handshake": True,
     "dwell": 0.1,
@@ -29,7 +18,7 @@ QUICK = {
     "setups": ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z"),
     "laser_bench": "compensated = true\n",
     "laser_survey": "compensated = true\n",
-    "exports": SIEMENS,
+    "exports": HALL_EXPORT,
 }
 
 
@@ -37,7 +26,7 @@ QUICK = {
 def test_readings_that_contradict_each_other_are_not_exported_and_the_pass_is_named(tmp_path):
     """A slip in a run that nothing repeats: the recording has nothing to say of it. What the solver says survives a restart."""
     trouble = '[[fault]]\nkind = "laser-jump"\nsetup = "linear-y"\npass_number = 1\nstop = 1\nphase = "move"\nvalue = 60.0\n'
-    (tmp_path / "siemens.toml").write_text(PROFILE + HALL_AXES)
+    (tmp_path / "siemens.toml").write_text(HALL_PROFILE)
     with hall(tmp_path, faults=trouble, **QUICK) as place:
         with daemon(place.survey) as process:
             place.start_setups(stop_after=len(place.setups))

@@ -8,26 +8,13 @@ import time
 
 import pytest
 
-from testkit.exact.siemens_files import HALL_AXES
+from testkit.exact.siemens_files import HALL_EXPORT, HALL_PROFILE
 from testkit.running.hall import daemon, hall, until, until_complete
 from testkit.running.steady import on_a_steady_computer
 from testkit.running.survey_runs import stepdiag
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
-
-SIEMENS = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
-PROFILE = """
-[machine]
-name = "virtual"
-controller = "siemens"
-measured_with = "off"
-[limits]
-slope_um_mm = 2.0
-value_um = 500.0
-warn_value_um = 500.0
-"""
-
 
 OTHER_PROCESSOR = {"OPENBLAS_CORETYPE": "Prescott", "OPENBLAS_NUM_THREADS": "1"}
 """Kernels of an old processor: numpy's products then differ in their last bits, a number on the edge of its rounding in its last digit."""
@@ -43,8 +30,8 @@ def assert_solved(place, folder="0001"):
 
 @on_a_steady_computer
 def test_a_survey_is_recorded_solved_exported_and_replayed_to_the_same_bytes(tmp_path):
-    (tmp_path / "siemens.toml").write_text(PROFILE + HALL_AXES)
-    with hall(tmp_path, back=True, exports=SIEMENS) as place:
+    (tmp_path / "siemens.toml").write_text(HALL_PROFILE)
+    with hall(tmp_path, back=True, exports=HALL_EXPORT) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "survey-complete")

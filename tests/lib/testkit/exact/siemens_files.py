@@ -49,3 +49,19 @@ reference_mm = 0.0
 measuring_system = 1
 """
 """The axes of the hall's machine in a profile."""
+HALL_PROFILE = (
+    """\
+[machine]
+name = "virtual"
+controller = "siemens"
+measured_with = "off"
+[limits]
+slope_um_mm = 2.0
+value_um = 500.0
+warn_value_um = 500.0
+"""
+    + HALL_AXES
+)
+"""The hall's machine as it was measured without compensation, its limits wide enough for what a drawn machine needs."""
+HALL_EXPORT = '[[export]]\ncontroller = "siemens"\nprofile = "siemens.toml"\n'
+"""What the hall's survey exports, by the profile beside it."""
