@@ -1,9 +1,12 @@
 """Sensors that say what cannot be, and registers of another time, over real sockets and ptys."""
 
 import json
+import math
 
 import pytest
 
+from stepdiag.virtual.bench.building import build_machine
+from stepdiag.virtual.bench.config import read_config
 from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
 from testkit.running.steady import on_a_steady_computer
@@ -45,23 +48,28 @@ def test_a_sensor_that_fails_in_the_middle_is_held_and_named(tmp_path):
 
 @on_a_steady_computer
 def test_a_plc_without_sensors_leaves_the_survey_open_with_its_readings(tmp_path):
-    """Its registers are zeros: readings are written, nothing is exported; solved with stated air nothing is doubted any more."""
+    """Its registers are zeros: readings are written, nothing is exported; with stated air the machine's own result."""
     zeros = fault(kind="plc-sensor", duration_s=1000.0)
-    with hall(tmp_path, setups=("ppp", "npp"), faults=zeros, **PACED) as place:
+    with hall(tmp_path, faults=zeros, bench="[hall]\npressure_hpa = { start = 950.0 }\n", **PACED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             opened = until(process, "survey-open")[-1]
-        assert opened["doubted"] == ["ppp/1/0", "npp/1/0"]
+        assert opened["doubted"] == [f"{setup}/1/0" for setup in place.setups]
         assert "solve with --environment FILE" in opened["reason"]
         assert (place.round / "readings.csv").exists()
         assert not (place.round / "result.json").exists()
         (tmp_path / "air.toml").write_text(
-            "air_temperature_c = 20.0\nair_pressure_hpa = 1013.25\nrelative_humidity_percent = 50.0\nmaterial_temperature_c = 20.0\n"
+            "air_temperature_c = 20.0\nair_pressure_hpa = 950.0\nrelative_humidity_percent = 50.0\nmaterial_temperature_c = 20.0\n"
         )
         guessed = json.loads(stepdiag("solve", place.round, "--json").out)
         stated = json.loads(stepdiag("solve", place.round, "--environment", tmp_path / "air.toml", "--json").out)
-    assert [each["code"] for each in guessed["findings"] if each["severity"] == "error"] == ["air-unknown"] * 2
+    assert [each["code"] for each in guessed["findings"] if each["severity"] == "error"] == ["air-unknown"] * 4
     assert [each["code"] for each in stated["findings"] if each["severity"] == "error"] == []
+    true = build_machine(read_config(tmp_path / "bench.toml")).truth(1).errors
+    lengths_mm = {"EXX": 300.0, "EYY": 200.0, "EZZ": 100.0}
+    sum_um = sum(length * true[name][-1] for name, length in lengths_mm.items()) / math.hypot(*lengths_mm.values())
+    assert stated["scale_sum_um"]["value"] == pytest.approx(sum_um, abs=0.15)
+    assert guessed["scale_sum_um"]["value"] == pytest.approx(sum_um - 6.35, abs=0.15), "63 hPa of 374 mm"
 
 
 @on_a_steady_computer
