@@ -21,8 +21,6 @@ AIR = {"air_temperature_c": ("T", "°C"), "air_pressure_hpa": ("p", "hPa"), "rel
 """Conditions of the air in letters and units that every language writes alike."""
 LEAST_SHARE = 0.1
 """An error below a tenth of the largest one is not what is wrong with the machine."""
-MATTERS = 0.5
-"""A slip of the count that may be unnoticed is said where it makes so much of what compensation leaves, or more."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -72,7 +70,7 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
     counts = {severity: sum(one.severity == severity for one in result.findings) for severity in ("error", "warning", "info")}
     return Conclusion(
         wrong=tuple((one, _told(one)) for one in wrong),
-        unknown=(*_unknown(result), *_unseen(unseen_slips(result), reach)),
+        unknown=(*_unknown(result), *_unseen(unseen_slips(result))),
         reach=reach,
         reached=(*_reached(reach, refused=_all_refused(exports)), *_harmed(exports)),
         basis=tuple(_basis(basis_of(result))),
@@ -128,17 +126,18 @@ def _unknown(result: Result) -> Iterator[Sentence]:
         )
 
 
-def _unseen(slips: Sequence[UnseenSlip], reach: Reach) -> Iterator[Sentence]:
-    """Yield how large a slip of the count may have gone unnoticed, where that matters: the worst one, and the passes that could have it.
+def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
+    """Yield how large a slip of the count may have gone unnoticed: the worst one, and the passes where it matters beside the noise.
 
-    It matters beside what compensation leaves, or beside the noise of the readings: the stated uncertainty has that and not the slip.
+    The stated uncertainty has the noise of the readings and not the slip. The worst one is said always: the noisier the readings, the
+    larger it is.
     """
     blind = next((one for one in slips if one.half_um is None), None)
     if blind is not None:
         yield Sentence(key="unknown_slip_any", arguments={"place": blind.place})
     passes = [name for one in slips for name in one.passes]
     worst = max((one for one in slips if one.half_um is not None), key=lambda one: one.volume_um or 0.0, default=None)
-    if worst is not None and (passes or (reach.rms_after is not None and (worst.volume_um or 0.0) >= MATTERS * reach.rms_after.value_um)):
+    if worst is not None:
         sizes = {"half": worst.half_um, "nearly": worst.nearly_um, "volume": worst.volume_um}
         yield Sentence(key="unknown_slip", arguments={"place": worst.place, **{name: _um(size or 0.0) for name, size in sizes.items()}})
     if passes:
