@@ -109,6 +109,13 @@ def slips_report(fit: MixedFit, layout: Layout, design: Design) -> dict[str, dic
     return report
 
 
+def hidden_in_volume_um(fit: MixedFit, layout: Layout, design: Design, unseen: Unseen) -> float:
+    """Return what a slip that is seen in half of the surveys makes of the errors over the volume, as far as they are identified (rms)."""
+    if not np.isfinite(unseen.u_um):
+        return float(np.inf)
+    return unseen.half_um * float(_Field.of(fit, layout, design).made_um(unseen.rows, np.ones((len(unseen.rows), 1)))[0])
+
+
 def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[Unseen, float]]:
     """Yield for every pass of a count the step that makes most of the volume where it is just seen in half of the surveys, and how much.
 
@@ -147,7 +154,11 @@ class _Field:
     def moved_um(self, count: Count) -> Vector:
         """Return what a step of 1 um before each reading but the first makes of them, root mean square of the vectors."""
         number = len(count.rows)
-        off_um = self.by_unknowns @ tell(self.fit, count.rows, steps_of(number, np.arange(1, number))).moved
+        return self.made_um(count.rows, steps_of(number, np.arange(1, number)))
+
+    def made_um(self, rows: NDArray[np.int64], pattern: Vector) -> Vector:
+        """Return what patterns of 1 um in some readings, shape (rows, count), make of them, root mean square of the vectors."""
+        off_um = self.by_unknowns @ tell(self.fit, rows, pattern).moved
         moved: Vector = np.sqrt(3.0 * np.mean(off_um**2, axis=0))
         return moved
 

@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.adjustment.slips import KINDS, Unseen, least_seen
+from stepdiag.solver.adjustment.slips import KINDS, Unseen, hidden_in_volume_um, least_seen
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import class_factors, likely_factors, normal_points
@@ -48,13 +48,21 @@ _NEXT_TO_NONE = 1e-3
 class Foresight:
     """``u`` by name: root mean square over a function's nodes, absent where not identified; ``volumetric_um`` over the volume (k = 1).
 
-    ``unseen``: the slip of the laser's count on a diagonal that is seen least, None without a diagonal.
+    ``unseen``: the slip of the laser's count on a diagonal that is seen least, None without a diagonal; ``slips`` says what one makes of
+    the volume's errors.
     """
 
     u: dict[str, float]
     volumetric_um: float
     unseen: Unseen | None
+    slips: Callable[[Unseen], float]
     parts: Callable[[], "_Parts"]
+
+    @cached_property
+    def unseen_volume_um(self) -> float | None:
+        """Return what the slip that is seen least makes of the volume's errors (rms) where it is of the size that is seen in half of the
+        surveys; infinite where nothing tells it, None without a diagonal."""
+        return None if self.unseen is None else self.slips(self.unseen)
 
     @cached_property
     def left_um(self) -> Interval:
@@ -87,6 +95,7 @@ def foresee(layout: Layout, chain: str, assumed: Assumptions, increments: int) -
         u=_u(found, known, spread),
         volumetric_um=ahead.together_um(known),
         unseen=least_seen(mixed, layout, KINDS["diagonals"]),
+        slips=lambda unseen: hidden_in_volume_um(mixed, layout, design, unseen),
         parts=lambda: ahead.parts(known),
     )
 

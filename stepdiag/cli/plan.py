@@ -12,7 +12,7 @@ from stepdiag.solver.errors import UsageError
 if TYPE_CHECKING:
     from stepdiag.daq.survey.models import Plan as PlanSection
     from stepdiag.daq.survey.models import Survey
-    from stepdiag.solver.adjustment.slips import Unseen
+    from stepdiag.solver.planning.foresight import Foresight
     from stepdiag.solver.planning.planner import Addition, Advice, Circumstances, Forecast
     from stepdiag.solver.planning.runs import Plan
 
@@ -146,7 +146,7 @@ def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
         "minutes": forecast.minutes,
         "volumetric_u_um": forecast.volumetric_um,
         "left_um": forecast.left_um.as_json(),
-        **_unseen_json(forecast.ahead.unseen),
+        **_unseen_json(forecast.ahead),
         "angles": forecast.angles,
         "u": forecast.u,
         "resolved": list(forecast.resolved),
@@ -154,15 +154,16 @@ def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
     }  # fmt: skip
 
 
-def _unseen_json(unseen: "Unseen | None") -> dict[str, float | None]:
-    """Return how large a slip of the count could hide in a diagonal in half of the surveys, and from where on nearly none does.
+def _unseen_json(ahead: "Foresight") -> dict[str, float | None]:
+    """Return the slip that could hide in a diagonal in every second survey, from where on nearly none does, and what the first makes.
 
     Nothing of a plan without diagonals: there it is not worked out.
     """
-    if unseen is None:
+    unseen, volume_um = ahead.unseen, ahead.unseen_volume_um
+    if unseen is None or volume_um is None:
         return {}
-    half_um, nearly_um = (size if isfinite(size) else None for size in (unseen.half_um, unseen.nearly_um))
-    return {"unseen_step_um": half_um, "seen_step_um": nearly_um}
+    sizes = {"unseen_step_um": unseen.half_um, "seen_step_um": unseen.nearly_um, "unseen_step_volume_um": volume_um}
+    return {name: size if isfinite(size) else None for name, size in sizes.items()}
 
 
 def _addition_json(addition: "Addition") -> dict[str, Any]:

@@ -5,7 +5,7 @@ from math import isfinite
 
 from rich.table import Table
 
-from stepdiag.solver.adjustment.slips import Unseen
+from stepdiag.solver.planning.foresight import Foresight
 from stepdiag.solver.planning.planner import Addition, Forecast
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 
@@ -21,18 +21,20 @@ def in_words(forecast: Forecast) -> str:
     return (
         f"{runs}: {hours} h {minutes:02d} min with setting up; an ideal compensation leaves {forecast.left_um.words()} um "
         f"(rms over the volume, k = 2), {forecast.left_um.best()} um most probably; angular errors {_ANGLES[forecast.angles]}"
-        f"{_slips(forecast.ahead.unseen)}"
+        f"{_slips(forecast.ahead)}"
     )
 
 
-def _slips(unseen: Unseen | None) -> str:
-    """Return how large a slip of the laser's count may be without being noticed; nothing for a survey without a diagonal."""
+def _slips(ahead: Foresight) -> str:
+    """Return how large a slip of the laser's count may be without being noticed, and what it makes; nothing without a diagonal."""
+    unseen = ahead.unseen
     if unseen is None:
         return ""
     if not isfinite(unseen.u_um):
         return "; a slip of the laser's count of any size could hide in a diagonal"
     return (
-        f"; a slip of the laser's count of {unseen.half_um:.2g} um could hide in a diagonal in every second survey, "
+        f"; a slip of the laser's count of {unseen.half_um:.2g} um could hide in a diagonal in every second survey "
+        f"and make {ahead.unseen_volume_um:.2g} um of the volume's errors (rms), "
         f"one of {unseen.nearly_um:.2g} um is nearly always noticed (95 %)"
     )
 

@@ -13,6 +13,7 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.planning.planner import Circumstances, bare_survey, best_survey, forecast, plan, rank, resolving
 from stepdiag.solver.planning.runs import Plan, Run, plan_minutes
+from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import ROTATIONS
 from testkit.exact.surveys import Bench
 
@@ -184,7 +185,21 @@ def test_plan_without_laser_is_refused():
 def test_less_of_a_slip_can_hide_in_what_is_driven_out_and_back():
     once = BARE.with_runs(*LINEAR)
     both = Plan(volume=BOX, runs=tuple(replace(run, return_pass=True) for run in once.runs))
-    assert forecast(both, USUAL).ahead.unseen.half_um < 0.75 * forecast(once, USUAL).ahead.unseen.half_um
+    less, more = forecast(both, USUAL).ahead, forecast(once, USUAL).ahead
+    assert less.unseen.half_um < 0.75 * more.unseen.half_um
+    assert less.unseen_volume_um < 0.5 * more.unseen_volume_um
+
+
+def test_a_slip_makes_of_the_volume_what_the_plan_says():
+    """Half of what could hide, which nothing names: the error field of the result moves by half of it."""
+    ahead = forecast(BARE.with_runs(*LINEAR), USUAL).ahead
+    bench = Bench(seed=4, increments=3, diagonal_noise_um=0.2, linear_noise_um=0.2, size_mm=tuple(BOX.size_mm))
+    clean, at = bench.survey(), ahead.unseen
+    slipped = (np.array(clean.setup) == at.setup) & (np.array(clean.stop) >= at.stop)
+    wrong = replace(clean, reading_mm=np.array(clean.reading_mm) + 0.5e-3 * at.half_um * slipped)
+    points = np.random.default_rng(1).uniform(size=(300, 3)) * BOX.size_mm
+    moved = error_field_um(solve(wrong), points) - error_field_um(solve(clean), points)
+    assert np.sqrt(np.mean(np.sum(moved**2, axis=1))) == pytest.approx(0.5 * ahead.unseen_volume_um, rel=0.25)
 
 
 @pytest.mark.parametrize("stop", [1, 5, 9])
