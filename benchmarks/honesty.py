@@ -240,6 +240,8 @@ def main() -> None:
             line, verdicts = row(case, seeds)
             print(line, flush=True)
             mixed += verdicts if case.angle_urad <= MIXED_URAD else []
+    if not mixed:
+        return
     inside, count = 100 * np.mean([verdict.after.inside for verdict in mixed]), len(mixed)
     print(f"\nAll classes up to {MIXED_URAD:g} urad: {inside:.0f} % within, {wider(mixed):.1f} times wider than needed ({count} surveys).")
 

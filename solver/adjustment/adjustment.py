@@ -30,7 +30,7 @@ from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.between import BETWEEN, Between, between_of, effect_between
 from stepdiag.solver.model.design import Design, Model, build_design
-from stepdiag.solver.model.effects import AngleShapes, Effect, angle_shapes, effects_of
+from stepdiag.solver.model.effects import ANGLES, SHORT_ANGLES, TURNING, AngleShapes, Effect, angle_shapes, effects_of
 from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import (
@@ -160,8 +160,10 @@ class _Task:
         self.effects = list(effects_of(layout, chain, self.shapes, assumed))
         if self.between.count:
             self.effects.append(effect_between(layout, self.between))
+        turned = np.pad(lateral_angles(self.design, straightness, self.shapes), ((0, len(prior.u)), (0, 0)))
         self.beside = {
-            "angles": np.pad(lateral_angles(self.design, straightness, self.shapes), ((0, len(prior.u)), (0, 0))),
+            ANGLES: turned[:, : self.shapes.long],
+            SHORT_ANGLES: turned[:, self.shapes.long :],
             "angle origin": np.pad(origin_pattern(self.design, angles, len(prior.u)), ((len(lateral.u), 0), (0, 0))),
         }
         if self.beside["angle origin"].shape[1]:
@@ -216,7 +218,7 @@ class _Task:
     def _found(self, fixed: Fit, effects: Sequence[Effect]) -> tuple[MixedFit, Sizes]:
         group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
         usual = MixedFit(fixed, self._causes(fixed, effects), np.ones(len(group)))
-        sought = [effect.sought and (self.clean or effect.name in ("angles", BETWEEN)) for effect in effects]
+        sought = [effect.sought and (self.clean or effect.name in (*TURNING, BETWEEN)) for effect in effects]
         sizes = scored(usual, group, np.array(sought, dtype=np.bool_), self._noise)
         return sized(usual, sizes.factor[group] / np.sqrt(sizes.noise)), sizes
 
@@ -240,7 +242,8 @@ class _Task:
         if self.settled or freedom < 1:
             return 1.0
         if len(self._unstated()):
-            return max(chi_square / freedom, LEAST_NOISE)
+            floor = (LEAST_U_UM / float(np.min(self.u[self._unstated()]))) ** 2
+            return max(chi_square / freedom, LEAST_NOISE, floor)
         stated, repeatability = self._stated_um(), self.assumed.repeatability_um
         factor = repeatability_factor(stated, repeatability, chi_square, freedom)
         return float(np.mean((stated**2 + (factor * repeatability) ** 2) / (stated**2 + repeatability**2)))

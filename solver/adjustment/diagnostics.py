@@ -10,6 +10,7 @@ from stepdiag.solver.adjustment.hypotheses import HIDDEN, along_the_way_m, tell
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector
 from stepdiag.solver.linear.rows import Rows
+from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.vector import closure_um, diagonal_data
 
@@ -138,7 +139,7 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     Angles are as large as the readings say. Drift and the scales of setups are no larger than usual: this one length could make them as
     large as it is itself, and would then contradict nothing.
     """
-    layout, fit = found.layout, found.as_usual("angles")
+    layout, fit = found.layout, found.as_usual(*TURNING)
     used = np.flatnonzero(np.isfinite(found.u_um))
     linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
     if not linear.any() or linear.all():

@@ -25,7 +25,7 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
     for name in shapes.names:
         own = shapes.causes_of(name)
         at_nodes = np.zeros((len(share), len(found.fit.size)))
-        at_nodes[:, first + own.start : first + own.stop] = shapes.range_of(name) * shapes.at(share)
+        at_nodes[:, first + own] = shapes.range_of(name) * shapes.at(share)
         none = Rows(np.zeros((len(share), 1), dtype=np.int64), np.zeros((len(share), 1)), found.design.columns.count)
         moved = spread.moved(none, at_nodes)
         expected[name] = Function(

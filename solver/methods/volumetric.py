@@ -13,6 +13,7 @@ from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import likely_factors, normal_points
 from stepdiag.solver.methods.angular import cause_place, rms
 from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import POSITIONING
 from stepdiag.solver.planning.foresight import CURVED
@@ -227,9 +228,9 @@ def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[s
     if not found.shapes.names:
         return {"now": now_um, "with_head": now_um}
     volume, chain = found.layout.volume, found.design.chain
-    place = [effect.name for effect in found.effects].index("angles")
-    usual = float(np.mean(found.shapes.range_urad)) * found.sizes.factor[place]
-    factor = np.where(wider.group == place, 2.0 * HEAD_URAD / max(usual, 2.0 * HEAD_URAD), 1.0)
+    turning = np.array([name in TURNING for name in wider.names], dtype=np.bool_)[wider.group]
+    usual = float(np.mean(found.shapes.range_urad)) * found.sizes.factor[wider.group]
+    factor = np.where(turning, 2.0 * HEAD_URAD / np.maximum(usual, 2.0 * HEAD_URAD), 1.0)
     # the readings hold the angles as they are: with small ones they would say that all other causes are larger
     sure = replace(found.sizes, sought=np.zeros_like(found.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)

@@ -23,6 +23,11 @@ LINE_SHARE, WAVE_SHARE = 0.3, 0.32
 """Standard deviations of an angular function's straight part at the far end and of its first half wave, as shares of its range; higher
 half waves fall with their number, as those of guideways do."""
 MOST_WAVES = 16
+LONG_WAVES = 3
+"""Half waves of one size with the straight part; those beyond have another, for how smooth guideways are nobody knows."""
+ANGLES, SHORT_ANGLES = "angles", "short waves of angles"
+TURNING = (ANGLES, SHORT_ANGLES)
+"""The effects that together are the angular functions."""
 WANDER_WAVES = 3
 
 
@@ -43,7 +48,10 @@ class Effect:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class AngleShapes:
-    """The functions by which unknown angular errors are described: names in the order of their causes, ``waves`` half waves each."""
+    """The functions by which unknown angular errors are described: names in the order of their causes, ``waves`` half waves each.
+
+    Straight parts and long waves of all functions come first, the short waves of all after them: these have a size of their own.
+    """
 
     names: tuple[str, ...]
     range_urad: tuple[float, ...]
@@ -59,10 +67,16 @@ class AngleShapes:
         """Return the range assumed for a function."""
         return self.range_urad[self.names.index(name)]
 
-    def causes_of(self, name: str) -> slice:
-        """Return the places of a function's causes among all of them."""
-        first = self.names.index(name) * (self.waves + 1)
-        return slice(first, first + self.waves + 1)
+    @property
+    def long(self) -> int:
+        """Return the number of straight parts and long waves of all functions."""
+        return len(self.names) * (1 + min(self.waves, LONG_WAVES))
+
+    def causes_of(self, name: str) -> NDArray[np.int64]:
+        """Return the places of a function's causes among all of them, in the order of its shapes."""
+        place, long = self.names.index(name), 1 + min(self.waves, LONG_WAVES)
+        short = self.waves + 1 - long
+        return np.concatenate([place * long + np.arange(long), self.long + place * short + np.arange(short)])
 
 
 def angle_shapes(layout: Layout, known: Mapping[str, object], assumed: Assumptions) -> AngleShapes:
@@ -78,27 +92,34 @@ def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumpt
     Angular functions stay even where no reading sees them (linear runs along the axes of the volume): the machine turns all the same.
     """
     found = (
-        _angles(layout, chain, shapes),
+        *_angles(layout, chain, shapes),
         _drift(layout, assumed),
         _wander(layout, assumed),
         _setup_scale(layout, assumed),
         _survey_scale(layout, assumed),
         _material(layout, assumed),
     )
-    return tuple(effect for effect in found if effect.count and (effect.name == "angles" or np.any(effect.pattern_um)))
+    return tuple(effect for effect in found if effect.count and (effect.name in TURNING or np.any(effect.pattern_um)))
 
 
-def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> Effect:
-    """Return the spot formula (theory 4.3) for smooth functions of unknown size."""
+def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Effect]:
+    """Return the spot formula (theory 4.3) for functions of unknown size, and for their short waves, of unknown smoothness.
+
+    With one size for both, short waves that are not there, and that readings see best, would make the long ones small.
+    """
     arms = rotation_coefficients(layout, chain)
-    pieces = [np.zeros((len(layout), 0))]
+    pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
     for name, size in zip(shapes.names, shapes.range_urad, strict=True):
         axis, component = divmod(ROTATIONS.index(name), 3)
         share = (layout.position_mm[:, axis] - layout.volume.origin_mm[axis]) / layout.volume.size_mm[axis]
-        pieces.append(size * arms[:, axis, component, None] * shapes.at(share))
+        pattern[:, shapes.causes_of(name)] = size * arms[:, axis, component, None] * shapes.at(share)
     sizes = " or ".join(sorted({f"{size:g}" for size in shapes.range_urad}, key=float))
     text = f"angular functions that nobody measured: smooth, {sizes} urad over the travel"
-    return Effect(name="angles", text=text, pattern_um=np.hstack(pieces), sought=True)
+    short = f"their half waves from number {LONG_WAVES + 1} on, of a size of their own"
+    return (
+        Effect(name=ANGLES, text=text, pattern_um=pattern[:, : shapes.long], sought=True),
+        Effect(name=SHORT_ANGLES, text=short, pattern_um=pattern[:, shapes.long :], sought=True),
+    )
 
 
 def _elapsed(layout: Layout) -> Vector:

@@ -12,7 +12,7 @@ from stepdiag.solver.model.layout import Layout
 
 ASSUMED_U_UM = 0.3
 """A single-aperture laser on a machine in a quiet hall, where neither the readings nor their redundancy tell."""
-LEAST_U_UM = 1e-4
+LEAST_U_UM = 1e-3
 """No reading is taken for better than this: simulated readings without noise must not make an infinite weight."""
 LEAST_FREEDOM = 4.0
 CHECKED = 0.01

@@ -16,7 +16,7 @@ from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Design, Model, build_design
-from stepdiag.solver.model.effects import AngleShapes, angle_shapes, effects_of
+from stepdiag.solver.model.effects import TURNING, AngleShapes, angle_shapes, effects_of
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import starting_u_um
 from stepdiag.solver.model.quantities import Quantities
@@ -148,7 +148,7 @@ class _Ahead:
     def over(self, u: Vector, angles: float) -> tuple[float, float]:
         """Return root mean square over the volume and degrees of freedom for other usual sizes, and angles larger by a factor."""
         spread, design = self.spread, self.design
-        turning = spread.group == spread.names.index("angles") if "angles" in spread.names else np.zeros(len(spread.group), dtype=np.bool_)
+        turning = np.array([name in TURNING for name in spread.names], dtype=np.bool_)[spread.group]
         wider = with_usual(spread.fit, design, self.usual[0], u)
         one = replace(spread, fit=sized(wider, np.where(turning, angles, 1.0)))
         return over_volume(covariance(one, self.machine), self.machine, design.volume, design.chain)

@@ -61,7 +61,7 @@ def machine_of(design: Design, shapes: AngleShapes, first_cause: int, causes: in
     for place, name in enumerate(shapes.names):
         own = shapes.causes_of(name)
         rows = slice(place * len(inner), (place + 1) * len(inner))
-        angles[rows, first_cause + own.start : first_cause + own.stop] = shapes.range_of(name) * shapes.at(inner / design.volume.increments)
+        angles[rows, first_cause + own] = shapes.range_of(name) * shapes.at(inner / design.volume.increments)
     width = base.combination.column.shape[1]
     none = Rows(np.zeros((len(angles), width), dtype=np.int64), np.zeros((len(angles), width)), base.combination.count)
     return Machine(

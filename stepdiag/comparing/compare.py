@@ -145,7 +145,7 @@ def _changes(before: Result, after: Result) -> tuple[Change, ...]:
     return (*numbers, *(_function_change(name, before.errors[name], after.errors[name], _alike(both, name)) for name in shared))
 
 
-ALIKE = ("angles", "angle origin")
+ALIKE = ("angles", "short waves of angles", "angle origin")
 """Sources that are the same in two surveys of one machine: what nobody measured is in both, and not in their difference."""
 
 

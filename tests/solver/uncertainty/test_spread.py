@@ -11,6 +11,7 @@ from stepdiag.solver.linear.components import sized
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.effects import ANGLES, LONG_WAVES, SHORT_ANGLES, AngleShapes
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.foresight import foresee
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
@@ -103,6 +104,29 @@ def test_angles_beyond_the_usual_are_found_by_the_closure():
     place = [effect.name for effect in still.effects].index("angles")
     assert still.sizes.factor[place] < 1.0
     assert turning.sizes.factor[place] > 2.5
+
+
+@pytest.mark.parametrize("waves", [1, 3, 9])
+def test_every_shape_of_an_angular_function_is_one_cause(waves):
+    """Long waves of all functions first: the two effects (each with its size) are cut where these end."""
+    shapes = AngleShapes(names=("EAX", "EBY", "ECZ"), range_urad=(10.0,) * 3, waves=waves)
+    places = np.array([shapes.causes_of(name) for name in shapes.names])
+    assert sorted(places.flat) == list(range(3 * (waves + 1)))
+    assert np.all(places[:, : LONG_WAVES + 1] < shapes.long)
+    assert np.all(places[:, LONG_WAVES + 1 :] >= shapes.long)
+
+
+def test_short_waves_that_are_not_there_do_not_make_the_long_ones_small():
+    """Drawn angular functions of 50 urad end at five half waves, the model goes on to nine: one size for all had found 41 urad on average
+    and held what is left in 23 of 30 surveys."""
+    found = []
+    for seed in range(40, 44):
+        adjustment = estimate(lay_out(Bench(angle_urad=50.0, seed=seed).survey()), "FXYZ").adjustment
+        sizes = dict(zip((effect.name for effect in adjustment.effects), adjustment.sizes.factor, strict=True))
+        found.append((sizes[ANGLES], sizes[SHORT_ANGLES]))
+    long, short = np.exp(np.mean(np.log(found), axis=0))
+    assert short < long
+    assert long > 3.5
 
 
 @pytest.mark.parametrize("factor", [0.2, 3.0])
