@@ -94,7 +94,7 @@ def _print_table(found: "Demonstrated") -> None:
 
     from stepdiag.cli.status import concluded_in
 
-    table = Table(title="Errors of the tool where nobody measured: a 9 x 9 x 9 grid and six face diagonals")
+    table = Table(title="True errors of the tool where nobody measured: anywhere in the volume and along six face diagonals")
     for heading in ("", "rms over the volume, um", "largest, um", "widest face diagonal, um"):
         table.add_column(heading, justify="left" if not heading else "right")
     rows = [("as it is", found.before)]
@@ -106,6 +106,10 @@ def _print_table(found: "Demonstrated") -> None:
         table.add_row(name, f"{figures.rms_um:.2f}", f"{figures.largest_um:.2f}", f"{figures.face_diagonal_um:.2f}")
     console = Console()
     console.print(table)
+    for each in found.promises:
+        stated = f"the result states {each.low_um:.1f} to {each.high_um:.1f} um rms (k = 2)"
+        words = f"{each.of}: {stated}; the truth, {each.true_um:.2f} um, lies {'inside' if each.kept else 'OUTSIDE'}."
+        console.print(words[0].upper() + words[1:], markup=False, highlight=False, soft_wrap=True)
     for line in concluded_in(found.round):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
     console.print("All from one survey with an autocollimator's angles; the files of each form lie in the folder reach or beside the logs.")
@@ -121,4 +125,6 @@ def _print_json(found: "Demonstrated") -> None:
     figures = {"as it is": asdict(found.before), **{name: asdict(each) for name, each in found.after.items()}}
     figures |= {name: asdict(each) for name, each in found.reach.items()}
     factors = {name: found.factor(name) for name in (*found.after, *found.reach)}
-    typer.echo(json.dumps({"folder": str(found.round), "seconds": found.seconds, "figures": figures, "factors": factors}, indent=2))
+    promises = [{**asdict(each), "kept": each.kept} for each in found.promises]
+    told = {"folder": str(found.round), "seconds": found.seconds, "figures": figures, "factors": factors, "promises": promises}
+    typer.echo(json.dumps(told, indent=2))

@@ -1,4 +1,4 @@
-"""The whole job on a virtual machine: recorded, solved, exported, loaded back, and verified on lines that nobody measured."""
+"""The whole job on a virtual machine: recorded, solved, exported, loaded back, and verified where nobody measured."""
 
 import time
 from collections.abc import Callable, Iterator, Sequence
@@ -12,15 +12,15 @@ from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angle
 from stepdiag.demo.operator import Operator, daemon, words
 from stepdiag.demo.operator import bench as running
 from stepdiag.demo.processes import Talker
-from stepdiag.demo.reach import exported
+from stepdiag.demo.reach import WHOLE_FIELD, exported
 from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.result.field import without_rigid_motion
+from stepdiag.solver.result.result import Result, parse_result
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import CompensationPart, read_config
 from stepdiag.virtual.control.compensation import Control
 
-GRID = 9
 LINE_POINTS = 21
 
 Progress = Callable[[str, int, int], None]
@@ -29,7 +29,10 @@ Progress = Callable[[str, int, int], None]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """Errors of the tool over the grid (um, rigid motion removed), and the widest deviation along a face diagonal (um)."""
+    """Errors of the tool anywhere in the volume, as the product takes it (um, rigid motion removed), and along a face diagonal.
+
+    ``face_diagonal_um`` is the widest range of the deviation along one of six.
+    """
 
     rms_um: float
     largest_um: float
@@ -37,10 +40,26 @@ class Figures:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Promise:
+    """An interval (k = 2) of the volume's rms error that the result states, and the true one; all in um."""
+
+    of: str
+    low_um: float
+    high_um: float
+    true_um: float
+
+    @property
+    def kept(self) -> bool:
+        """Whether the truth lies inside."""
+        return self.low_um <= self.true_um <= self.high_um
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Demonstrated:
     """What the demo found: the machine as it is, and with the files of each control loaded; ``seconds`` it took to measure.
 
-    ``after`` are the files that the daemon exported by itself, ``reach`` what other forms of compensation make of the same survey.
+    ``after`` are the files that the daemon exported by itself, ``reach`` what other forms of compensation make of the same survey,
+    ``promises`` what the result had said of the volume before anybody looked at the truth.
     """
 
     folder: Path
@@ -48,10 +67,11 @@ class Demonstrated:
     before: Figures
     after: dict[str, Figures]
     reach: dict[str, Figures]
+    promises: tuple[Promise, ...]
     seconds: float
 
     def factor(self, control: str) -> float:
-        """Return by how much the volumetric error (rms over the grid) fell."""
+        """Return by how much the volumetric error (rms anywhere in the volume) fell."""
         return self.before.rms_um / {**self.after, **self.reach}[control].rms_um
 
 
@@ -70,11 +90,21 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
         with daemon(survey) as recording:
             round_folder = _survey(hall, survey, recording, progress)
     seconds = time.monotonic() - began
-    progress("verifying on lines that were not measured", 1, 1)
+    progress("verifying where nobody measured", 1, 1)
     before = verify(bench, None, ())
     after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
     reach = {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", round_folder / "result.json")}
-    return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, seconds=seconds)
+    result = parse_result((round_folder / "result.json").read_text(encoding="utf-8"), "result.json")
+    promises = promises_of(result, before.rms_um, reach[WHOLE_FIELD].rms_um)
+    return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, promises=promises, seconds=seconds)
+
+
+def promises_of(result: Result, before_um: float, whole_um: float) -> tuple[Promise, ...]:
+    """Return what a result promises of the machine as it is and with all that it knows corrected, beside the true rms errors in um."""
+    told = result.extra["predicted"]["without_rigid_motion"]
+    true = (("before", "as it is", before_um), ("after", WHOLE_FIELD, whole_um))
+    bounds = {when: told[when]["rms_um"] for when, _, _ in true}
+    return tuple(Promise(of=of, low_um=bounds[when]["low"], high_um=bounds[when]["high"], true_um=um) for when, of, um in true)
 
 
 def empty_folder(folder: Path) -> None:
@@ -92,8 +122,8 @@ def verify(bench: Path, control: Control | None, files: Sequence[Path]) -> Figur
         config = msgspec.structs.replace(config, compensation=(loaded,))
     machine = build_machine(config)
     volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=SIZE_MM, increments=INCREMENTS)
-    grid = np.stack(np.meshgrid(*(np.linspace(0.0, size, GRID) for size in SIZE_MM), indexing="ij"), axis=-1).reshape(-1, 3)
-    left = without_rigid_motion(volume, grid, machine.error_at(grid))
+    points = anywhere_mm(volume)
+    left = without_rigid_motion(volume, points, machine.error_at(points))
     length = np.linalg.norm(left, axis=1)
     widest = max(_diagonal_range_um(machine.error_at, *ends) for ends in _face_diagonals())
     return Figures(rms_um=float(np.sqrt(np.mean(length**2))), largest_um=float(length.max()), face_diagonal_um=widest)

@@ -1,4 +1,4 @@
-"""What each control reaches with the same survey: the files that each would get, loaded by its law, on a grid that nobody measured."""
+"""What each control reaches with the same survey: the files that each would get, loaded by its law, where nobody measured."""
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -24,6 +24,7 @@ class Form:
     profile: str
 
 
+WHOLE_FIELD = "the whole field: LinuxCNC kinematics, lattice"
 FORMS = (
     Form(name="pitch error tables alone (any control)", control="siemens", profile=siemens_profile(functions='["EXX", "EYY", "EZZ"]')),
     Form(name="Fanuc: and straightness (option)", control="fanuc", profile=fanuc_profile(straightness=True)),
@@ -31,7 +32,7 @@ FORMS = (
     Form(name="Siemens 840D sl: products of CEC tables", control="siemens", profile=siemens_profile(products=True)),
     Form(name="Beckhoff and ISG: columns of angles", control="beckhoff", profile=beckhoff_profile("FXYZ")),
     Form(name="Heidenhain iTNC 530: KinematicsComp", control="heidenhain", profile=heidenhain_profile("FXYZ")),
-    Form(name="the whole field: LinuxCNC kinematics, lattice", control="linuxcnc", profile=linuxcnc_profile()),
+    Form(name=WHOLE_FIELD, control="linuxcnc", profile=linuxcnc_profile()),
 )
 
 

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from stepdiag.demo.demo import promises_of, verify
 from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench
 from stepdiag.solver.geometry.volume import anywhere_mm
 from stepdiag.solver.methods.solve import solve
@@ -35,8 +36,8 @@ def test_the_interval_of_the_demo_holds_its_own_truth(tmp_path):
         angles=parse_angles((tmp_path / "angles.csv").read_text(encoding="utf-8")),
     )
     points = anywhere_mm(result.volume)
-    true = machine.error_at(points)
-    for when, errors in (("before", true), ("after", true - error_field_um(result, points))):
-        left = np.sqrt(np.mean(np.sum(without_rigid_motion(result.volume, points, errors) ** 2, axis=1)))
-        told = result.extra["predicted"]["without_rigid_motion"][when]["rms_um"]
-        assert told["low"] < left < told["high"], (when, left, told)
+    left = without_rigid_motion(result.volume, points, machine.error_at(points) - error_field_um(result, points))
+    whole_um = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
+    promises = promises_of(result, verify(bench, None, ()).rms_um, whole_um)
+    assert [each.kept for each in promises] == [True, True], promises
+    assert not any(each.kept for each in promises_of(result, 0.5 * promises[0].true_um, 2.0 * whole_um)), "the truth it is asked about"
