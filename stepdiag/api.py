@@ -3,7 +3,7 @@
     >>> from stepdiag.api import load_readings, solve
     >>> result = solve(load_readings(READINGS))
     >>> print(f"{result.squareness['C0Y'].value:.1f} urad")
-    -19.9 urad
+    -20.0 urad
 
 Everything here is kept from version to version; what the floors' rooms hold beside it may move.
 """
