@@ -31,7 +31,7 @@ class TestSolve:
         told = stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json")
         assert told.code == 0
         assert "volume 1000 x 800 x 500 mm" in told.out
-        assert float(cells(told.out, "EXX")[1]) == pytest.approx(16.22, abs=3.0), "range of the shape, um; its angles are not given: u is 7 um"
+        assert float(cells(told.out, "EXX")[1]) == pytest.approx(16.22, abs=3.0), "range of the shape, um; unknown angles make u 7 um"
         assert cells(told.out, "EXX")[5] == "shape only"
         assert cells(told.out, "EYX")[5] == "yes"
         assert cells(told.out, "scale X") == ["scale X", "-", "-", "um/m", "NO"]
