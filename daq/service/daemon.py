@@ -71,6 +71,7 @@ class Daemon:
         self._lock: FolderLock
         self._handshake: Handshake | None = None
         self._verdicts_mark: tuple[object, ...] = ()
+        self._settle_later = False
         self._live_s = 0.0
         self._begun = BegunWords(self._folder)
         self._writing: asyncio.Task[None] | None = None
@@ -242,13 +243,17 @@ class Daemon:
         return session
 
     def _complete_if_settled(self) -> None:
-        """Solve a survey whose passes are all in and not doubted; say what keeps it open where that is a doubt alone."""
+        """Solve a survey whose passes are all in and not doubted; say what keeps it open where that is a doubt alone.
+
+        While a log is open nothing is said; it may end without a pass, and then nobody else would ask again.
+        """
         session = self._working.session
-        if not session.round.logs and not session.book.passes:
+        self._settle_later = session.recording
+        if session.recording or (not session.round.logs and not session.book.passes):
             return
         if session.book.complete() and not session.unsolved:
             self._complete()
-        elif not session.recording and session.book.whole():
+        elif session.book.whole():
             still = session.book.doubts()
             self._working.finisher.tabulate(session.folder, lambda: self._say_open(session, still))
 
@@ -264,8 +269,6 @@ class Daemon:
         """Hand the finished survey to a child process and be ready for the next one."""
         working = self._working
         whole = working.session
-        if whole.recording:
-            return
         working.finisher.finish(whole.folder)
         working.tally.samples_before += whole.samples
         working.session = self._session(working.recorder, next_round(whole.round), armed=False)
@@ -292,8 +295,9 @@ class Daemon:
             self._verdicts_mark = mark
             session.hear(verdicts_in(session.folder))
             self.status_source.news()
-            if not session.recording:
-                self._complete_if_settled()
+            self._complete_if_settled()
+        elif self._settle_later and not session.recording:
+            self._complete_if_settled()
 
     def _look_at_begun(self) -> None:
         """Begin the setup that somebody at a terminal says is going to be driven."""
