@@ -32,10 +32,10 @@ from stepdiag.exporters.tables.tables import Table, joined, mean_correction_um
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
-from stepdiag.solver.methods.volumetric import coarse_functions
+from stepdiag.solver.methods.volumetric import coarse_functions, hiding_functions
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.prediction import Predicted, predicted
-from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.result import DISPLACEMENTS, Result
 from stepdiag.solver.result.stretches import harmed
 
 Correction = Callable[[Vector], Vector]
@@ -279,11 +279,11 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
                 f"files, without them by {one.before.words()}; measure this stretch finer, or take its points out of the tables"
             )
             yield Finding(code=STRETCH, severity="warning", text=text)
-    names = coarse_functions(result.errors)
+    names = sorted({*coarse_functions(result.errors), *hiding_functions(result.errors)}, key=DISPLACEMENTS.index)
     if names:
         text = (
-            f"{', '.join(names)}: waves hardly longer than two increments; between its targets a table of these could make the machine "
-            "worse anywhere along the axis, and no figure here knows it: drive the survey again with twice as many increments"
+            f"{', '.join(names)}: waves hardly longer than two increments, or shorter; between its targets a table of these could make the "
+            "machine worse anywhere along the axis, and no figure here knows it: drive the survey again with twice as many increments"
         )
         yield Finding(code="between-unknown", severity="warning", text=text)
 

@@ -225,17 +225,20 @@ class _Task:
     def _causes(self, fixed: Fit, effects: Sequence[Effect]) -> Causes:
         """Return what a fit leaves of the effects; of the same fit and effects it is not worked out again."""
         before, those, causes = self.known
-        if causes is not None and before is fixed and len(those) == len(effects) and all(map(is_, those, effects)):
-            return causes
-        pattern = np.hstack([np.zeros((len(self.rows), 0)), *(self._on_all_rows(effect) for effect in effects)])
-        causes = Causes.of(fixed, pattern)
-        self.known = (fixed, tuple(effects), causes)
+        same = causes is not None and len(those) == len(effects) and all(map(is_, those, effects))
+        if causes is None or not same or before is not fixed:
+            causes = Causes.of(fixed, causes.pattern if causes is not None and same else self._on_all_rows(effects))
+            self.known = (fixed, tuple(effects), causes)
         return causes
 
-    def _on_all_rows(self, effect: Effect) -> Vector:
-        further = len(self.rows) - len(self.layout)
-        beside = self.beside.get(effect.name, np.zeros((further, effect.count)))
-        return np.vstack([effect.pattern_um, beside])
+    def _on_all_rows(self, effects: Sequence[Effect]) -> Vector:
+        edges = np.cumsum([0, *(effect.count for effect in effects)])
+        pattern = np.zeros((len(self.rows), edges[-1]))
+        for effect, first, last in zip(effects, edges, edges[1:], strict=False):
+            pattern[: len(self.layout), first:last] = effect.pattern_um
+            if effect.name in self.beside:
+                pattern[len(self.layout) :, first:last] = self.beside[effect.name]
+        return pattern
 
     def _noise(self, chi_square: float, freedom: int) -> float:
         """Return the variance of the noise relative to what the weights say."""

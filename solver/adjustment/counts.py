@@ -17,8 +17,6 @@ from stepdiag.solver.model.layout import Layout
 LEAST_ROWS = 3
 MOST_WAVES = 48
 """Components of a random walk: they hold all but a hundredth of its variance, however many its steps."""
-_PIECE = 512
-"""Readings that are worked out together: what that needs grows with their number times that of the unknowns."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -55,18 +53,44 @@ def _unbroken(fixed: Fit, layout: Layout, kinds: Collection[str] | None) -> list
 
 def _count(known: "_Known", rows: NDArray[np.int64]) -> Count:
     """Return a count from W - W A C A' W among its rows: what a fit without causes leaves of their readings."""
-    weight, walk = known.fixed.weight[rows], walk_of(len(rows))
-    taken = weight[:, None] * known.among(rows) * weight
-    own = np.diag(taken)
+    weight, walk, among = known.fixed.weight[rows], walk_of(len(rows)), known.among(rows)
+    own = weight**2 * among.diagonal()
     # all from one reading on: its own share, and twice what it has in common with each that follows
-    common = np.sum(np.triu(taken, 1), axis=1)
+    common = weight * among.with_those_after(weight)
+    weighted = weight[:, None] * walk
     return Count(
         rows=rows,
         stop=weight - own,
         step=from_each_on(weight - own - 2.0 * common),
         walk=walk,
-        walked=walk.T @ (weight[:, None] * walk - taken @ walk),
+        walked=walk.T @ weighted - weighted.T @ among.times(weighted),
     )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Among:
+    """A C A' among the rows of a count, shape (k, k): ``alike``, with ``above`` its diagonal, beside ``across own' + own across'``."""
+
+    alike: Vector
+    above: Vector
+    across: Vector
+    own: Vector
+
+    def diagonal(self) -> Vector:
+        """Return the diagonal, shape (k,)."""
+        found: Vector = np.diag(self.alike) + 2.0 * np.sum(self.across * self.own, axis=1)
+        return found
+
+    def times(self, values: Vector) -> Vector:
+        """Return the product with ``values`` (k, c)."""
+        product: Vector = self.alike @ values + self.across @ (self.own.T @ values) + self.own @ (self.across.T @ values)
+        return product
+
+    def with_those_after(self, values: Vector) -> Vector:
+        """Return the product of what stands above the diagonal with ``values`` (k,)."""
+        own, across = (after_each(values[:, None] * part) for part in (self.own, self.across))
+        product: Vector = self.above @ values + np.sum(self.across * own + self.own * across, axis=1)
+        return product
 
 
 class _Known:
@@ -78,34 +102,36 @@ class _Known:
 
     def __init__(self, fixed: Fit) -> None:
         self.fixed = fixed
-        self._before: tuple[bytes, Vector] = (b"", np.zeros((0, 0)))
+        self._before: tuple[bytes, Vector, Vector] = (b"", np.zeros((0, 0)), np.zeros((0, 0)))
 
-    def among(self, rows: NDArray[np.int64]) -> Vector:
-        """Return A C A' among some rows, shape (k, k)."""
+    def among(self, rows: NDArray[np.int64]) -> _Among:
+        """Return A C A' among some rows."""
         some = self.fixed.rows.select(rows)
-        alike = np.all(some.column == some.column[0], axis=0)
+        alike = np.all(some.column == some.column[0], axis=0) & np.any(some.value, axis=0)
         own, rest = some.value[:, alike], Rows(some.column * ~alike, some.value * ~alike, some.count)
         unit = np.zeros((some.count, own.shape[1]))
         unit[some.column[0, alike], np.arange(own.shape[1])] = 1.0
         solved = self.fixed.inverse.solve(unit)
-        across = (rest.times(solved) + 0.5 * own @ (unit.T @ solved)) @ own.T
-        among: Vector = self._of(rest) + across + across.T
-        return among
+        alike, above = self._of(rest)
+        return _Among(alike=alike, above=above, across=rest.times(solved) + 0.5 * own @ (unit.T @ solved), own=own)
 
-    def _of(self, rest: Rows) -> Vector:
+    def _of(self, rest: Rows) -> tuple[Vector, Vector]:
         key = rest.column.tobytes() + rest.value.tobytes()
         if key != self._before[0]:
-            found = np.empty((len(rest), len(rest)))
-            for start in range(0, len(rest), _PIECE):
-                piece = np.arange(start, min(start + _PIECE, len(rest)))
-                found[:, piece] = rest.times(self.fixed.inverse.solve(rest.select(piece).dense().T))
-            self._before = key, found
-        return self._before[1]
+            found = self.fixed.inverse.among(rest)
+            self._before = key, found, np.triu(found, 1)
+        return self._before[1:]
 
 
 def from_each_on(values: Vector) -> Vector:
     """Return for each row the sum of it and all that follow, shape as ``values``."""
     summed: Vector = np.cumsum(values[::-1], axis=0)[::-1]
+    return summed
+
+
+def after_each(values: Vector) -> Vector:
+    """Return for each row the sum of all that follow, shape as ``values``."""
+    summed: Vector = from_each_on(values) - values
     return summed
 
 

@@ -116,7 +116,7 @@ def _on_count(fit: MixedFit, count: Count) -> Iterator[Family]:
     rows, number = count.rows, len(count.rows)
     weight = fit.weight[rows]
     shown = weight * fit.residual[rows]
-    mixed = fit.causes.left[rows] @ fit.root.T
+    mixed = fit.taken_over[rows]
     yield Family(
         kind=STOP,
         rows=rows,
@@ -187,6 +187,8 @@ class Hypothesis:
 
 
 MOST_SHOWN = 200
+LIKELIHOOD_DECIMALS = 6
+"""Beyond these, which of two explanations is likelier is chance."""
 
 
 def shown(fit: MixedFit, every: Sequence[Family], scale: float, least: float) -> list[Hypothesis]:
@@ -200,7 +202,8 @@ def shown(fit: MixedFit, every: Sequence[Family], scale: float, least: float) ->
         statistic = size * family.shown / scale**2
         places = np.flatnonzero((statistic > least) & (np.abs(size) >= family.least))
         ranked += [(float(statistic[place]), number, int(place)) for place in places]
-    ranked.sort(key=lambda one: -one[0])
+    # what explains as much stands in the order of the readings, not in that of rounding
+    ranked.sort(key=lambda one: -round(one[0], LIKELIHOOD_DECIMALS))
     return _hypotheses(fit, [(every[number], place, statistic) for statistic, number, place in ranked[:MOST_SHOWN]])
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.counts import LEAST_ROWS, Count
-from stepdiag.solver.adjustment.hypotheses import SCALE, STEP, STOP, WARMING, Family, Hypothesis, families, shown
+from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STEP, STOP, WARMING, Family, Hypothesis, families, shown
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.adjustment.wander import Wander, wandering
 from stepdiag.solver.findings import Finding
@@ -91,7 +91,7 @@ def _likeliest(fit: MixedFit, columns: Columns, every: Sequence[Hypothesis]) -> 
     rough = roughness(columns, np.column_stack([fit.unknowns, *(one.without for one in every)]))
     smoother = rough[0] - rough[1:]
     likelihood = np.array([one.statistic - one.unusual for one in every]) + smoother
-    order = np.argsort(-likelihood, kind="stable")
+    order = np.argsort(-np.round(likelihood, LIKELIHOOD_DECIMALS), kind="stable")
     best = int(order[0])
     if every[best].statistic < every[best].critical and likelihood[best] < CRITICAL_OF_BOTH:
         return None

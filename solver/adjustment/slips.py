@@ -11,8 +11,8 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.adjustment.counts import Count, counts, from_each_on, short_counts, steps_of
-from stepdiag.solver.adjustment.hypotheses import HIDDEN, LEAST_UM, tell
+from stepdiag.solver.adjustment.counts import Count, counts, from_each_on, short_counts
+from stepdiag.solver.adjustment.hypotheses import HIDDEN, LEAST_UM
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.linear.ties import first_of_the_largest
@@ -78,7 +78,7 @@ def _least_of(fit: MixedFit, layout: Layout, count: Count) -> Unseen:
 
 def _u_um(fit: MixedFit, count: Count) -> Vector:
     """Return how well a step before each reading but the first is known, infinite where nothing tells it."""
-    mixed = from_each_on(fit.causes.left[count.rows] @ fit.root.T)
+    mixed = from_each_on(fit.taken_over[count.rows])
     seen = (count.step - np.sum(mixed**2, axis=1))[1:]
     told = seen > HIDDEN * from_each_on(fit.weight[count.rows])[1:]
     found: Vector = np.where(told, 1.0 / np.sqrt(np.where(told, seen, 1.0)), np.inf)
@@ -113,7 +113,7 @@ def hidden_in_volume_um(fit: MixedFit, layout: Layout, design: Design, unseen: U
     """Return what a slip that is seen in half of the surveys makes of the errors over the volume, as far as they are identified (rms)."""
     if not np.isfinite(unseen.u_um):
         return float(np.inf)
-    return unseen.half_um * float(_Field.of(fit, layout, design).made_um(unseen.rows, np.ones((len(unseen.rows), 1)))[0])
+    return unseen.half_um * _Field.of(fit, layout, design).made_um(unseen.rows)
 
 
 def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[Unseen, float]]:
@@ -133,10 +133,16 @@ def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[U
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Field:
-    """The errors over the volume that are identified: ``by_unknowns`` (points x 3, count), what each unknown makes of them in um."""
+    """The errors over the volume that are identified, as few numbers of which the squares sum up to as much as theirs.
+
+    ``by_unknowns`` (k, count) and ``by_readings`` (m, k) are what a unit of each unknown, and 1 um in each reading, makes of them in um;
+    ``values`` is how many components the errors have at all points.
+    """
 
     fit: MixedFit
     by_unknowns: Vector
+    by_readings: Vector
+    values: int
 
     @classmethod
     def of(cls, fit: MixedFit, layout: Layout, design: Design) -> Self:
@@ -144,23 +150,30 @@ class _Field:
         every = quantities(design.columns, layout.volume)
         wanted = every.select(np.flatnonzero(fit.inverse.sees(every.combination)))
         field = lattice_field_um(wanted, layout.volume, design.chain)
-        return cls(fit=fit, by_unknowns=field.reshape(3 * len(field), field.shape[2]) @ wanted.combination.dense())
+        flat = field.reshape(3 * len(field), field.shape[2])
+        # what stands between the nodes of the lattice moves none of its points
+        moving = np.flatnonzero(np.any(flat, axis=0))
+        by_unknowns = np.linalg.qr(flat[:, moving], mode="r") @ wanted.select(moving).combination.dense()
+        through = fit.amount_covariance @ (fit.causes.taken.T @ by_unknowns.T)
+        direct = fit.weight[:, None] * fit.fixed.packed.times(fit.inverse.solve(by_unknowns.T))
+        return cls(fit=fit, by_unknowns=by_unknowns, by_readings=direct - fit.causes.left @ through, values=len(flat))
 
     def noise_um(self) -> float:
         """Return what the readings' noise makes of them, root mean square of the vectors (k = 1)."""
         known = self.fit.inverse.solve(self.by_unknowns.T)
-        return float(np.sqrt(max(3.0 * float(np.sum(self.by_unknowns.T * known)) / len(self.by_unknowns), 0.0)))
+        return float(np.sqrt(max(3.0 * float(np.sum(self.by_unknowns.T * known)) / self.values, 0.0)))
 
     def moved_um(self, count: Count) -> Vector:
         """Return what a step of 1 um before each reading but the first makes of them, root mean square of the vectors."""
-        number = len(count.rows)
-        return self.made_um(count.rows, steps_of(number, np.arange(1, number)))
+        return self._rms_um(from_each_on(self.by_readings[count.rows])[1:])
 
-    def made_um(self, rows: NDArray[np.int64], pattern: Vector) -> Vector:
-        """Return what patterns of 1 um in some readings, shape (rows, count), make of them, root mean square of the vectors."""
-        off_um = self.by_unknowns @ tell(self.fit, rows, pattern).moved
-        moved: Vector = np.sqrt(3.0 * np.mean(off_um**2, axis=0))
-        return moved
+    def made_um(self, rows: NDArray[np.int64]) -> float:
+        """Return what 1 um in some readings makes of them, root mean square of the vectors."""
+        return float(self._rms_um(np.sum(self.by_readings[rows], axis=0)))
+
+    def _rms_um(self, off_um: Vector) -> Vector:
+        found: Vector = np.sqrt(3.0 * np.sum(off_um**2, axis=-1) / self.values)
+        return found
 
 
 def _as_json(unseen: Unseen, volume_um: float) -> dict[str, Any]:

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.elimination import Blocks
@@ -29,6 +30,11 @@ class Fit:
         A row of weight 0 is predicted by the others entirely: 1.
         """
         return np.clip(1.0 - self.weight * self.inverse.squares(), 0.0, 1.0)
+
+    def redundancy_of(self, rows: NDArray[np.int64]) -> Vector:
+        """Return that of some rows, shape (rows,)."""
+        some: Vector = self.redundancy[rows]
+        return some
 
     @property
     def packed(self) -> Packed:

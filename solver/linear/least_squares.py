@@ -15,6 +15,8 @@ NULL_TOLERANCE = 1e-7
 _SHIFT = 1e-8
 _CANDIDATE = 1e-3
 _FIRST_BLOCK = 12
+_PIECE = 512
+"""Rows that are worked out together: what that needs grows with their number times that of the unknowns."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,6 +60,28 @@ class Inverse:
         scale = self.scale.copy()
         scale[self.fixed] = 0.0
         return self.packed.squares(self.elimination, scale)
+
+    def among(self, rows: Rows) -> Vector:
+        """Return a' C b for every two of ``rows``, shape (k, k).
+
+        The part within the blocks is solved for, that of the border is a product of what `rows` have beside the blocks: rows touch few of
+        the unknowns, and the border is coupled to all.
+        """
+        elimination, place = self.elimination, self.elimination.blocks.place
+        start = elimination.blocks.border.start
+        scale = self.scale.copy()
+        scale[self.fixed] = 0.0
+        ordered = Rows(place[rows.column], rows.value * scale[rows.column], rows.count)
+        left = ordered.times(np.vstack([-elimination.border_solution, np.eye(len(place) - start)]))
+        found: Vector = left @ elimination.border_inverse @ left.T
+        for first in range(0, len(rows), _PIECE):
+            piece = slice(first, min(first + _PIECE, len(rows)))
+            some = np.zeros((len(place), piece.stop - first))
+            np.add.at(some, (ordered.column[piece].T, np.arange(piece.stop - first)), ordered.value[piece].T)
+            some[:start] = elimination.inner_solve(some[:start])
+            some[start:] = 0.0
+            found[:, piece] += ordered.times(some)
+        return found
 
     def sees(self, combinations: Rows) -> NDArray[np.bool_]:
         """Tell for each row of ``combinations``, a linear function of the unknowns, whether the data determine it, shape (q,)."""

@@ -16,6 +16,9 @@ from stepdiag.solver.linear.fit import Fit
 from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.rows import Rows
 
+_SMALL = 48
+"""So many rows of a triangle are inverted at once."""
+
 
 @dataclass(frozen=True, eq=False)
 class Causes:
@@ -34,9 +37,10 @@ class Causes:
     @classmethod
     def of(cls, fit: Fit, pattern: Vector) -> "Causes":
         """Return what a fit leaves of the patterns."""
-        weighted = fit.weight[:, None] * pattern
-        taken = fit.inverse.solve(fit.packed.transposed_times(weighted))
-        left = weighted - fit.weight[:, None] * fit.packed.times(taken)
+        taken = fit.inverse.solve(fit.packed.transposed_times(pattern, fit.weight))
+        left = fit.packed.times(taken)
+        np.subtract(pattern, left, out=left)
+        left *= fit.weight[:, None]
         seen = pattern.T @ left
         return cls(pattern, taken, left, 0.5 * (seen + seen.T), pattern.T @ (fit.weight * fit.residual))
 
@@ -72,7 +76,7 @@ class MixedFit:
         """
         damped = np.eye(len(self.size)) + self.size[:, None] * self.causes.seen * self.size
         try:
-            root: Vector = np.linalg.inv(np.linalg.cholesky(damped))
+            root = _inverse_of_lower(np.linalg.cholesky(damped).astype(np.float64, copy=False))
         except np.linalg.LinAlgError:
             value, vector = np.linalg.eigh(damped)
             root = (vector / np.sqrt(np.maximum(value, 1.0))).T
@@ -93,7 +97,7 @@ class MixedFit:
     @cached_property
     def amount(self) -> Vector:
         """Return what the readings make most likely of every cause, shape (q,)."""
-        found: Vector = self.amount_covariance @ self.causes.shown
+        found: Vector = self.root.T @ (self.root @ self.causes.shown)
         return found
 
     @cached_property
@@ -114,10 +118,23 @@ class MixedFit:
         return left
 
     @cached_property
+    def taken_over(self) -> Vector:
+        """Return what independent combinations of the causes take over of each row's residual, weighted, shape (m, q)."""
+        found: Vector = self.causes.left @ self.root.T
+        return found
+
+    @cached_property
     def redundancy(self) -> Vector:
         """Return for each row the share of its own noise that shows in its residual, shape (m,), 1 where its weight is 0."""
-        spent = np.sum((self.causes.left @ self.root.T) ** 2, axis=1)
-        share = self.fixed.redundancy - spent / np.where(self.weight > 0, self.weight, np.inf)
+        return self._redundancy(np.arange(len(self.weight)), self.taken_over)
+
+    def redundancy_of(self, rows: NDArray[np.int64]) -> Vector:
+        """Return that of some rows, shape (rows,), without working out all."""
+        return self._redundancy(rows, self.causes.left[rows] @ self.root.T)
+
+    def _redundancy(self, rows: NDArray[np.int64], taken_over: Vector) -> Vector:
+        spent = np.einsum("ij,ij->i", taken_over, taken_over)
+        share = self.fixed.redundancy[rows] - spent / np.where(self.weight[rows] > 0, self.weight[rows], np.inf)
         clipped: Vector = np.clip(share, 0.0, 1.0)
         return clipped
 
@@ -151,6 +168,20 @@ class MixedFit:
         hidden = seen <= 1e-9 * np.sum(self.weight[:, None] * pattern**2, axis=0)
         safe = np.where(hidden, 1.0, seen)
         return np.where(hidden, 0.0, shown / safe), np.where(hidden, np.inf, 1.0 / np.sqrt(safe))
+
+
+def _inverse_of_lower(lower: Vector) -> Vector:
+    """Return the inverse of a lower triangular matrix, half by half: nearly all of it are products of matrices."""
+    size = len(lower)
+    if size <= _SMALL:
+        small: Vector = np.linalg.inv(lower).astype(np.float64, copy=False)
+        return small
+    half = size // 2
+    inverse = np.zeros((size, size))
+    inverse[:half, :half] = first = _inverse_of_lower(lower[:half, :half])
+    inverse[half:, half:] = second = _inverse_of_lower(lower[half:, half:])
+    inverse[half:, :half] = -second @ lower[half:, :half] @ first
+    return inverse
 
 
 AnyFit = Fit | MixedFit

@@ -40,11 +40,12 @@ class Packed:
             total[piece.row] = piece.value @ unknowns[piece.column]
         return total
 
-    def transposed_times(self, readings: Vector) -> Vector:
-        """Return A.T @ readings, shape (count, k) for (m, k)."""
+    def transposed_times(self, readings: Vector, weight: Vector | None = None) -> Vector:
+        """Return A.T @ readings, shape (count, k) for (m, k); the readings counting with their ``weight`` (m,) where it is given."""
         total = np.zeros((self.rows.count, readings.shape[1]))
         for piece in self.pieces:
-            total[piece.column] += piece.value.T @ readings[piece.row]
+            value = piece.value if weight is None else piece.value * weight[piece.row, None]
+            total[piece.column] += value.T @ readings[piece.row]
         return total
 
     def normal(self, weight: Vector) -> Normal:

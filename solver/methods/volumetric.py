@@ -17,13 +17,14 @@ from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import POSITIONING
 from stepdiag.solver.planning.foresight import CURVED
-from stepdiag.solver.result.field import error_field_um, evenly
+from stepdiag.solver.result.field import Smoothed, error_field_um, evenly
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted, volumetric_u_um
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.solver.uncertainty.machine import (
     Machine,
     covariance,
+    free_fields_um,
     machine_of,
     over_volume,
     posterior_of,
@@ -44,6 +45,12 @@ HARMFUL = 0.42
 than three and a half waves on ten increments."""
 LEAST_VALUES = 8
 """Of fewer values the fourth differences are too few to tell waves from bends: five increments would nearly always be called coarse."""
+FINEST_MM = 1e-3
+"""Positions closer than this to a node are its own."""
+_MOST_OF_SHOWN = 1.5
+"""Of a wave that a finer run shows of one function the others may have anything from nothing to so many times as much, each as likely."""
+_SURE = 2.0
+"""What values say of what lies between them holds within this factor: only what is more was not to be expected."""
 FEW_VALUES = 6
 """Of a function with so few values the waves are not told from their bends: half of what is known (in logarithms) is what is usual."""
 _OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
@@ -106,22 +113,61 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     """Return equally likely sizes of what each displacement function may do in the middle between two targets beside the straight line.
 
     How its values bend from target to target beyond their noise says it within a factor. Waves that leave no trace at the targets are
-    looked for in the positioning functions (screw, scale): no reading tells how large they are, or whether they are there at all.
+    looked for in the positioning functions (screw, scale): no reading tells how large they are, or whether they are there at all. Where a
+    finer run shows such waves of one function, the others may have them as well.
     """
-    factor, found = likely_factors(), {}
-    likely = normal_points(len(factor))
+    factor, found, shown = likely_factors(), {}, shown_finer_um(errors)
+    likely, share = normal_points(len(factor)), _MOST_OF_SHOWN * (np.arange(len(factor)) + 0.5) / len(factor)
     for name in DISPLACEMENTS:
         function = errors[name]
         # of a function that nobody measured values are drawn that differ each by itself: they wave more than any that is smooth
         arch, within, value = 0.0, 0.0, _evenly(function)
         if len(value) > 2:
-            arch, within = arch_um(value, 0.0 if function.u_readings is None else rms(function.u_readings))
+            arch, within = arch_um(value, _noise_um(function))
             if len(value) <= FEW_VALUES:
                 usual = assumed.shape_um * min(CURVED / (len(value) - 1) ** 3, 1.0) / np.sqrt(BETWEEN_SHARE)
                 arch, within = float(np.sqrt(_OF_FEW[len(value)] * arch * usual)), SHORTEST
-        hidden = assumed.between_um * float(name in POSITIONING) * np.roll(factor, len(factor) // 2)
-        found[name] = np.hypot(arch * np.exp(within * likely), hidden)
+        hidden = np.hypot(assumed.between_um * float(name in POSITIONING) * factor, shown[name] * share)
+        found[name] = np.hypot(arch * np.exp(within * likely), np.roll(hidden, len(factor) // 2))
     return found
+
+
+def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
+    """Return for each displacement function how large waves between its targets may be of which its values show nothing: those that finer
+    runs show of the positioning function of its axis, or, where that was not driven finer, of the others' axes.
+
+    A screw's pitch moves the carriage sideways too. How far it does nobody measured, so that these are usual sizes and no more.
+    """
+    seen = {}
+    for name in POSITIONING:
+        nodes_mm = next(errors[other].position_mm for other in DISPLACEMENTS if other[2] == name[2] and other != name)
+        if (beside_um := _beside_its_values_um(errors[name], nodes_mm)) is not None:
+            seen[name] = beside_um
+    usual = rms(np.array([*seen.values()])) if seen else 0.0
+    return {name: 0.0 if name in seen else seen.get(f"E{name[2]}{name[2]}", usual) for name in DISPLACEMENTS}
+
+
+def _beside_its_values_um(function: Function, nodes_mm: Vector) -> float | None:
+    """Return by how much a function, in the middle between two nodes (rms), leaves the smooth curve through its values at the nodes alone,
+    beside what these and their noise let expect; None where nothing was measured between them."""
+    at_mm, value = function.position_mm, function.value
+    off = np.min(np.abs(at_mm[:, None] - nodes_mm), axis=1) > FINEST_MM
+    if value is None or not np.any(off) or len(nodes_mm) < 3:
+        return None
+    at_nodes, noise_um = np.interp(nodes_mm, at_mm, value), _noise_um(function)
+    left_um = value[off] - Smoothed(nodes_mm, at_nodes[None, :]).at(at_mm[off])[0]
+    low = np.clip(np.searchsorted(nodes_mm, at_mm[off], side="right") - 1, 0, len(nodes_mm) - 2)
+    share = (at_mm[off] - nodes_mm[low]) / (nodes_mm[low + 1] - nodes_mm[low])
+    height = float(np.sum((4.0 * share * (1.0 - share)) ** 2))
+    expected, _ = arch_um(at_nodes, noise_um)
+    if len(at_nodes) <= FEW_VALUES:
+        expected = max(_OF_FEW[len(at_nodes)] * expected, _shape_um(value) * CURVED / (len(at_nodes) - 1) ** 3 / np.sqrt(BETWEEN_SHARE))
+    square_um2 = float(np.sum(left_um**2) - 2.0 * noise_um**2 * len(left_um)) / height
+    return float(np.sqrt(max(square_um2 - (_SURE * expected) ** 2, 0.0)))
+
+
+def _noise_um(function: Function) -> float:
+    return 0.0 if function.u_readings is None else rms(function.u_readings)
 
 
 def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
@@ -130,23 +176,38 @@ def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
     for name in DISPLACEMENTS:
         value = _evenly(errors[name])
         if len(value) > LEAST_VALUES:
-            u_readings = errors[name].u_readings
-            arch, _ = arch_um(value, 0.0 if u_readings is None else rms(u_readings))
-            if arch > HARMFUL * rms(value - np.linspace(value[0], value[-1], len(value))):
+            arch, _ = arch_um(value, _noise_um(errors[name]))
+            if arch > HARMFUL * _shape_um(value):
                 names.append(name)
     return names
 
 
+def hiding_functions(errors: Mapping[str, Function]) -> dict[str, float]:
+    """Return the functions that may have waves between their targets which could undo a table, and their size as finer runs show it of
+    others, in um."""
+    shown = shown_finer_um(errors)
+    return {name: shown[name] for name in DISPLACEMENTS if shown[name] > HARMFUL * _shape_um(_evenly(errors[name])) > 0.0}
+
+
+def _shape_um(value: Vector) -> float:
+    return rms(value - np.linspace(value[0], value[-1], len(value))) if len(value) > 2 else 0.0
+
+
 def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
-    """Return the finding on `coarse_functions`."""
-    names = coarse_functions(errors)
-    if not names:
-        return []
-    text = (
-        f"{', '.join(names)}: these errors have waves hardly longer than two increments; between the targets a table can make the machine "
-        "worse; drive the survey again with twice as many increments"
-    )
-    return [Finding(code="increments-coarse", severity="warning", text=text)]
+    """Return the findings on `coarse_functions` and `hiding_functions`."""
+    found = []
+    if names := coarse_functions(errors):
+        found.append(
+            f"{', '.join(names)}: these errors have waves hardly longer than two increments; between the targets a table can make the "
+            "machine worse; drive the survey again with twice as many increments"
+        )
+    if hiding := hiding_functions(errors):
+        found.append(
+            f"{', '.join(hiding)}: a finer run shows waves of {max(hiding.values()):.2g} um that the targets of the diagonals do not; "
+            "these errors may have them too, and between the targets a table can make the machine worse; drive the diagonals again with "
+            "more increments"
+        )
+    return [Finding(code="increments-coarse", severity="warning", text=text) for text in found]
 
 
 def _evenly(function: Function) -> Vector:
@@ -227,13 +288,13 @@ def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[s
     """
     if not found.shapes.names:
         return {"now": now_um, "with_head": now_um}
-    volume, chain = found.layout.volume, found.design.chain
-    turning = np.array([name in TURNING for name in wider.names], dtype=np.bool_)[wider.group]
+    turning = wider.causes_of(*TURNING)
     usual = float(np.mean(found.shapes.range_urad)) * found.sizes.factor[wider.group]
     factor = np.where(turning, 2.0 * HEAD_URAD / np.maximum(usual, 2.0 * HEAD_URAD), 1.0)
     # the readings hold the angles as they are: with small ones they would say that all other causes are larger
     sure = replace(found.sizes, sought=np.zeros_like(found.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
     machine = machine_of(found.design, found.shapes, cause_place(found, "angles"), len(wider.group))
-    with_head, without = (over_volume(covariance(one, machine), machine, volume, chain)[0] for one in (quiet, wider))
+    fields = free_fields_um(machine, found.layout.volume, found.design.chain)
+    with_head, without = (over_volume(covariance(one, machine), fields)[0] for one in (quiet, wider))
     return {"now": now_um, "with_head": float(np.sqrt(max(now_um**2 - max(without**2 - with_head**2, 0.0), 0.0)))}

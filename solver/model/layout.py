@@ -23,7 +23,7 @@ class Layout:
     """The readings of a survey with their geometry, one row a reading (shape (m,) or (m, 3)), sorted by pass and stop.
 
     ``direction`` is the unit vector of the setup's outward travel, ``beam_mm`` a point of its beam line, ``spot_mm`` the one under
-    the mirror (theory 4.3), ``approach`` the sign in which every axis travels in the pass, ``deviation_um`` the reading minus its nominal
+    the mirror (theory 4.3), ``approach`` the sign in which every axis came to the stop, ``deviation_um`` the reading minus its nominal
     value. Readings of one ``zero_index`` share the zero of the laser's count; of them, an outward pass and its return have one
     ``offset_index``: what they do not explain together is reversal or drift. ``clock`` counts the drift within an out-and-back pair: hours
     where ``timed`` (every stop has a stamp), else stops; ``hours`` are the stamps themselves, ``temperature_c`` is the material's at each
@@ -188,7 +188,7 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
         direction=direction,
         beam_mm=beam,
         spot_mm=_foot(beam, direction, position),
-        approach=_approach(np.sign(travel)[pass_index], zero_index, position, readings.time_s[order]),
+        approach=_approach(np.sign(travel)[pass_index], pass_index, position, readings.turned[order]),
         reading_mm=reading,
         deviation_um=(reading - reading[origin] - nominal) * 1e3,
         u_um=readings.u_um[order],
@@ -205,25 +205,30 @@ def _zeros(
     """Return for every row its stretch of unbroken count, its offset, and the row that its reading is relative to."""
     stretches: dict[tuple[str, int, int], int] = {}
     offsets: dict[tuple[int, int], int] = {}
-    rows = zip(zero.tolist(), (keys[index] for index in pass_index.tolist()), strict=True)
+    begins = np.flatnonzero(np.append(True, (np.diff(pass_index) != 0) | (np.diff(zero) != 0)))
+    runs = [(number, keys[index]) for number, index in zip(zero[begins].tolist(), pass_index[begins].tolist(), strict=True)]
     # a pass without a stretch is one of its own
-    named = [(number, key, (key.setup, number, 0 if number >= 0 else key.number)) for number, key in rows]
-    zero_index = np.array([stretches.setdefault(name, len(stretches)) for _, _, name in named], dtype=np.int64)
-    pairs = [(stretches[name], (key.number + 1) // 2) for _, key, name in named]
-    offset_index = np.array([offsets.setdefault(pair, len(offsets)) for pair in pairs], dtype=np.int64)
+    stretch = [stretches.setdefault((key.setup, number, 0 if number >= 0 else key.number), len(stretches)) for number, key in runs]
+    pairs = [(of, (key.number + 1) // 2) for of, (_, key) in zip(stretch, runs, strict=True)]
+    offset = [offsets.setdefault(pair, len(offsets)) for pair in pairs]
+    length = np.diff(np.append(begins, len(zero)))
+    zero_index, offset_index = np.repeat(np.array(stretch, dtype=np.int64), length), np.repeat(np.array(offset, dtype=np.int64), length)
     first = np.unique(zero_index, return_index=True)[1]
     return zero_index, offset_index, first[zero_index]
 
 
-def _approach(travelled: Vector, zero_index: NDArray[np.int64], position_mm: Vector, time_s: Vector) -> Vector:
-    """Return the sign of every axis' approach, shape (m, 3): that of its pass.
+def _approach(travelled: Vector, pass_index: NDArray[np.int64], position_mm: Vector, turned: NDArray[np.bool_]) -> Vector:
+    """Return the sign with which every axis came to each stop, shape (m, 3): that of its pass.
 
-    Where the program turns round without dwelling again, the first stop of the return is the last one of the outward pass once more
-    (same time): the axes had come there from the other side.
+    Where the machine turned round at the first stop, every axis had come there in the direction of the pass before, and stays on that side
+    until it moves.
     """
-    again = (time_s[1:] == time_s[:-1]) & (zero_index[1:] == zero_index[:-1]) & np.all(position_mm[1:] == position_mm[:-1], axis=1)
     approach = travelled.copy()
-    approach[1:][again] = travelled[:-1][again]
+    for first in np.flatnonzero(turned).tolist():
+        approach[first] = -travelled[first]
+        for row in range(first + 1, int(np.searchsorted(pass_index, pass_index[first], side="right"))):
+            moved = position_mm[row] - position_mm[row - 1]
+            approach[row] = np.where(np.abs(moved) > POSITION_TOLERANCE_MM, np.sign(moved), approach[row - 1])
     return approach
 
 

@@ -59,13 +59,13 @@ def robust_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
     if float(np.sum(fit.redundancy[checked])) < LEAST_FREEDOM:
         return None
     normalised = fit.residual[checked] * np.sqrt(fit.weight[checked] / fit.redundancy[checked])
-    return 1.4826 * float(np.median(np.abs(normalised)))
+    return 1.4826 * float(np.quantile(np.abs(normalised), 0.5))
 
 
 def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
     """Return the noise of some rows relative to what their weights say (variance components); None where nothing tells."""
     used = rows[fit.weight[rows] > 0]
-    freedom = float(np.sum(fit.redundancy[used]))
+    freedom = float(np.sum(fit.redundancy_of(used)))
     if freedom < LEAST_FREEDOM:
         return None
     return float(np.sqrt(np.sum(fit.weight[used] * fit.residual[used] ** 2) / freedom))

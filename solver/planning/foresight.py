@@ -41,6 +41,10 @@ from stepdiag.solver.uncertainty.spread import Spread
 CURVED, BENT = 22.0, 6.7
 """What functions of five half waves that fall with their number leave beside the smooth curve through n + 1 targets, over shape / n^3, and
 between that and the straight lines that tables run along, over shape / n^2 (root mean square over the travel; measured on drawn ones)."""
+_OF_FEW = {1: (0.93, 0.0), 2: (0.66, 0.20), 3: (0.49, 0.22), 4: (0.33, 0.19), 5: (0.23, 0.16), 6: (0.09, 0.15)}
+"""Both over shape where the increments are few: there the powers say up to twice as much as drawn functions leave over the volume."""
+ALIKE = 0.2
+"""Standard deviation of the logarithm of what nine drawn functions of one shape leave together between their targets."""
 _NEXT_TO_NONE = 1e-3
 
 
@@ -63,6 +67,17 @@ class Foresight:
         """Return what the slip that is seen least makes of the volume's errors (rms) where it is of the size that is seen in half of the
         surveys; infinite where nothing tells it, None without a diagonal."""
         return None if self.unseen is None else self.slips(self.unseen)
+
+    def hides(self) -> str:
+        """Return in words what the slip that is seen least may be and make; empty without a diagonal."""
+        if self.unseen is None or self.unseen_volume_um is None:
+            return ""
+        if not np.isfinite(self.unseen.u_um):
+            return "a slip of the laser's count of any size could hide in a diagonal"
+        return (
+            f"a slip of the laser's count of {self.unseen.half_um:.2g} um could hide in a diagonal in every second survey "
+            f"and make {self.unseen_volume_um:.2g} um of the volume's errors (rms)"
+        )
 
     @cached_property
     def left_um(self) -> Interval:
@@ -135,6 +150,11 @@ class _Ahead:
         return machine_of(self.design, self.shapes, 0, len(self.spread.group))
 
     @cached_property
+    def fields(self) -> Vector:
+        """Return what one unit of each of its values does to the error over the volume."""
+        return free_fields_um(self.machine, self.design.volume, self.design.chain)
+
+    @cached_property
     def usual(self) -> tuple[Rows, Vector]:
         """Return the rows of what is usual, and their standard uncertainties."""
         found = reported(self.design)
@@ -148,15 +168,15 @@ class _Ahead:
     def over(self, u: Vector, angles: float) -> tuple[float, float]:
         """Return root mean square over the volume and degrees of freedom for other usual sizes, and angles larger by a factor."""
         spread, design = self.spread, self.design
-        turning = np.array([name in TURNING for name in spread.names], dtype=np.bool_)[spread.group]
+        turning = spread.causes_of(*TURNING)
         wider = with_usual(spread.fit, design, self.usual[0], u)
         one = replace(spread, fit=sized(wider, np.where(turning, angles, 1.0)))
-        return over_volume(covariance(one, self.machine), self.machine, design.volume, design.chain)
+        return over_volume(covariance(one, self.machine), self.fields)
 
     @property
     def curved_um(self) -> float:
         """Return what functions do between targets beside a smooth curve."""
-        return float(np.sqrt(9.0)) * self.assumed.shape_um * min(CURVED / self.increments**3, 1.0)
+        return float(np.sqrt(9.0)) * self.assumed.shape_um * _between_targets(self.increments)[0]
 
     @property
     def hidden_um(self) -> float:
@@ -168,55 +188,63 @@ class _Ahead:
 
         What will not be identified may be larger than usual, all of it by one factor.
         """
-        _, missed = _missed_um(reported(self.design), self.machine, self.design, self.assumed, known)
+        _, missed = _missed_um(self, known)
         larger = np.sqrt(max(float(np.mean(class_factors() ** 2)) - 1.0, 0.0))
         return float(np.linalg.norm([self.full[0], larger * missed, self.curved_um, self.hidden_um]))
 
     def parts(self, known: dict[str, bool]) -> _Parts:
         """Return what the compensation will leave, in parts."""
-        found = reported(self.design)
         both, freedom = self.full
         u = self.usual[1]
         quiet, _ = self.over(u, _NEXT_TO_NONE)
-        missing, missed = _missed_um(found, self.machine, self.design, self.assumed, known)
+        missing, missed = _missed_um(self, known)
         told = self.over(np.where(missing, _NEXT_TO_NONE * u, u), _NEXT_TO_NONE)[0] if np.any(missing) else quiet
         return _Parts(
-            identified_um=float(np.hypot(told, self.curved_um)),
+            identified_um=told,
             missed_um=missed,
             angles_um=float(np.sqrt(max(both**2 - quiet**2, 0.0))),
             hidden_um=self.hidden_um,
-            bent_um=float(np.sqrt(9.0)) * self.assumed.shape_um * min(BENT / self.increments**2, 1.0),
+            bent_um=float(np.sqrt(9.0)) * self.assumed.shape_um * float(np.linalg.norm(_between_targets(self.increments))),
             freedom=freedom,
         )
 
 
-def _missed_um(
-    found: Quantities, machine: Machine, design: Design, assumed: Assumptions, known: dict[str, bool]
-) -> tuple[NDArray[np.bool_], float]:
+def _between_targets(increments: int) -> tuple[float, float]:
+    """Return what a function leaves beside the smooth curve through its targets, and that beside straight lines, over its shape."""
+    return _OF_FEW.get(increments, (CURVED / increments**3, BENT / increments**2))
+
+
+def _missed_um(ahead: _Ahead, known: dict[str, bool]) -> tuple[NDArray[np.bool_], float]:
     """Return which of the usual rows stand for what will not be identified, and the root mean square of that over the volume."""
-    names = usual_names(found, dict.fromkeys(found.names, False), assumed)
+    found, machine, volume, fields = reported(ahead.design), ahead.machine, ahead.design.volume, ahead.fields
+    names = usual_names(found, dict.fromkeys(found.names, False), ahead.assumed)
     missing = np.array([not known.get(name, True) for name in names], dtype=np.bool_)
     if not np.any(missing):
         return missing, 0.0
-    fields = free_fields_um(machine, design.volume, design.chain)
     total = 0.0
-    for name, size in usual_sizes_of(assumed).items():
+    for name, size in usual_sizes_of(ahead.assumed).items():
         if not known.get(name, True):
             own = np.array(machine.names) == (f"E{name}{name}" if name in AXIS_LETTERS else name)
             if name in AXIS_LETTERS:
-                length_m = 1e-3 * design.volume.size_mm[AXIS_LETTERS.index(name)]
-                total += float(np.sum((size * length_m * (own * machine.node / design.volume.increments) @ fields) ** 2))
+                length_m = 1e-3 * volume.size_mm[AXIS_LETTERS.index(name)]
+                total += float(np.sum((size * length_m * (own * machine.node / volume.increments) @ fields) ** 2))
             else:
                 total += float(np.sum((size * fields[own]) ** 2))
     return missing, float(np.sqrt(3.0 * total / fields.shape[1]))
 
 
 def _left_um(parts: _Parts) -> Interval:
-    """Return median and 95 % of what will be left, over the likely sizes of angles and hidden waves and over machines."""
+    """Return median and 95 % of what will be left, over the likely sizes of angles and hidden waves and over machines.
+
+    What tables leave between the targets hangs on the shapes that will be found: those of a class of machine are alike within `ALIKE`.
+    """
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * parts.freedom)
     angles, hidden = (each[:, None] for each in (parts.angles_um * factor, parts.hidden_um * np.roll(factor, len(factor) // 2)))
     missed = parts.missed_um * class_factors()[:, None]
-    square = missed**2 + (parts.identified_um**2 + angles**2) * np.maximum(1.0 + chance, 0.0) ** 2 + hidden**2 + parts.bent_um**2
+    # in an order of its own: neither with the angles' sizes nor with the rest
+    machines = np.exp(ALIKE * normal_points(len(factor)))[np.arange(len(factor)) * 4 % len(factor), None]
+    bent = parts.bent_um * machines / np.sqrt(np.mean(machines**2))
+    square = missed**2 + (parts.identified_um**2 + angles**2) * np.maximum(1.0 + chance, 0.0) ** 2 + hidden**2 + bent**2
     low, value, high = (float(end) for end in np.sqrt(np.quantile(square, (TAIL, 0.5, 1.0 - TAIL))))
     return Interval(value_um=value, low_um=low, high_um=high)

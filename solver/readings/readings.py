@@ -21,6 +21,8 @@ OPTIONAL = ("u_um", "temperature_c", "time_s")
 ZERO = "zero"
 AT_20_C = "at_20_c"
 """1 where a reading was brought from ``temperature_c`` to 20 C before; 0 or empty where it stands as measured."""
+TURNED = "turned"
+"""1 at the first stop of a pass where it is the reading at which the pass before ended: the machine turned round there."""
 NO_ZERO = -1
 """A reading whose count is not known to reach beyond its pass: it is relative to the pass's first stop."""
 BEAM = ("beam_x_mm", "beam_y_mm", "beam_z_mm")
@@ -51,7 +53,8 @@ class Readings:
     relative to its first row; where it is `NO_ZERO` they are relative to the pass's first stop. ``u_um`` (standard uncertainty of the
     reading), ``temperature_c`` (material) and ``time_s`` are NaN where unknown. ``beam_mm`` (N, 3) is a point of the beam line in machine
     coordinates, NaN where the beam runs through the pass's first commanded position. ``at_20_c`` says of every reading whether it was
-    brought to 20 C before.
+    brought to 20 C before, ``turned`` whether it is the one at which the pass before ended: every axis had come there from the other side,
+    and stays on it until it moves.
     """
 
     setup: tuple[str, ...]
@@ -65,6 +68,7 @@ class Readings:
     beam_mm: Vector
     zero: NDArray[np.int64]
     at_20_c: NDArray[np.bool_]
+    turned: NDArray[np.bool_]
 
     def __len__(self) -> int:
         return len(self.setup)
@@ -97,6 +101,7 @@ class Readings:
             beam_mm=self.beam_mm[index],
             zero=self.zero[index],
             at_20_c=self.at_20_c[index],
+            turned=self.turned[index],
         )
 
 
@@ -113,6 +118,7 @@ def make_readings(  # noqa: PLR0913 - one argument a column
     beam_mm: Sequence[Sequence[float]] | Vector | None = None,
     zero: Sequence[int] | NDArray[np.int64] | None = None,
     at_20_c: Sequence[bool] | NDArray[np.bool_] | None = None,
+    turned: Sequence[bool] | NDArray[np.bool_] | None = None,
 ) -> Readings:
     """Return readings from columns; what is left out is NaN, `NO_ZERO`, or as measured. Raises ``ValueError`` where the lengths differ."""
     count = len(setup)
@@ -127,8 +133,13 @@ def make_readings(  # noqa: PLR0913 - one argument a column
         time_s=_column(time_s, count),
         beam_mm=np.full((count, 3), np.nan) if beam_mm is None else np.asarray(beam_mm, dtype=np.float64).reshape(count, 3),
         zero=np.full(count, NO_ZERO, dtype=np.int64) if zero is None else np.asarray(zero, dtype=np.int64).reshape(count),
-        at_20_c=np.zeros(count, dtype=np.bool_) if at_20_c is None else np.asarray(at_20_c, dtype=np.bool_).reshape(count),
+        at_20_c=_flags(at_20_c, count),
+        turned=_flags(turned, count),
     )
+
+
+def _flags(values: Sequence[bool] | NDArray[np.bool_] | None, count: int) -> NDArray[np.bool_]:
+    return np.zeros(count, dtype=np.bool_) if values is None else np.asarray(values, dtype=np.bool_).reshape(count)
 
 
 def _column(values: Sequence[float] | Vector | None, count: int) -> Vector:
@@ -156,6 +167,7 @@ def parse_readings(text: str, source: str = "readings.csv") -> Readings:
         beam_mm=[row.beam_mm for row in rows],
         zero=[row.zero for row in rows],
         at_20_c=[row.at_20_c for row in rows],
+        turned=[row.turned for row in rows],
         **{name: [row.optional[index] for row in rows] for index, name in enumerate(OPTIONAL)},
     )
     passes = readings.passes()
@@ -186,6 +198,7 @@ class _Row(NamedTuple):
     beam_mm: list[float]
     zero: int
     at_20_c: bool
+    turned: bool
 
     @classmethod
     def parse(cls, where: str, fields: dict[str, str]) -> "_Row":
@@ -202,6 +215,7 @@ class _Row(NamedTuple):
             beam_mm=beam_mm,
             zero=whole_number_in(fields, ZERO, where, least=0) if fields.get(ZERO, "") else NO_ZERO,
             at_20_c=_yes_or_no(fields, AT_20_C, where),
+            turned=_yes_or_no(fields, TURNED, where),
         )
 
 
@@ -263,8 +277,8 @@ def render_readings(readings: Readings) -> str:
     beam = np.isfinite(readings.beam_mm).any()
     zeros = bool(np.any(readings.zero != NO_ZERO))
     out = io.StringIO()
-    reduced = bool(readings.at_20_c.any())
-    header = (*REQUIRED, *optional, *((ZERO,) if zeros else ()), *(BEAM if beam else ()), *((AT_20_C,) if reduced else ()))
+    flags = {name: column for name, column in ((AT_20_C, readings.at_20_c), (TURNED, readings.turned)) if column.any()}
+    header = (*REQUIRED, *optional, *((ZERO,) if zeros else ()), *(BEAM if beam else ()), *flags)
     out.write(",".join(header) + "\n")
     for row in _ordered_rows(readings):
         fields = [readings.setup[row], str(readings.pass_number[row]), str(readings.stop[row])]
@@ -273,7 +287,7 @@ def render_readings(readings: Readings) -> str:
         fields += [_decimal(column[row], 6) for column in optional.values()]
         fields += [str(readings.zero[row]) if readings.zero[row] != NO_ZERO else ""] if zeros else []
         fields += [_decimal(value, 7) for value in readings.beam_mm[row]] if beam else []
-        fields += [str(int(readings.at_20_c[row]))] if reduced else []
+        fields += [str(int(column[row])) for column in flags.values()]
         out.write(",".join(fields) + "\n")
     return out.getvalue()
 

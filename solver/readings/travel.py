@@ -96,7 +96,7 @@ def _laser_ratio(readings: Readings, setup: Setup, rows: NDArray[np.int64]) -> f
     moves = np.diff(readings.position_mm[rows], axis=0)
     extent = np.array(setup.signs) * np.abs(moves).sum(axis=0)
     nominal = moves @ extent / np.linalg.norm(extent)
-    return float(np.median(np.diff(readings.reading_mm[rows]) / nominal))
+    return float(np.quantile(np.diff(readings.reading_mm[rows]) / nominal, 0.5))
 
 
 def check_laser(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np.int64], sense: int, source: str) -> None:

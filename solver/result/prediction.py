@@ -57,9 +57,10 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
     """
     machines = _machines(result, points_mm, beside_um, DRAWS)
     motions = rigid_motions(result.volume, points_mm)
+    moved_um2, rigid_um2 = machines.moved_um2(motions)
     parts = {
-        name: {when: machines.figures(drawn) for when, drawn in machines.drawn(correction_um, free).items()}
-        for name, free in (("as_it_is", None), ("without_rigid_motion", motions))
+        name: {when: machines.figures(drawn, square_um2) for when, drawn in machines.drawn(correction_um, free).items()}
+        for name, free, square_um2 in (("as_it_is", None, moved_um2), ("without_rigid_motion", motions, moved_um2 - rigid_um2))
     }
     return Predicted(**parts)
 
@@ -121,9 +122,17 @@ class _Machines(NamedTuple):
             fields[when] = _Drawn(whole, likely, 2.0 * over_um2 + bent_um2 - across_um2)
         return fields
 
-    def figures(self, drawn: _Drawn) -> FieldFigures:
-        """Return the figures of the whole volume."""
-        rms_um = _rms_um(drawn.whole, self.amount, self.between, drawn.over_um2)
+    def moved_um2(self, motions: Vector) -> tuple[Vector, Vector]:
+        """Return the square sum over all points of what all deviations but the offset move, and of the rigid motions in it, (draws,) each.
+
+        It is the same before and after a correction.
+        """
+        flat, amount = _flat(self.moved, None)[1:], self.amount[:, 1:]
+        return np.sum((amount @ (flat @ flat.T)) * amount, axis=1), np.sum((amount @ (flat @ motions)) ** 2, axis=1)
+
+    def figures(self, drawn: _Drawn, moved_um2: Vector) -> FieldFigures:
+        """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of what all deviations but the offset move."""
+        rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
         largest_um = _largest_um(drawn.likely, self.amount[:FOR_LARGEST], self.between)
         return FieldFigures(rms_um=told(rms_um, self.known), largest_um=told(largest_um, self.known))
 
@@ -214,14 +223,16 @@ def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
     return flat if motions is None else flat - (flat @ motions) @ motions.T
 
 
-def _rms_um(whole: Vector, amount: Vector, between: Between, over_um2: Vector) -> Vector:
+def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) -> Vector:
     """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic form of the amounts.
 
-    What lies between the targets adds its mean square; ``over_um2`` (draws,) is what the square sum is too large by.
+    ``moved_um2`` (draws,) is its part that is of second order in the amounts, worked out once for all fields. What lies between the targets
+    adds its mean square.
     """
-    points = whole.shape[1] // 3
-    square = np.sum((amount @ (whole @ whole.T)) * amount, axis=1) + between.size_um**2 @ np.sum(between.arch**2, axis=1)
-    found: Vector = np.sqrt(np.maximum(square - over_um2, 0.0) / points)
+    centre, moved = drawn.whole[0], drawn.whole[1:]
+    square = moved_um2 + 2.0 * amount[:, 1:] @ (moved @ centre) + centre @ centre
+    square = square + between.size_um**2 @ np.sum(between.arch**2, axis=1)
+    found: Vector = np.sqrt(np.maximum(square - drawn.over_um2, 0.0) / (len(centre) // 3))
     return found
 
 

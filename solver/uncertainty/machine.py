@@ -181,13 +181,12 @@ def _by_name(machine: Machine, names: Sequence[str], volume: Volume, values: Vec
     return found
 
 
-def over_volume(found: Vector, machine: Machine, volume: Volume, chain: str) -> tuple[float, float]:
-    """Return the root mean square over the volume of the error vector that a covariance of the machine's values means, rigid motion
-    removed, and of how many equal independent parts that mean square might consist."""
-    flat = free_fields_um(machine, volume, chain)
-    across = found @ (flat @ flat.T)
+def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
+    """Return the root mean square over the volume of the error vector that a covariance of the machine's values means, and of how many
+    equal independent parts that mean square might consist; ``fields_um`` (k, 3 points) as of `free_fields_um`."""
+    across = found @ (fields_um @ fields_um.T)
     square = max(float(np.trace(across)), 1e-30)
-    return float(np.sqrt(3.0 * square / flat.shape[1])), square**2 / max(float(np.sum(across * across.T)), 1e-60)
+    return float(np.sqrt(3.0 * square / fields_um.shape[1])), square**2 / max(float(np.sum(across * across.T)), 1e-60)
 
 
 def free_fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:

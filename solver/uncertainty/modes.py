@@ -46,20 +46,25 @@ def factored(found: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
     is least known beside the columns before; of equal ones the first, so that rounding does not choose. What is left keeps its mean
     square over the volume.
     """
-    alone = np.diag(found).copy()
-    across = found @ fields
+    return _factored(np.diag(found), found @ fields, fields, most)
+
+
+def _factored(variance: Vector, across: Vector, fields: Vector, most: int) -> tuple[Vector, Vector]:
+    """Return what `factored` does for a covariance with the diagonal ``variance`` (k,), of which ``across`` (k, values) is the product with
+    ``fields``."""
+    alone = variance.copy()
     open_um2 = np.sum(across * fields, axis=0)
     total = float(np.sum(open_um2))
-    columns: list[Vector] = []
-    while len(columns) < most and float(np.sum(open_um2)) > (1.0 - TOLD) * total:
+    columns, seen, count = np.zeros((len(fields), most)), np.zeros((most, fields.shape[1])), 0
+    while count < most and float(np.sum(open_um2)) > (1.0 - TOLD) * total:
         pivot = first_of_the_largest(open_um2)
-        column = across[:, pivot] / np.sqrt(open_um2[pivot])
-        seen = column @ fields
-        columns.append(column)
-        alone -= column**2
-        across -= np.outer(column, seen)
-        open_um2 = np.maximum(open_um2 - seen**2, 0.0)
-    return np.column_stack([np.zeros((len(found), 0)), *columns]), _each(alone, float(np.sum(open_um2)), total, fields)
+        beside = across[:, pivot] - columns[:, :count] @ seen[:count, pivot]
+        columns[:, count] = beside / np.sqrt(open_um2[pivot])
+        seen[count] = columns[:, count] @ fields
+        alone -= columns[:, count] ** 2
+        open_um2 = np.maximum(open_um2 - seen[count] ** 2, 0.0)
+        count += 1
+    return columns[:, :count], _each(alone, float(np.sum(open_um2)), total, fields)
 
 
 def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> Vector:
@@ -100,7 +105,8 @@ def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> ByS
         seen = float(np.exp(np.mean(np.log(family.seen[mine])))) if np.isfinite(group) else 0.0
         variance = square / (1.0 + square * seen)
         usual = float(np.sqrt(np.mean(variance)))
-        own, rest = factored(usual**2 * direction[:, mine] @ direction[:, mine].T, fields, most)
+        those = usual * direction[:, mine]
+        own, rest = _factored(np.sum(those**2, axis=1), those @ (those.T @ fields), fields, most)
         left = np.hypot(left, rest)
         follows = variance - 1.0 / (1.0 + seen)
         moved = max(float(np.sqrt(np.mean(follows**2))), 1e-30)

@@ -30,6 +30,10 @@ class Spread:
     names: tuple[str, ...]
     sizes: Sizes
 
+    def causes_of(self, *names: str) -> NDArray[np.bool_]:
+        """Return which causes belong to groups of these names, shape (q,)."""
+        return np.array([name in names for name in self.names], dtype=np.bool_)[self.group]
+
     @cached_property
     def families(self) -> dict[int, Family]:
         """Return what is likely of every group whose size is not known, by its number."""
@@ -72,7 +76,8 @@ class Spread:
         beside = np.maximum(self.variance(moved) - self.variance_by_readings(moved), 0.0)
         known = np.sum(each, axis=1)
         less = np.sqrt(np.minimum(1.0, beside / np.where(known > 0, known, 1.0)))
-        found = {name: less * np.sqrt(np.sum(each[:, self.group == place], axis=1)) for place, name in enumerate(self.names)}
+        # several steps may have been found, each a group of its own
+        found = {name: less * np.sqrt(np.sum(each[:, self.causes_of(name)], axis=1)) for name in dict.fromkeys(self.names)}
         return {**found, SIZES_UNKNOWN: np.sqrt(np.maximum(beside - known, 0.0))}
 
 

@@ -84,6 +84,16 @@ def test_four_diagonals_and_three_linear_runs():
     assert after < 0.85
 
 
+def test_what_is_left_is_the_noise_of_the_readings_however_large_the_machines_errors():
+    """Machines of 14.4 um are left at what those of 11.3 um are (twelve at 0.84 um, above): nothing the estimator adds grows with them."""
+    for seed in range(3):
+        larger = Bench(seed=seed, errors_times=14.4 / 11.26)
+        squares = np.array([left_um(larger, solve(larger.survey())), left_um(Bench(seed=seed), solved(seed))])
+        (after, before), (after_usual, before_usual) = np.sqrt(squares)
+        assert before == pytest.approx(14.4 / 11.26 * before_usual)
+        assert after == pytest.approx(after_usual, rel=0.005)
+
+
 def test_angular_errors_known_to_one_microradian():
     """At most 1.0 um of 12.2 um with 10 urad angular errors."""
     after, before = rms_over_seeds(angle_urad=10.0)

@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.methods.volumetric import between_um, coarse_findings
+from stepdiag.solver.methods.volumetric import between_um, coarse_findings, shown_finer_um
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS
 from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS, Function
 from stepdiag.solver.uncertainty.machine import told_apart
+from stepdiag.virtual.physics.error_functions import smooth
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 POINTS = np.random.default_rng(5).uniform(size=(200, 3)) * np.array([500.0, 400.0, 300.0])
@@ -139,3 +141,37 @@ def test_of_six_values_a_wave_of_two_increments_leaves_no_trace():
         height_um.append(float(np.median(between_um(dict.fromkeys(DISPLACEMENTS, bow), Assumptions())["EYX"])))
     assert height_um[0] > 0.1
     assert height_um[1] < 0.01
+
+
+@pytest.mark.parametrize(("waves", "named"), [(1, False), (6, True)])
+def test_waves_that_only_a_finer_run_shows_are_expected_of_what_was_not_driven_finer(waves, named):
+    """Six waves of 4 um on eight increments look like two: tables made 8.5 um 10, and 1.8 um were promised, with linear runs of three times
+    as many targets that showed them in three of nine functions."""
+    bench = Bench(seed=1, increments=8, errors_times=1e-3 if named else 1.0, waves=waves, wave_um=4.0)
+    diagonals, fine = bench.survey(DIAGONALS), replace(bench, increments=24).survey(LINEAR)
+    readings = parse_readings(render_readings(diagonals) + "".join(render_readings(fine).splitlines(keepends=True)[1:]))
+    result = solve(readings)
+    found = error_field_um(result, POINTS)
+    left = without_rigid_motion(result.volume, POINTS, bench.machine.error_at(POINTS) - found)
+    told = predicted(result, POINTS, -found).without_rigid_motion["after"].rms_um
+    assert told.low_um <= np.sqrt(np.mean(np.sum(left**2, axis=1))) <= told.high_um
+    assert told.high_um < 10 * told.low_um if named else told.high_um < 2 * told.low_um
+    named_so = [finding.text for finding in result.findings if finding.code == "increments-coarse"]
+    assert [text.startswith("EYX, EZX, EXY, EZY, EXZ, EYZ: a finer run shows waves of ") for text in named_so] == [True] * named
+
+
+@pytest.mark.parametrize("increments", [3, 4, 5, 8, 10])
+def test_what_few_targets_leave_of_a_smooth_function_is_no_wave_that_hides(increments):
+    """Five half waves between four increments are what is expected there anyway: the intervals hold it, and would hold it twice."""
+    rng, shown_um = np.random.default_rng(3), []
+    coarse, fine = np.linspace(0.0, 500.0, increments + 1), np.linspace(0.0, 500.0, 41 if increments != 3 else 31)
+    for _ in range(40):
+        errors = {name: _measured(coarse if name[1] != name[2] else fine, smooth(rng, 0.0, 500.0, 9.0), rng) for name in DISPLACEMENTS}
+        shown_um.append(max(shown_finer_um(errors).values()))
+    assert np.mean(np.array(shown_um) > 0.5) <= 0.2
+
+
+def _measured(position_mm, function, rng):
+    value = function(position_mm) + rng.normal(0.0, 0.2, len(position_mm))
+    u = np.full(len(position_mm), 0.2)
+    return Function(position_mm=position_mm, value=value - value[0], u=u, unit="um", u_readings=u)

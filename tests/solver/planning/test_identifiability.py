@@ -80,7 +80,7 @@ def test_axis_orders_alone_do_not_resolve_the_angles(chain, orders, rank):
     joined = {
         name: np.concatenate([getattr(part, name) for part in parts]) for name in ("pass_number", "stop", "position_mm", "reading_mm")
     }
-    columns = ("u_um", "temperature_c", "time_s", "beam_mm", "zero", "at_20_c")
+    columns = ("u_um", "temperature_c", "time_s", "beam_mm", "zero", "at_20_c", "turned")
     joined |= {name: np.concatenate([getattr(part, name) for part in parts]) for name in columns}
     readings = type(readings)(setup=tuple(name for part in parts for name in part.setup), **joined)
     assert rank_and_hidden(lay_out(readings), chain, angles=True) == (rank, 32)

@@ -139,6 +139,14 @@ def test_the_forecast_is_what_the_result_will_predict():
     assert ahead.volumetric_um == pytest.approx(result.extra["volumetric_u_um"], rel=0.25)
 
 
+@pytest.mark.parametrize(("increments", "left_um"), [(3, (6.1, 9.6)), (4, (4.6, 7.5)), (6, (2.5, 3.2)), (10, (1.2, 1.7))])
+def test_what_is_planned_to_be_left_is_what_surveys_of_few_increments_leave(increments, left_um):
+    """What twelve exact machines of 10 urad left, lowest and highest. Of four increments 7.3 to 9.3 um were planned: sixty leave 5.7."""
+    ahead = forecast(bare_survey(Plan(volume=replace(BOX, increments=increments), runs=())).with_runs(*LINEAR), USUAL)
+    low, high = left_um
+    assert ahead.left_um.low_um < low < ahead.left_um.value_um < high < ahead.left_um.high_um
+
+
 @settings(max_examples=6, deadline=None)
 @given(
     st.lists(st.sampled_from(("npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")), max_size=4, unique=True),

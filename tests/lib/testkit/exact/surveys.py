@@ -56,11 +56,18 @@ class Bench:
     reversal: Mapping[str, object] = field(default_factory=dict)
     waves: int = 0
     wave_um: float = 0.0
+    errors_times: float = 1.0
 
     @property
     def machine(self) -> Machine:
-        """Return the machine: straightness and positioning up to 9 um, scales up to 20 um/m, squareness 20 urad."""
-        wanted = Amplitudes(positioning_um=9.0, straightness_um=9.0, angle_urad=self.angle_urad, scale_um_m=20.0)
+        """Return the machine: straightness and positioning up to 9 um, scales up to 20 um/m, squareness 20 urad, all ``errors_times``."""
+        wanted = Amplitudes(
+            positioning_um=9.0 * self.errors_times,
+            straightness_um=9.0 * self.errors_times,
+            angle_urad=self.angle_urad,
+            scale_um_m=20.0 * self.errors_times,
+            squareness_urad=20.0 * self.errors_times,
+        )
         drawn = random_errors(self.seed, self.origin_mm, self.size_mm, wanted)
         errors = ErrorSet(
             low_mm=drawn.low_mm,
