@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from stepdiag.cli.completion import TABLES, exported, tables
+from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, Diagonals, compared, print_compared
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
 from stepdiag.solver.errors import DataError, UsageError
@@ -93,6 +94,7 @@ def export(
         typer.echo(json.dumps(_export_json(written), indent=2, ensure_ascii=False))
     else:
         _print_export(written)
+        say_granted([measured])
 
 
 def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
@@ -202,6 +204,7 @@ def verify(
     else:
         _print_verification(found, given, aside)
         _caution(measured, found.prediction)
+        say_granted([measured])
         for each in beside:
             print_compared(each)
         if out is not None:

@@ -107,7 +107,7 @@ def _print_table(found: "Demonstrated") -> None:
     console = Console()
     console.print(table)
     for each in found.promises:
-        stated = f"the result states {each.low_um:.1f} to {each.high_um:.1f} um rms (k = 2)"
+        stated = f"the result states {each.stated.words()} um rms (k = 2)"
         words = f"{each.of}: {stated}; the truth, {each.true_um:.2f} um, lies {'inside' if each.kept else 'OUTSIDE'}."
         console.print(words[0].upper() + words[1:], markup=False, highlight=False, soft_wrap=True)
     for line in concluded_in(found.round):
@@ -125,6 +125,9 @@ def _print_json(found: "Demonstrated") -> None:
     figures = {"as it is": asdict(found.before), **{name: asdict(each) for name, each in found.after.items()}}
     figures |= {name: asdict(each) for name, each in found.reach.items()}
     factors = {name: found.factor(name) for name in (*found.after, *found.reach)}
-    promises = [{**asdict(each), "kept": each.kept} for each in found.promises]
+    promises = [
+        {"of": each.of, "low_um": each.stated.low_um, "high_um": each.stated.high_um, "true_um": each.true_um, "kept": each.kept}
+        for each in found.promises
+    ]
     told = {"folder": str(found.round), "seconds": found.seconds, "figures": figures, "factors": factors, "promises": promises}
     typer.echo(json.dumps(told, indent=2))

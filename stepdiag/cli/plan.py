@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from stepdiag.cli.granted import say_assumed
 from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
@@ -38,6 +39,7 @@ def plan(
     Before the machine moves; ranks what to add to it.
     """
     from stepdiag.daq.survey.file import load_survey
+    from stepdiag.daq.survey.foreseen import circumstances, planned
 
     for name, value in (("--minutes", minutes), ("--target-um", target_um)):
         if value is not None and not 0 < value < float("inf"):
@@ -96,29 +98,6 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
         return_pass=any(run.return_pass for run in plan.runs),
         beam_offset=offsets,
     )
-
-
-def planned(survey: "Survey") -> "Plan":
-    """Return the runs of a survey as the planner knows them."""
-    from stepdiag.solver.planning.runs import Pace, Plan, Run
-
-    plan = survey.plan
-    shifted = plan.all_setups[len(plan.setups) :]
-    offsets = dict(zip(shifted, (each.offset_mm for each in plan.beam_offset), strict=True))
-    runs = tuple(
-        Run(setup=name, repeats=plan.repeats, return_pass=plan.return_pass, beam_offset_mm=offsets.get(name, (0.0, 0.0, 0.0)))
-        for name in plan.all_setups
-    )
-    pace = Pace(feed_mm_min=plan.feed_mm_min, dwell_s=plan.dwell_s, overrun_mm=plan.overrun_mm)
-    return Plan(volume=survey.volume, runs=runs, axis_order=survey.axis_order, pace=pace)
-
-
-def circumstances(survey: "Survey") -> "Circumstances":
-    """Return the job's circumstances as far as the survey file tells them."""
-    from stepdiag.daq.survey.assumed import assumptions_of
-    from stepdiag.solver.planning.planner import Circumstances
-
-    return Circumstances(chain=survey.machine.chain, assumed=assumptions_of(survey))
 
 
 def _advise(plan: "Plan", about: "Circumstances", minutes: float | None, target_um: float | None) -> "Advice":
@@ -193,3 +172,4 @@ def _print(advice: "Advice", *, asked: bool) -> None:
         console.print(forecast_table(advice.best))
     elif asked:
         console.print("No survey fits what was asked: four diagonals alone take longer, or nothing reaches the target.", highlight=False)
+    say_assumed(advice.forecast.assumed.as_json())

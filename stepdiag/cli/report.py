@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from stepdiag.cli.completion import languages
+from stepdiag.cli.granted import say_granted
 from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
@@ -218,3 +219,4 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     console.print(told)
     if trends:
         console.print(trend_table(trends, names))
+    say_granted(read)

@@ -9,6 +9,7 @@ import numpy as np
 from stepdiag.conclusion.intervals import reach_of
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
+from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.interval import Interval
@@ -145,7 +146,7 @@ def _changes(before: Result, after: Result) -> tuple[Change, ...]:
     return (*numbers, *(_function_change(name, before.errors[name], after.errors[name], _alike(both, name)) for name in shared))
 
 
-ALIKE = ("angles", "short waves of angles", "angle origin")
+ALIKE = (*TURNING, "angle origin")
 """Sources that are the same in two surveys of one machine: what nobody measured is in both, and not in their difference."""
 
 

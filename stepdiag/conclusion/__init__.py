@@ -5,7 +5,7 @@ which stands beside the result as ``conclusion.json``. Nothing here computes an 
 Imported by `report`, `page`, `daemon` and `cli`.
 """
 
-from stepdiag.conclusion.concluding import Conclusion, Export, conclude, export_of, harmed_in, loadable
+from stepdiag.conclusion.concluding import Conclusion, Export, conclude, export_of, harmed_in, loadable, taken_for_granted
 from stepdiag.conclusion.contributions import Contribution, contributions_of
 from stepdiag.conclusion.file import conclusion_document, conclusion_in, conclusion_json, titles_of, words_of
 from stepdiag.conclusion.intervals import Reach, reach_of
@@ -27,6 +27,7 @@ __all__ = [
     "loadable",
     "reach_of",
     "render",
+    "taken_for_granted",
     "titles_of",
     "words_of",
 ]

@@ -1,6 +1,6 @@
 """From a result and its exports to the conclusion."""
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -173,11 +173,17 @@ def _basis(found: Basis) -> Iterator[Sentence]:
     if found.air:
         told = ", ".join(f"{letter} = {found.air[name]:g} {unit}" for name, (letter, unit) in AIR.items() if name in found.air)
         yield Sentence(key="basis_air_assumed", arguments={"told": told})
-    if found.assumed.keys() >= set(ASSUMED):
-        sizes = {name: f"{value:g}" for name, value in found.assumed.items()}
-        yield Sentence(key="basis_assumed", arguments=sizes)
+    if (taken := taken_for_granted(found.assumed)) is not None:
+        yield taken
     if found.tool_um is not None:
         yield Sentence(key="basis_tool", arguments={"um": _um(found.tool_um)})
+
+
+def taken_for_granted(assumed: Mapping[str, float]) -> Sentence | None:
+    """Return the sizes on which U rests, as they stand beside every U; None where not all of them are said."""
+    if not assumed.keys() >= set(ASSUMED):
+        return None
+    return Sentence(key="basis_assumed", arguments={name: f"{assumed[name]:g}" for name in ASSUMED})
 
 
 def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:

@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     import asyncio
 
     from stepdiag.daq.service.daemon import Daemon
+    from stepdiag.daq.survey.models import Survey
 
 MOST_KINDS = 100
 GIVE_WAY_S = 0.0005
@@ -46,6 +47,7 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
 
     asyncio.get_running_loop().set_exception_handler(_said_seldom())
     daemon = Daemon(survey_file, completion, archiving, _programs(survey_file))
+    _say_what_hides(daemon.survey)
     page, metrics = daemon.survey.page, daemon.survey.metrics
     async with AsyncExitStack() as beside:
         if page.enabled or metrics.enabled:
@@ -53,6 +55,16 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
         gc.freeze()
         gc.enable()
         await daemon.run()
+
+
+def _say_what_hides(survey: "Survey") -> None:
+    """Say before anything is driven what nobody will see in this survey."""
+    import structlog
+
+    from stepdiag.daq.survey.foreseen import hidden_slip
+
+    for found in hidden_slip(survey):
+        structlog.get_logger("service").info("finding", code=found.code, severity=found.severity, text=found.text)
 
 
 def _said_seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":

@@ -8,6 +8,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from stepdiag.conclusion.intervals import reach_in
 from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench, write_profiles, write_survey
 from stepdiag.demo.operator import Operator, daemon, words
 from stepdiag.demo.operator import bench as running
@@ -16,6 +17,7 @@ from stepdiag.demo.reach import WHOLE_FIELD, exported
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.result.field import without_rigid_motion
+from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Result, parse_result
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import CompensationPart, read_config
@@ -41,17 +43,17 @@ class Figures:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Promise:
-    """An interval (k = 2) of the volume's rms error that the result states, and the true one; all in um."""
+    """An interval (k = 2) of the volume's rms error that the result states, and the true one."""
 
     of: str
-    low_um: float
-    high_um: float
+    stated: Interval
     true_um: float
 
     @property
     def kept(self) -> bool:
-        """Whether the truth lies inside."""
-        return self.low_um <= self.true_um <= self.high_um
+        """Whether the truth lies inside; never where the result does not say how sure it is."""
+        low_um, high_um = self.stated.low_um, self.stated.high_um
+        return low_um is not None and high_um is not None and low_um <= self.true_um <= high_um
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -93,18 +95,17 @@ def demonstrate(folder: Path, seed: int, progress: Progress) -> Demonstrated:
     progress("verifying where nobody measured", 1, 1)
     before = verify(bench, None, ())
     after = {control: verify(bench, control, _files(round_folder, control)) for control in ("siemens", "fanuc")}
-    reach = {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", round_folder / "result.json")}
     result = parse_result((round_folder / "result.json").read_text(encoding="utf-8"), "result.json")
+    reach = {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", result)}
     promises = promises_of(result, before.rms_um, reach[WHOLE_FIELD].rms_um)
     return Demonstrated(folder=folder, round=round_folder, before=before, after=after, reach=reach, promises=promises, seconds=seconds)
 
 
 def promises_of(result: Result, before_um: float, whole_um: float) -> tuple[Promise, ...]:
     """Return what a result promises of the machine as it is and with all that it knows corrected, beside the true rms errors in um."""
-    told = result.extra["predicted"]["without_rigid_motion"]
-    true = (("before", "as it is", before_um), ("after", WHOLE_FIELD, whole_um))
-    bounds = {when: told[when]["rms_um"] for when, _, _ in true}
-    return tuple(Promise(of=of, low_um=bounds[when]["low"], high_um=bounds[when]["high"], true_um=um) for when, of, um in true)
+    reach = reach_in(result)
+    found = (("as it is", reach.rms_before, before_um), (WHOLE_FIELD, reach.rms_after, whole_um))
+    return tuple(Promise(of=of, stated=stated, true_um=true_um) for of, stated, true_um in found if stated is not None)
 
 
 def empty_folder(folder: Path) -> None:

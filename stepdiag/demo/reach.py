@@ -8,7 +8,7 @@ from stepdiag.demo.files import beckhoff_profile, fanuc_profile, heidenhain_prof
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.solver.result.result import parse_result
+from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.compensation import Control
 
 ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", "column-widths-assumed")
@@ -36,15 +36,14 @@ FORMS = (
 )
 
 
-def exported(folder: Path, result: Path) -> Iterator[tuple[Form, Sequence[Path]]]:
+def exported(folder: Path, result: Result) -> Iterator[tuple[Form, Sequence[Path]]]:
     """Write the files of every form into ``folder`` and yield those that act; what the profiles name lies beside ``folder``."""
-    measured = parse_result(result.read_text(encoding="utf-8"), result.name)
     for number, form in enumerate(FORMS, start=1):
         path = folder.parent / f"reach-{number}-{form.control}.toml"
         path.write_text(form.profile, encoding="utf-8")
-        profile = load_profile(path, controller_named(form.control), measured.volume)
+        profile = load_profile(path, controller_named(form.control), result.volume)
         out = folder / f"{number}-{form.control}"
-        report = export(measured, form.control, profile, accept=ACCEPTED, out_dir=out)
+        report = export(result, form.control, profile, accept=ACCEPTED, out_dir=out)
         yield form, [out / name for name in report.files if _acts(name)]
 
 

@@ -27,16 +27,10 @@ def in_words(forecast: Forecast) -> str:
 
 def _slips(ahead: Foresight) -> str:
     """Return how large a slip of the laser's count may be without being noticed, and what it makes; nothing without a diagonal."""
-    unseen = ahead.unseen
-    if unseen is None:
+    if ahead.unseen is None:
         return ""
-    if not isfinite(unseen.u_um):
-        return "; a slip of the laser's count of any size could hide in a diagonal"
-    return (
-        f"; a slip of the laser's count of {unseen.half_um:.2g} um could hide in a diagonal in every second survey "
-        f"and make {ahead.unseen_volume_um:.2g} um of the volume's errors (rms), "
-        f"one of {unseen.nearly_um:.2g} um is nearly always noticed (95 %)"
-    )
+    sure = f", one of {ahead.unseen.nearly_um:.2g} um is nearly always noticed (95 %)" if isfinite(ahead.unseen.u_um) else ""
+    return f"; {ahead.hides()}{sure}"
 
 
 def forecast_table(forecast: Forecast) -> Table:

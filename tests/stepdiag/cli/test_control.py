@@ -12,6 +12,7 @@ from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.sign_test import bump
 from stepdiag.exporters.tables.tables import total_correction_um
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.readings.readings import make_readings, render_readings
 from testkit.cli import stepdiag
 from testkit.exact.machines import profile_text
@@ -114,6 +115,14 @@ class TestVerify:
         assert "cec: a positive value moves the axis in - (as-error)" in told.out
         assert "does not identify it: the scale of X, the scale of Y, the scale of Z" in told.out
         assert "worse-after" not in told.out
+
+    def test_says_what_u_takes_for_granted(self, result, tmp_path):
+        found = json.loads(result.read_text(encoding="utf-8"))
+        said = tmp_path / "said.json"
+        said.write_text(json.dumps({**found, "assumed": Assumptions(angles_urad=7.0).as_json()}), encoding="utf-8")
+        exported = stepdiag("export", said, "--controller", "siemens", "--step-mm", 25, "--out", tmp_path / "out")
+        for told in (exported, stepdiag("verify", said, tmp_path / "out")):
+            assert "U (k = 2) takes for granted, where the readings do not say it: angular errors over 7 µrad" in told.out
 
     def test_files_with_the_wrong_sign_are_named(self, result, tmp_path):
         out = self.exported(result, tmp_path, "neutral")

@@ -15,6 +15,7 @@ from stepdiag.report.as_left import build_as_left
 from stepdiag.report.certificate import as_left
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Function, Quantity, Result
 from testkit.cli import stepdiag
@@ -137,6 +138,17 @@ def test_the_command_prints_a_table_and_json(tmp_path: Path) -> None:
     assert eyx["significant"] is True
     assert document["volumetric_rms"].keys() == {"before_um", "after_um", "before", "after"}, "two intervals, and no factor"
     assert len(document["trend"][0]["values"]) == 3
+
+
+def test_what_u_takes_for_granted_stands_once_or_under_each_name(tmp_path: Path) -> None:
+    """A difference is more than U only as far as U is right: what it rests on is printed beside it, and where two results differ in it."""
+    for name, angles_urad in (("a", 10.0), ("b", 10.0), ("c", 5.0)):
+        assumed = Assumptions(angles_urad=angles_urad).as_json()
+        result = replace(made_up_result(amplitude_um=8.0), extra={"assumed": assumed})
+        (tmp_path / f"{name}.json").write_text(result.to_json(), encoding="utf-8")
+    same, other = (CliRunner().invoke(build(), ["compare", str(tmp_path / "a.json"), str(tmp_path / f"{name}.json")]) for name in "bc")
+    assert same.output.count("takes for granted") == 1
+    assert [line.split(" U (k")[0] for line in other.output.splitlines() if "takes for granted" in line] == ["a.json:", "c.json:"]
 
 
 def halved(result: Result) -> Result:

@@ -36,13 +36,12 @@ def reached(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFac
     write_angles(folder, bench, request.param)
     write_profiles(folder)
     result = surveyed(folder, bench)
-    (folder / "result.json").write_text(result.to_json(), encoding="utf-8")
     found = {"nothing": verify(bench, None, ())}
     for name in ("siemens", "fanuc"):
         report = export(result, name, load_profile(folder / f"{name}.toml", controller_named(name), VOLUME), out_dir=folder / name)
         acting = [folder / name / each for each in report.files if "_RESTORE" not in each and each.endswith((".INI", ".TXT"))]
         found[name] = verify(bench, name, acting)
-    return found | {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", folder / "result.json")}
+    return found | {form.name: verify(bench, form.control, files) for form, files in exported(folder / "reach", result)}
 
 
 def test_each_form_reaches_what_it_can_hold(reached: dict[str, Figures]) -> None:

@@ -265,7 +265,7 @@ def test_the_readings_are_drawn_with_the_return_hung_on() -> None:
         reading_mm=np.concatenate([readings.reading_mm, readings.reading_mm[back] - readings.reading_mm[rows[-1]]]),
         **{
             name: np.concatenate([getattr(readings, name), getattr(readings, name)[back]])
-            for name in ("u_um", "temperature_c", "time_s", "zero")
+            for name in ("u_um", "temperature_c", "time_s", "zero", "turned")
         },
         beam_mm=np.vstack([readings.beam_mm, readings.beam_mm[back]]),
     )

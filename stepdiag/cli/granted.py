@@ -1,0 +1,38 @@
+"""What U takes for granted, beside every U that a command prints."""
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING
+
+import typer
+
+if TYPE_CHECKING:
+    from stepdiag.solver.result.result import Result
+
+
+def say_granted(results: "Sequence[Result]") -> None:
+    """Print the sizes on which the uncertainties of results rest: once where they are the same, else each under its file's name."""
+    from stepdiag.solver.result.basis import basis_of
+    from stepdiag.terminal.printable import printable
+
+    told = [_words(basis_of(result).assumed) for result in results]
+    if len(set(told)) == 1:
+        say = [told[0]]
+    else:
+        say = [
+            f"{printable(result.source)}: {words or 'does not say what its U takes for granted'}"
+            for result, words in zip(results, told, strict=True)
+        ]
+    for line in filter(None, say):
+        typer.echo(line)
+
+
+def say_assumed(assumed: Mapping[str, object]) -> None:
+    """Print the sizes of a survey that was not driven yet."""
+    typer.echo(_words({name: float(value) for name, value in assumed.items() if isinstance(value, int | float)}))
+
+
+def _words(assumed: Mapping[str, float]) -> str:
+    from stepdiag.conclusion import render, taken_for_granted
+
+    sentence = taken_for_granted(assumed)
+    return "" if sentence is None else render(sentence, "en")
