@@ -14,6 +14,7 @@ from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.place.pass_start import PassFinder
+from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
 from stepdiag.daq.capture.place.walk import Walk
 from stepdiag.daq.capture.remarks.machine_remarks import Alarm, Pulse, remarked
 from stepdiag.daq.capture.remarks.stream_findings import StreamRemarks
@@ -125,6 +126,16 @@ class Capture:
     def left_over(self) -> tuple[Break, ...]:
         """Return what became of the laser's count after the last stop: it is for the log that goes on with the pass."""
         return self._taker.left_over()
+
+    def went_beyond(self) -> bool | None:
+        """Tell whether the machine was seen to go beyond the last stop of its pass, to come back from the other side; None: it may have."""
+        walk = self.walk
+        if walk is None or walk.last is None or walk.last.stop < len(walk.route) - 1:
+            return False
+        towards = walk.route.step_mm(len(walk.route) - 2, len(walk.route) - 1)
+        if last_beyond_ns(self.laser, walk.last, towards, math.inf) is not None:
+            return True
+        return False if watched_closely(self.laser, walk.last, math.inf) else None
 
     def _take_chunk(self, chunk: Chunk) -> None:
         buffer = self._streams.get(chunk.stream)

@@ -11,7 +11,8 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     ``u_um`` is the standard uncertainty of the window's mean (of the QD's lateral movement in a run of the 4-DOF head). ``broken`` says
     why the laser's count does not reach back to the stop before, ``unwatched`` why it may not; ``doubtful`` why a person should look
     (``doubt_codes``: the findings that say so, where it is not `stop-doubtful`); ``refused`` (a finding's code) why the reading must not be
-    used; ``held`` names the conditions whose last credible value stands in for them. ``channels`` are the means of the 4-DOF head.
+    used; ``held`` names the conditions whose last credible value stands in for them. ``turned``: it is the last stop of the pass before, at
+    which the machine turned round and to which it came as on that pass. ``channels`` are the means of the 4-DOF head.
     """
 
     setup: str
@@ -37,6 +38,7 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     doubt_codes: tuple[str, ...] = ()
     refused: str = ""
     recovered: bool = False
+    turned: bool = False
     channels: tuple[float, ...] = ()
     u_channels: tuple[float, ...] = ()
     material_temperature_c: float | None = None

@@ -13,9 +13,10 @@ from stepdiag.solver.errors import DataError
 class PassHint(msgspec.Struct, frozen=True, kw_only=True):
     """Where a setup stands when a log begins: the direction and the stop that come next, and what was read last.
 
-    ``known`` are the readings of the laser's unbroken count so far, by stop of the outward route. ``turn`` is the last stop of the outward
-    pass: a program that does not dwell there twice begins its return pass with it. ``believed`` are the readings of the stops with which
-    a pass ended and which nobody could place: they were its first ones if the machine goes on by the step that follows from those.
+    ``known`` are the readings of the laser's unbroken count so far, by stop of the outward route. ``turn`` is the last stop of the pass
+    before in the other direction: a program that turns round there begins its way back with it. ``believed`` are the readings of the stops
+    with which a pass ended and which nobody could place: they were its first ones if the machine goes on by the step that follows from
+    those.
     """
 
     outward: bool = True
@@ -32,7 +33,8 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
 
     ``wall_offset_ns`` added to the host's clock gives the time of day of the stops: as it was when the recording began, so that all stops
     lie on one axis of time whoever sets the clock meanwhile. ``breaks`` are the losses of count since the last stop of the log before,
-    ``credible`` the last values of air and material that were believed.
+    ``credible`` the last values of air and material that were believed. ``beyond`` tells whether the log before has seen the machine go
+    beyond its last stop; None where nobody can say, and in logs of versions that did not.
     """
 
     hints: dict[str, PassHint]
@@ -41,6 +43,7 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
     skip_open_dwell: bool = False
     breaks: tuple[Break, ...] = ()
     credible: dict[str, Credible] = {}
+    beyond: bool | None = None
 
 
 def start_of(run: Mapping[str, str], source: str) -> CaptureStart:

@@ -8,6 +8,7 @@ from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Outcome
+from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
 from stepdiag.daq.capture.place.walk import ANEW, BREAKS_COUNT, Walk, begun_anew
 from stepdiag.daq.capture.standing.approach import came_along
 from stepdiag.daq.capture.standing.certain_window import Placing, Taken, certain_windows
@@ -26,6 +27,11 @@ AGAIN = 1.5
 
 FROM_BEYOND = "the machine came from the other side: it was on its way back, or its backlash is in the reading"
 FROM_WHERE = "nobody saw from which side the machine came back: it may have been on its way back"
+NOT_ALL_MOVED = "the machine had come from the other side, and not every axis has moved since: backlash is in the reading"
+TURNED = (
+    "the machine turned round at the last stop of the pass before and did not go beyond it: what it read there is this stop's reading too; "
+    "go beyond the stop and come back to it to measure the reversal there"
+)
 
 
 class StopTaker:
@@ -39,13 +45,17 @@ class StopTaker:
         self._head = head
         self._wall_offset_ns = start.wall_offset_ns
         self._before = start.breaks
+        self._beyond = start.beyond
+        self._turn_unseen = False
+        self._other_side: set[str] = set()
+        """Axes that have not moved since the machine came to a stop from the other side."""
         self._breaks_seen = 0
         self._looked_until_ns = 0.0
         self._believed: list[tuple[Dwell, list[Taken]]] = []
         """The standstills that nobody can place, while they may be the first stops of a pass begun anew."""
 
     def take(self, walk: Walk, turn: CapturedStop | None, dwell: Dwell, placing: Placing, outcomes: list[Outcome]) -> None:
-        """Take the stop of a dwell, and those before it that Modbus missed. ``turn`` is the stop that a return pass may begin with."""
+        """Take the stop of a dwell, and those before it that Modbus missed. ``turn`` is the last stop of the pass before."""
         by_laser = dwell.signals.commanded_mm is None and placing is self._laser
         if not by_laser and walk.is_bounce(dwell.signals):
             return
@@ -63,13 +73,35 @@ class StopTaker:
         outcomes.extend(odd)
         if index is None:
             return
-        if index > 0 and walk.expected == 0 and turn is not None:
-            _share_turn(walk, turn, outcomes)
+        if walk.expected == 0 and turn is not None and self._turned_round(walk, turn, index, dwell, outcomes):
+            _share_turn(walk, turn, dwell.signals.stop_count if index == 0 else turn.stop_count, outcomes)
+            if index == 0:
+                return
         for missed in range(walk.expected, index):
-            self._recover(walk, missed, dwell, outcomes)
+            expected_mm = turn.reading_mm if missed == 0 and turn is not None else walk.expected_reading_mm(missed)
+            self._recover(walk, missed, dwell, expected_mm, outcomes)
         outcomes += self._positions.judge(walk, index, dwell.signals)
         self._place(walk, index, dwell, taken, outcomes)
         self._looked_until_ns = max(self._looked_until_ns, float(dwell.to_ns))
+
+    def _turned_round(self, walk: Walk, turn: CapturedStop, index: int, dwell: Dwell, outcomes: list[Outcome]) -> bool:
+        """Tell whether a pass begins with the reading at which the one before it ended: the machine turned round at that stop.
+
+        Who went beyond it came back from the other side: then the pass has a first stop of its own, seen or not. Where nobody can say, one
+        that was not seen is taken for the other: the count does not reach back beyond doubt.
+        """
+        head_run = self._head is not None and walk.route.setup in FOURDOF_RUNS
+        if head_run or self._beyond is None or self._breaks_before(dwell.from_ns):
+            self._turn_unseen = not head_run and self._beyond is not None
+            return index > 0
+        beyond_ns = last_beyond_ns(self._laser, turn, -walk.route.step_mm(0, 1), dwell.from_ns)
+        if beyond_ns is None and not self._beyond:
+            if not watched_closely(self._laser, turn, dwell.from_ns):
+                return index > 0
+            outcomes.append(walk.finding("turned-round", "warning", 0, TURNED))
+            return True
+        self._looked_until_ns = max(self._looked_until_ns, beyond_ns or turn.window_to_ns)
+        return False
 
     def _think_again(self, walk: Walk, reading_mm: float, outcomes: list[Outcome]) -> None:
         """Take the standstills that nobody could place for the first stops of the pass, where the steps say that it was begun anew.
@@ -106,11 +138,30 @@ class StopTaker:
             self._commit(walk, stop, outcomes, again=number > 0)
 
     def _from_beyond(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> str:
-        """Return why a stop may have been come to in the direction of the other pass; empty where it was not, or its counter tells."""
-        if not self._both_ways or index == 0 or dwell.signals.stop_count is not None or walk.judge(index, taken.window.mean_mm)[0]:
+        """Return why a stop may have been come to in the direction of the other pass; empty where it was not.
+
+        Who came so has every axis on that side until it moves.
+        """
+        words = self._last_move(walk, index, dwell, taken)
+        if words:
+            self._other_side = {walk.route.axis_to(stop) for stop in range(1, len(walk.route))}
+        elif index < walk.expected:
+            self._other_side = set()
+        else:
+            self._other_side.discard(walk.route.axis_to(index))
+        return words or (NOT_ALL_MOVED if self._other_side else "")
+
+    def _last_move(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> str:
+        """Return what is to be said of the last move to a stop; empty where it was that of the pass."""
+        if index == 0:
+            along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(0, 1))
+            came_back = along is False and self._both_ways and walk.expected > 0
+            return FROM_BEYOND if came_back else FROM_WHERE if self._turn_unseen and along is None else ""
+        if not self._both_ways or walk.judge(index, taken.window.mean_mm)[0]:
             return ""
         along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(index - 1, index))
-        if along is None and walk.last is None and index < walk.expected - 1:
+        counted = dwell.signals.stop_count is not None
+        if along is None and walk.last is None and index < walk.expected - 1 and not counted:
             return FROM_WHERE
         return FROM_BEYOND if along is False else ""
 
@@ -128,9 +179,8 @@ class StopTaker:
         outcomes.append(stop)
         walk.advance(stop)
 
-    def _recover(self, walk: Walk, index: int, dwell: Dwell, outcomes: list[Outcome]) -> None:
-        """Look for a stop that Modbus missed in the laser's readings since the stop before; its level tells it from others."""
-        expected = walk.expected_reading_mm(index)
+    def _recover(self, walk: Walk, index: int, dwell: Dwell, expected: float | None, outcomes: list[Outcome]) -> None:
+        """Look for a stop that Modbus missed in the laser's readings since the stop before; its level in mm tells it from others."""
         end = float(dwell.from_ns)
         taken = plateau_window(self._laser, self._looked_until_ns, end, expected, self._rules) if expected is not None else None
         if taken is None:
@@ -185,9 +235,10 @@ class StopTaker:
 
     def reaches_back(self, taken: list[Taken], dwell: Dwell) -> bool:
         """Tell whether the laser's count at the beginning of a dwell is still that of the stops before."""
-        until_ns = taken[0].to_ns if taken else dwell.from_ns
-        breaks = [*self._before, *(each for each in self._laser.breaks[self._breaks_seen :] if each.time_ns <= until_ns)]
-        return not any(each.watched for each in breaks)
+        return not any(each.watched for each in self._breaks_before(taken[0].to_ns if taken else dwell.from_ns))
+
+    def _breaks_before(self, until_ns: float) -> list[Break]:
+        return [*self._before, *(each for each in self._laser.breaks[self._breaks_seen :] if each.time_ns <= until_ns)]
 
     def left_over(self) -> tuple[Break, ...]:
         """Return the breaks after the last stop: they count for the log that goes on with the pass."""
@@ -209,9 +260,10 @@ def _reading_mm(taken: list[Taken]) -> float | None:
     return taken[0].window.mean_mm if taken else None
 
 
-def _share_turn(walk: Walk, turn: CapturedStop, outcomes: list[Outcome]) -> None:
-    """Begin a return pass with the last stop of the outward one: the program turned round without dwelling again."""
-    stop = msgspec.structs.replace(turn, setup=walk.route.setup, outward=False, stop=0, axis="", broken="", unwatched="")
+def _share_turn(walk: Walk, turn: CapturedStop, stop_count: int | None, outcomes: list[Outcome]) -> None:
+    """Begin a pass with the last stop of the one before it: the same reading, of the same moment."""
+    place = {"setup": walk.route.setup, "outward": walk.route.outward, "stop": 0, "axis": "", "stop_count": stop_count}
+    stop = msgspec.structs.replace(turn, **place, broken="", unwatched="", turned=True)
     outcomes.append(stop)
     walk.advance(stop)
 

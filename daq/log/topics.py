@@ -69,8 +69,8 @@ _STOP = {
     "window_from_mono_ns": TEXT, "window_to_mono_ns": TEXT, "time_s": NUMBER,
     "nominal_mm": NUMBER, "deviation_um": NUMBER,
     "beam": NUMBER, "broken": TEXT, "unwatched": TEXT, "doubtful": TEXT, "doubt_codes": TEXTS, "held": TEXTS, "refused": TEXT,
-    "recovered": FLAG, "channels": NUMBERS, "u_channels": NUMBERS, "material_temperature_c": NUMBER, "air_temperature_c": NUMBER,
-    "air_pressure_hpa": NUMBER, "relative_humidity_percent": NUMBER,
+    "recovered": FLAG, "turned": FLAG, "channels": NUMBERS, "u_channels": NUMBERS,
+    "material_temperature_c": NUMBER, "air_temperature_c": NUMBER, "air_pressure_hpa": NUMBER, "relative_humidity_percent": NUMBER,
 }  # fmt: skip
 _SIGNALS = {name: FLAG if name in SWITCHED else INTEGER if name in COUNTED else NUMBER for name in SIGNAL_NAMES}
 _PLACE = {"setup": TEXT, "pass": INTEGER, "stop": INTEGER, "size_um": NUMBER}

@@ -30,7 +30,7 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
     against: dict[int, tuple[Doubt, ...]] = dict.fromkeys(range(len(passes)), ())
     if not passes or base_setup(passes[0].route.setup) in FOURDOF_RUNS:
         return against
-    readings = {index: _Readings(each) for index, each in enumerate(passes) if each.whole}
+    readings = {index: _Readings(each, _one_sided(each)) for index, each in enumerate(passes) if each.whole}
     if alone and len(readings) == 1:
         ((only, own),) = readings.items()
         step = own.odd()
@@ -58,14 +58,27 @@ def _seen_before(each: Pass, step: Step) -> bool:
     return len(made) > 1 and max(made) - min(made) < CONFIRMED * abs(step.size_um)
 
 
-class _Readings:
-    """The readings of a whole pass in um in the order of the outward route, minus nominal, and their uncertainties."""
+def _one_sided(each: Pass) -> int:
+    """Return how many of the first stops of a pass an axis stood at as on the way there: the machine turned round at its first stop.
 
-    def __init__(self, each: Pass) -> None:
+    There the reversal comes in axis by axis; it is not the count's.
+    """
+    axes = [each.route.axis_to(index) for index in range(len(each.route))]
+    return max(axes.index(axis) for axis in set(axes[1:])) if each.chosen()[0][0].turned else 0
+
+
+class _Readings:
+    """The readings of a whole pass in um in the order of the outward route, minus nominal, and their uncertainties.
+
+    Of its stops those from ``low`` to ``high`` were come to with every axis in the direction of the pass.
+    """
+
+    def __init__(self, each: Pass, one_sided: int) -> None:
         chosen = [each.chosen()[index] for index in range(len(each.route))]
         raw = np.array([(stop.reading_mm or 0.0) + offset for stop, offset in chosen])
         along = 1 if each.route.outward else -1
         self.outward = each.route.outward
+        self.low, self.high = (one_sided, len(each.route)) if self.outward else (0, len(each.route) - one_sided)
         nominal = np.array([each.route.nominal_at_mm(stop.position_mm) for stop, _ in chosen])
         self.off_um: Vector = ((raw - nominal) * 1e3)[::along]
         self.u_um: Vector = np.array([stop.u_um for stop, _ in chosen])[::along]
@@ -100,9 +113,11 @@ class _Readings:
 
 def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
     """Return the step in which two passes differ, for the first (0), for the second (1), or for both where either may be at fault."""
-    step = step_in(other.off_um - one.off_um, np.hypot(one.u_um, other.u_um))
+    low, high = max(one.low, other.low), min(one.high, other.high)
+    step = step_in((other.off_um - one.off_um)[low:high], np.hypot(one.u_um, other.u_um)[low:high])
     if step is None:
         return {}
+    step = replace(step, stop=low + step.stop)
     sizes = (_size_um(one, -step.size_um), _size_um(other, step.size_um))
     misses = [abs(each.own_um(step.stop) - size) for each, size in zip((one, other), sizes, strict=True)]
     steps = {index: each.in_pass(step.stop, sizes[index], step.noise_um) for index, each in enumerate((one, other))}

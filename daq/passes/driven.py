@@ -155,7 +155,7 @@ class Pass:
         still = self.open_doubts()
         if not still:
             return ""
-        if still[0].code == "count-slip" or still[0] in self.suspected:
+        if still[0] in (*self.against, *self.suspected):
             remedy = "" if says_what_to_do(still[0].text) else ": drive the pass again"
             return f"{still[0].text}{remedy}, or accept it"
         named = {each.stop for each in still}

@@ -148,7 +148,9 @@ class PassBook:
                 return setup
         return next((setup for setup in self._survey.plan.all_setups if self.open_passes(setup)), "")
 
-    def start(self, *, skip_open_dwell: bool, wall_offset_ns: int = 0, breaks: tuple[Break, ...] = ()) -> CaptureStart:
+    def start(
+        self, *, skip_open_dwell: bool, wall_offset_ns: int = 0, breaks: tuple[Break, ...] = (), beyond: bool | None = None
+    ) -> CaptureStart:
         """Return what a new log's capture needs to know."""
         following = self.next_setup()
         names = self._survey.plan.all_setups
@@ -161,6 +163,7 @@ class PassBook:
             skip_open_dwell=skip_open_dwell,
             breaks=breaks,
             credible=dict(self._credible),
+            beyond=beyond,
         )
 
     def _hint(self, setup: str) -> PassHint:
@@ -178,7 +181,7 @@ class PassBook:
             return PassHint(wanted=wanted, outward=last.outward, next_stop=following, last_reading_mm=last.reading_mm, known=known)
         if last.outward and self._survey.plan.return_pass:
             return PassHint(wanted=wanted, outward=False, turn=last, known=known)
-        return PassHint(wanted=wanted, outward=outward, known=known)
+        return PassHint(wanted=wanted, outward=outward, turn=None if last.outward else last, known=known)
 
     def _compare(self, setup: str) -> None:
         """Hold the passes of a setup against each other where both are whole; what is new is news."""

@@ -159,8 +159,11 @@ def _doubted(known: Zero, *readings: CapturedStop) -> Zero:
 
 
 def _of_one_count(stop: CapturedStop) -> bool:
-    """Tell whether a reading belongs to its stretch alone: of one with a step inside, the part in use may be of the count before."""
-    return "window-step" not in stop.doubt_codes
+    """Tell whether a reading can be held against others of its stop: of one with a step inside, the part in use may be of the count before.
+
+    At a stop where the machine turned round, the axes stood on the other side.
+    """
+    return "window-step" not in stop.doubt_codes and not stop.turned
 
 
 def _spread_um(shifts: list[tuple[float, Zero, float]]) -> float:

@@ -44,6 +44,7 @@ def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float
         beam_mm=np.vstack([_beam(survey, each) for each in used]) if used else None,
         zero=[one.zero for one, rows in zip(counted, tables, strict=True) for _ in rows[0]],
         at_20_c=[survey.machine.apply_expansion for rows in tables for _ in rows[0]],
+        turned=[stop.turned for rows in tables for stop in rows[1]],
     )
 
 

@@ -103,6 +103,7 @@ class Session:
         self._wall_offset_ns = wall_offset_ns
         self._stops_offset_ns: int | None = None
         self._breaks: tuple[Break, ...] = (INTERRUPTED,) if begun.stops else ()
+        self._beyond: bool | None = False
         self._logs = begun.logs
         self._before: deque[Event] = deque()
         self._before_bytes = 0
@@ -324,7 +325,7 @@ class Session:
         offset = self._wall_offset_ns()
         self._stops_offset_ns = offset if self._stops_offset_ns is None else self._stops_offset_ns
         breaks = _last_of_each((*self._breaks, *self._idle["laser"].breaks))
-        start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks)
+        start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks, beyond=self._beyond)
         believed = believed_before(self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible)
         start = msgspec.structs.replace(start, credible=believed, last_count=self.owed if start.last_count is None else start.last_count)
         setup = self.book.next_setup() or "more"
@@ -378,6 +379,7 @@ class Session:
         self._samples = self.samples
         self._sink.end(status, reason)
         self._breaks = self.capture.left_over() if self.capture is not None else ()
+        self._beyond = self.capture.went_beyond() if self.capture is not None else False
         self.capture = None
         self._idle = _idle_streams(self.survey)
 

@@ -22,8 +22,9 @@ from stepdiag.daq.recording.begun import BegunWords
 from stepdiag.daq.recording.handshake import Handshake
 from stepdiag.daq.recording.rounds import FolderLock, latest_round, next_round
 from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.recording.settled import Settled
 from stepdiag.daq.recording.survey_links import SurveyLinks
-from stepdiag.daq.recording.verdicts import mark_of, verdicts_in
+from stepdiag.daq.recording.verdicts import verdicts_in
 from stepdiag.daq.records.events import Event, LinkEvent, ModbusBlock
 from stepdiag.daq.service.child_jobs import Commands, Finisher
 from stepdiag.daq.service.live import forget_live, write_live
@@ -70,8 +71,7 @@ class Daemon:
         self._working: Working
         self._lock: FolderLock
         self._handshake: Handshake | None = None
-        self._verdicts_mark: tuple[object, ...] = ()
-        self._settle_later = False
+        self._settled = Settled()
         self._live_s = 0.0
         self._begun = BegunWords(self._folder)
         self._writing: asyncio.Task[None] | None = None
@@ -105,7 +105,7 @@ class Daemon:
     async def _serve(self, recorder: Recorder) -> None:
         self._working = working = self._set_up(recorder, latest_round(self._folder, self._text, self._run_record))
         self.status_source.open(working)
-        self._verdicts_mark = (working.session.folder, *mark_of(working.session.folder))
+        self._settled.know(working.session)
         if working.session.book.complete():
             working.session.unsolved = ""  # what hindered the solver may be mended since
         self._complete_if_settled()
@@ -243,17 +243,12 @@ class Daemon:
         return session
 
     def _complete_if_settled(self) -> None:
-        """Solve a survey whose passes are all in and not doubted; say what keeps it open where that is a doubt alone.
-
-        While a log is open nothing is said; it may end without a pass, and then nobody else would ask again.
-        """
+        """Solve a survey whose passes are all in and not doubted; say what keeps it open where that is a doubt alone."""
         session = self._working.session
-        self._settle_later = session.recording
-        if session.recording or (not session.round.logs and not session.book.passes):
-            return
-        if session.book.complete() and not session.unsolved:
+        settled = self._settled.of(session)
+        if settled == "complete":
             self._complete()
-        elif session.book.whole():
+        elif settled == "doubted":
             still = session.book.doubts()
             self._working.finisher.tabulate(session.folder, lambda: self._say_open(session, still))
 
@@ -285,18 +280,15 @@ class Daemon:
         if not working.session.book.doubts():
             working.session.unsolved = working.session.unsolved or working.finisher.message
         working.shown = working.session
-        self._verdicts_mark = (folder, *mark_of(folder))
+        self._settled.know(working.session)
 
     def _look_at_verdicts(self) -> None:
         """Hear what persons have said of the survey beside this process."""
         session = self._working.session
-        mark = (session.folder, *mark_of(session.folder))
-        if mark != self._verdicts_mark:
-            self._verdicts_mark = mark
-            session.hear(verdicts_in(session.folder))
+        heard = self._settled.heard(session)
+        if heard:
             self.status_source.news()
-            self._complete_if_settled()
-        elif self._settle_later and not session.recording:
+        if heard or self._settled.due(session):
             self._complete_if_settled()
 
     def _look_at_begun(self) -> None:

@@ -16,7 +16,7 @@ from stepdiag.solver.geometry.volume import FOURDOF_RUNS, SETUP_NUMBERS
 
 
 class PassFinder:
-    """Finds the pass of a log with its first dwell. ``turn`` is the last stop of the outward pass, with which a return pass may begin."""
+    """Finds the pass of a log with its first dwell. ``turn`` is the last stop of the pass before it, with which it may begin."""
 
     def __init__(self, survey: Survey, start: CaptureStart) -> None:
         self._survey = survey
@@ -72,7 +72,7 @@ class PassFinder:
         if there is not None:
             gone_by = self._gone_by(signals)
             hint = _directed(hint, there, len(forward), gone_by, returns=survey.plan.return_pass)
-        self.turn = hint.turn if not hint.outward else None
+        self.turn = hint.turn if hint.turn is not None and hint.turn.outward is not hint.outward else None
         route = forward if hint.outward else make_route(survey.volume, setup, survey.axis_order, outward=False)
         if reading_mm is not None and begun_anew(route, (*hint.believed, reading_mm)):
             return Walk.begun_before(route, hint.believed, self._start.last_count)

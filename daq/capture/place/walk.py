@@ -85,10 +85,16 @@ class Walk:
         if index < self.expected:
             text = f"the machine stands at ({place}) mm once more: the stop is measured again"
             odd.append(self.finding("stop-again", "info", index, text))
-        elif by_count != index and signals.stop_count is not None and self._last_count is not None:
+        elif by_count != index and not self._just_turned(index, signals.stop_count):
             text = f"the counter says stop {by_count}, the commanded position ({place}) mm says stop {index}; the position is believed"
             odd.append(self.finding("count-disagrees", "warning", index, text))
         return index, odd
+
+    def _just_turned(self, index: int, count: int | None) -> bool:
+        """Tell whether a counter has nothing against a stop: it does not count, or a pass begins, with a stop at the turn or without."""
+        if count is None or self._last_count is None:
+            return True
+        return self.expected == 0 and index in ((steps := count_steps(self._last_count, count)) - 1, steps)
 
     def locate_by_laser(self, signals: Signals, reading_mm: float | None, *, lost: bool) -> tuple[int | None, list[Finding]]:
         """Return the stop at which the machine stands, None for no stop, and what is odd: its counter says it, the laser knows better.

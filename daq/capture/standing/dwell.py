@@ -64,7 +64,7 @@ class Dwell:
 
     The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it cannot have stopped before
     ``not_before_ns`` (the request of the last poll that saw it moving). ``signals`` are those of the position told
-    most often; ``blind`` tells that polls failed in between.
+    most often, ``polls`` how many told of them; ``blind`` tells that polls failed in between.
     """
 
     from_ns: int

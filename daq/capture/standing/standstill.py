@@ -7,6 +7,7 @@ cut one standstill into several dwells. Whether the machine moved in between the
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.daq.capture.standing.certain_window import Placing
 from stepdiag.daq.capture.standing.dwell import FLICKER_NS, Dwell, same_stop
@@ -20,9 +21,10 @@ MOST = 0.5
 LEAST_SAMPLES = 3
 RECENT = 9
 RECENT_MS = 50
-"""The end of one dwell and the newest samples of the next are compared, and all between them."""
+"""The end of one dwell and the beginning of the next are compared, and all between them. The newest samples of the next may be of the move
+that follows: a stop signal is as old as the PLC's scan."""
 LEAST_MS = 20
-"""A dwell that a single poll saw is looked at for so long."""
+"""A dwell that a single poll saw is looked at for so long, or for as many samples as tell."""
 SAMPLES_MS = 500
 """How long the samples of a dwell that has just begun are waited for."""
 MS = 1_000_000
@@ -99,21 +101,29 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     """Tell whether two dwells are one standstill: no move was seen between them, or but for a moment, and the laser stood still.
 
     Where nobody looked for longer than a step takes, no move was seen because none could be: there the laser must have stood all the time.
-    None while there are too few samples to tell.
+    A count that was lost meanwhile may read the same after a move. None while there are too few samples to tell.
     """
     unbroken = after.not_before_ns is None or after.not_before_ns <= before.dwell.from_ns
     soon = after.from_ns - before.end_ns < FLICKER_NS
     flicker = soon and same_stop(before.dwell.signals, after.signals)
     if placing is None:
         return flicker and after.signals.stop_count is not None
-    if not (unbroken or flicker):
+    if not unbroken and (not flicker or any(before.end_ns < each.time_ns <= after.from_ns for each in placing.breaks)):
         return False
-    then = placing.span(after.from_ns, max(after.to_ns, after.from_ns + LEAST_MS * MS)).position_mm[-RECENT:]
+    then = _beginning_mm(after, placing)
     if len(then) < LEAST_SAMPLES:
         return None
     earlier = placing.span(max(before.dwell.from_ns, before.end_ns - RECENT_MS * MS), after.from_ns).position_mm
     strays = float(np.mean(np.abs(earlier - np.median(then)) > STILL_MM)) if len(earlier) else 0.0
     return strays < (MOST if unbroken and soon else STRAYS)
+
+
+def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
+    """Return the last of the samples with which a dwell begins, in mm: of those that show it, or of the few that follow."""
+    span = placing.span(dwell.from_ns, max(dwell.to_ns, dwell.from_ns + SAMPLES_MS * MS))
+    shown, begun = np.searchsorted(span.time_ns, [max(dwell.to_ns, dwell.from_ns + LEAST_MS * MS), dwell.from_ns + RECENT_MS * MS])
+    beginning: NDArray[np.float64] = span.position_mm[: max(LEAST_SAMPLES, min(shown, max(begun, RECENT)))]
+    return beginning[-RECENT:]
 
 
 def _joined(before: _Waiting, after: Dwell) -> _Waiting:
@@ -122,5 +132,5 @@ def _joined(before: _Waiting, after: Dwell) -> _Waiting:
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:
         return _Waiting(longer, after.to_ns)
     told = max(before.dwell, after, key=lambda each: (each.polls, each.from_ns))
-    whole = replace(before.dwell, to_ns=after.to_ns, signals=told.signals, polls=before.dwell.polls + after.polls)
+    whole = replace(before.dwell, to_ns=after.to_ns, signals=told.signals, polls=told.polls)
     return _Waiting(replace(whole, blind=before.dwell.blind or after.blind), after.to_ns)

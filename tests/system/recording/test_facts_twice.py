@@ -60,17 +60,24 @@ def fault(**fields):
     return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
 
 
+THERE_AND_BACK = [{"kind": "laser-jump", "value": size, "delay_s": at} for size, at in ((30.0, 0.3), (-30.0, 0.36))]
+"""Ten per cent of the samples lie far from the others: more than noise explains, and no step."""
+
+
 @on_a_steady_computer
 @pytest.mark.parametrize(
-    ("code", "trouble"),
+    ("code", "troubles"),
     [
-        ("window-step", {"kind": "laser-jump", "value": 5.0, "delay_s": 0.3}),
-        ("laser-frozen", {"kind": "laser-frozen", "delay_s": 0.02, "duration_s": 0.55}),
+        ("window-step", [{"kind": "laser-jump", "value": 5.0, "delay_s": 0.3}]),
+        ("window-step", THERE_AND_BACK),
+        ("laser-frozen", [{"kind": "laser-frozen", "delay_s": 0.02, "duration_s": 0.55}]),
     ],
+    ids=["step", "jump", "frozen"],
 )
-def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, trouble):
-    """A step inside the dwell, a frozen value: named on the stop, and the pass waits to be driven again."""
-    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=fault(setup="ppp", stop=2, **trouble), **COMPENSATED) as place:
+def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, troubles):
+    """A step inside the dwell, a reading that jumps and comes back, a frozen value: named on the stop; the pass is to be driven again."""
+    faults = "".join(fault(setup="ppp", stop=2, **each) for each in troubles)
+    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=faults, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended")
@@ -134,6 +141,21 @@ def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_i
     assert findings_of(after, "stop-again")
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
+
+
+@on_a_steady_computer
+def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_doubted(tmp_path):
+    """A box by `stopped` alone, the beam cut on the way: the step tells which stop it is, but nobody that the pass was not begun anew."""
+    trouble = fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.1)
+    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), signals=STOPPED, faults=trouble, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "pass-ended")
+        book = nothing_silently_wrong(place)
+    assert "stop 2 of 3" in findings_of(said, "place-unknown")[0]
+    (only,) = book.passes
+    assert "place-unknown" in only.measured[2][0].stop.doubt_codes
+    assert "drive the whole pass again" in only.why_incomplete()
 
 
 @on_a_steady_computer

@@ -3,7 +3,6 @@
 import json
 import os
 import signal
-import socket
 import time
 import urllib.error
 import urllib.request
@@ -17,7 +16,7 @@ from stepdiag.solver.result.field import Tabulated, field_of_um
 from stepdiag.virtual.bench.building import alignment_of, build_box, build_machine
 from stepdiag.virtual.bench.config import read_config
 from stepdiag.virtual.drive.setups import simulate_pass
-from testkit.running.hall import daemon, hall, until
+from testkit.running.hall import daemon, free_port, hall, until
 from testkit.running.steady import on_a_steady_computer
 from testkit.running.survey_runs import stepdiag
 from testkit.running.verdict import nothing_silently_wrong
@@ -26,12 +25,6 @@ pytestmark = pytest.mark.system
 
 FIXED = '[environment]\nsource = "fixed"\n'
 QUIET = {"silent": True, "patient": False, "laser_survey": FIXED}
-
-
-def free_port():
-    """Return a port that is free now."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 def order(port, token, body):

@@ -30,7 +30,8 @@ def drive(stops, *, signals, size=(300.0, 200.0, 100.0), back=False, n=3, **more
         book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
         codes += [each.code for each in (*outcomes, *book.news()) if isinstance(each, Finding)]
         if any(isinstance(each, Ended) for each in outcomes):
-            capture = Capture(survey, book.start(skip_open_dwell=capture.standing is not None, breaks=capture.left_over()))
+            seen = {"breaks": capture.left_over(), "beyond": capture.went_beyond()}
+            capture = Capture(survey, book.start(skip_open_dwell=capture.standing is not None, **seen))
     return book, codes
 
 

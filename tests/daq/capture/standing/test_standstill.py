@@ -1,8 +1,9 @@
 """One standstill that Modbus shows in parts: registers that lag behind the stop signal, a stop signal that flickers."""
 
 import struct
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
+import numpy as np
 import pytest
 
 from stepdiag.daq.capture.capture import Capture
@@ -20,20 +21,30 @@ class Lagging(Timeline):
     """A PLC whose position, count or stop signal are not of one moment."""
 
     late_s: dict = field(default_factory=dict)
-    """By how much registers lag behind the stop signal: ``position``, ``count``."""
+    """By how much registers lag behind the stop signal: ``position``, ``count``; and the stop signal behind the machine: ``signal``."""
+    running_in: bool = False
+    """Whether the position is told on the way, too, not of stops alone."""
     flicker: tuple = ()
     """Spans (from, to) after the arrival at every stop in which the stop signal is away."""
 
     def registers(self, now, heartbeat):
         data = bytearray(super().registers(now, heartbeat))
-        for name, first, last in (("count", 2, 4), ("position", 8, 20)):
+        for name, first, last in (("count", 2, 4), ("signal", 4, 6), ("position", 8, 20)):
             if name in self.late_s:
                 data[first:last] = super().registers(now - self.late_s[name], heartbeat)[first:last]
+        if self.running_in:
+            data[8:20] = self.on_the_way(now - self.late_s.get("position", 0.0))
         since = next((now - begin for begin, end in self.schedule() if begin <= now < end), None)
         if since is not None and any(begin <= since < end for begin, end in self.flicker):
             (bits,) = struct.unpack(">H", data[4:6])
             data[4:6] = struct.pack(">H", bits & ~1)
         return bytes(data)
+
+    def on_the_way(self, now):
+        """Return the registers of the position at a time, axes in a straight line from stop to stop."""
+        times = np.ravel(self.schedule())
+        places = np.repeat([stop.position for stop in self.stops], 2, axis=0)
+        return struct.pack(">iii", *(round(float(np.interp(now, times, axis)) * 1e4) for axis in places.T))
 
 
 def run(timeline, **survey):
@@ -60,6 +71,20 @@ def test_registers_that_lag_some_polls_cost_nothing(late_s):
     assert [end.kind for end in ends] == ["complete"]
 
 
+@pytest.mark.parametrize("seconds", [0.8, 0.6], ids=["long", "short"])
+@pytest.mark.parametrize("poll_hz", [40.0, 100.0])
+@pytest.mark.parametrize("rate_hz", [40.0, 250.0, 1000.0])
+def test_a_position_that_runs_in_and_a_stop_signal_of_the_scan_before_cost_nothing(rate_hz, poll_hz, seconds):
+    """Every poll of the lag tells another place, and the last one of a dwell says that the machine stands when it moves already."""
+    truth = [replace(stop, seconds=seconds) for stop in diagonal("ppp", n=2)]
+    late_s = {"position": 0.55 * seconds, "count": 0.3 * seconds, "signal": 0.015}
+    timeline = Lagging(truth, late_s=late_s, running_in=True, rate_hz=rate_hz, poll_hz=poll_hz, move_s=0.3)
+    stops, findings, _ = run(timeline, n=2, rate_hz=rate_hz)
+    assert [stop.stop for stop in stops] == list(range(7))
+    assert [stop.position_mm for stop in stops] == [pytest.approx(true.position, abs=1e-4) for true in truth]
+    assert {each.code for each in findings} <= ({"stop-doubtful"} if rate_hz < 100.0 else set())
+
+
 @pytest.mark.parametrize("signals", ["", STOPPED_ONLY])
 def test_the_longest_steady_part_of_a_flickering_dwell_counts(signals):
     """The stop signal is there for 0.1 s, away for 50 ms, then there to the end: the long part is measured, nothing is doubted."""
@@ -71,6 +96,18 @@ def test_the_longest_steady_part_of_a_flickering_dwell_counts(signals):
         assert begin + 0.23 < stop.window_from_ns * 1e-9 < stop.window_to_ns * 1e-9 < end
         assert not stop.doubtful
     assert {each.code for each in findings} <= {"position-unchecked", "signals-absent"}
+
+
+def test_a_count_that_was_lost_on_the_way_and_reads_the_same_again_is_no_standstill():
+    """The stop signal is away for less than a flicker; the beam is cut during the move, and the count stands by chance where it stood."""
+    truth = diagonal("ppp", n=2)
+    step_mm = truth[2].reading - truth[1].reading
+    timeline = Timeline(truth, move_s=0.2, rate_hz=1000.0, lost_mm=-step_mm)
+    left = timeline.schedule()[1][1]
+    timeline.beam_lost = [(left + 0.002, left + 0.25)]
+    stops, findings, _ = run(timeline, signals=STOPPED_ONLY, n=2, rate_hz=1000.0)
+    assert [stop.window_from_ns * 1e-9 // 1.0 for stop in stops] == [begin // 1.0 for begin, _ in timeline.schedule()]
+    assert "beam-lost" in {each.code for each in findings}
 
 
 @pytest.mark.parametrize("late_s", [0.02, 0.3, 0.45])

@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stepdiag.daq.log.codec import whole_us
 from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.writer import LogWriter
 from stepdiag.daq.recording.session import Round, Session
@@ -224,6 +225,8 @@ class Folder:
         self._writer = LogWriter(self._file, header)
 
     def admit(self, event):
+        """What the log does not keep of an event, nobody sees: as the recorder does it."""
+        event = whole_us(event)
         self._writer.event(event)
         return (event,)
 

@@ -1,0 +1,46 @@
+"""Whether a survey is settled: every pass of it in, and nothing in it doubted that nobody has accepted."""
+
+from typing import Literal
+
+from stepdiag.daq.recording.session import Session
+from stepdiag.daq.recording.verdicts import mark_of, verdicts_in
+
+Settlement = Literal["", "complete", "doubted"]
+
+
+class Settled:
+    """Answers for one survey after the other, and remembers who asked too early.
+
+    While a log is open nobody knows: it may bring the stop that is doubted once more. It may also end without a pass, and then nobody else
+    would ask again.
+    """
+
+    def __init__(self) -> None:
+        self._mark: tuple[object, ...] = ()
+        self._asked_too_early = False
+
+    def know(self, session: Session) -> None:
+        """Take what stands beside a survey for known: its session was begun with it."""
+        self._mark = (session.folder, *mark_of(session.folder))
+
+    def heard(self, session: Session) -> bool:
+        """Tell a session what persons have said of its survey beside this process; return whether that was anything new."""
+        mark = (session.folder, *mark_of(session.folder))
+        if mark == self._mark:
+            return False
+        self._mark = mark
+        session.hear(verdicts_in(session.folder))
+        return True
+
+    def due(self, session: Session) -> bool:
+        """Tell whether the survey is to be asked for now because it was while a log was open."""
+        return self._asked_too_early and not session.recording
+
+    def of(self, session: Session) -> Settlement:
+        """Return whether a survey is complete, or open for a doubt alone; empty where something is missing, or nobody knows yet."""
+        self._asked_too_early = session.recording
+        if session.recording or (not session.round.logs and not session.book.passes):
+            return ""
+        if session.book.complete() and not session.unsolved:
+            return "complete"
+        return "doubted" if session.book.whole() else ""
