@@ -36,6 +36,17 @@ TOGETHER = {
 }
 """Beginnings of the names of tests that one process runs."""
 
+LONGEST = (
+    "tests/system/service/test_demo_live.py",
+    "tests/system/recording/test_no_signals.py",
+    "tests/system/shop/test_angles.py",
+    "tests/system/service/test_hostile_brokers.py",
+    "tests/system/recording/test_survey_end_to_end.py",
+    "tests/system/shop/test_bad_instruments.py",
+    "tests/system/recording/test_soak.py",
+)
+"""Beginnings of the names of the tests that are begun first: one that begins last is waited for by nobody but itself."""
+
 FOLDERS = {"system": "tests/system/", "control": "tests/system/", "page": "tests/page/"}
 """Where the tests of a mark stand: each group of tools/test reads its own folder alone."""
 
@@ -53,8 +64,9 @@ def pytest_xdist_make_scheduler(config, log):
 
 
 def pytest_collection_modifyitems(items):
-    """Refuse a marked test outside the folder of its group: no group would run it."""
+    """Refuse a marked test outside the folder of its group, which no group would run; begin with the longest."""
     marked = ((item, folder) for item in items for mark, folder in FOLDERS.items() if item.get_closest_marker(mark))
     lost = [item.nodeid for item, folder in marked if not item.nodeid.startswith(folder)]
     if lost:
         raise pytest.UsageError(f"these tests stand outside the folder of their group ({FOLDERS}) and would never run: {', '.join(lost)}")
+    items.sort(key=lambda item: not item.nodeid.startswith(LONGEST))

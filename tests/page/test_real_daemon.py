@@ -2,7 +2,6 @@
 
 import os
 import signal
-import socket
 from pathlib import Path
 
 import pytest
@@ -10,7 +9,7 @@ from playwright.sync_api import Browser, expect
 
 from stepdiag.demo.files import siemens_profile
 from testkit.browser import Watched, lived_until
-from testkit.running.hall import daemon, hall, until
+from testkit.running.hall import daemon, free_port, hall, until
 
 pytestmark = pytest.mark.page
 SIEMENS = """
@@ -26,13 +25,6 @@ def real(browser: Browser):
     watching = Watched(browser, machine="virtual")
     yield watching
     watching.close()
-
-
-def free_port() -> int:
-    """Return a port that is free now."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        return probe.getsockname()[1]
 
 
 def fault(place, kind: str, duration_s: float) -> None:

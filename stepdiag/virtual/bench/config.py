@@ -128,7 +128,7 @@ class LaserPart(_Part, frozen=True):
     counter_modulus: int = 65536
     resolution_mm: float = 0.0001
     lossless: bool = False
-    chunk_s: float = 0.005
+    chunk_s: float = 0.01
 
 
 class HeadPart(_Part, frozen=True):

@@ -86,7 +86,7 @@ class Talker:
         clock: Clock,
         faults: FaultBoard,
         powered: Callable[[], None] = lambda: None,
-        chunk_s: float = 0.005,
+        chunk_s: float,
     ) -> None:
         self._line = line
         self._device = device
@@ -117,6 +117,7 @@ class Talker:
             self._answer(self._device)
 
     def _talk(self, device: Talking) -> None:
+        responding = device if isinstance(device, Responding) else None
         self._line.write(device.banner())
         sent = int(self._clock.wall_s() * device.rate_hz)
         while not self._stop.wait(self._chunk_s):
@@ -128,8 +129,8 @@ class Talker:
                 sent += late
             if self._plugged_in(now):
                 self._line.write(device.banner())
-            if isinstance(device, Responding) and (received := self._line.read(0.0)):
-                self._send(device.respond(received), now)
+            if responding and (received := self._line.read(0.0)):
+                self._send(responding.respond(received), now)
             if due > sent:
                 data = device.speak(np.arange(sent + 1, due + 1) / device.rate_hz)
                 sent = due

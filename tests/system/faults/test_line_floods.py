@@ -15,6 +15,7 @@ from pathlib import Path
 
 import pytest
 
+from testkit.running.hall import free_port
 from testkit.running.slaves import Pty, TcpServer, wait_until
 from testkit.running.steady import on_a_steady_computer
 
@@ -43,12 +44,6 @@ RATE = 4_000_000
 ENDS_S = 2.0
 NOISE = random.Random(7).randbytes(1_000_000)
 SHORTEST_LINES = b"x\n" * 500_000
-
-
-def free_port():
-    """Return a port that is free now."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 @contextmanager

@@ -13,7 +13,7 @@ from pathlib import Path
 import pytest
 
 from testkit.played import served
-from testkit.running.hall import daemon, hall, until
+from testkit.running.hall import daemon, free_port, hall, until
 
 pytestmark = pytest.mark.system
 
@@ -23,12 +23,6 @@ GARBAGE = (
     b"\x16\x03\x01" * 400,
     b"POST /command HTTP/1.1\r\nHost: localhost\r\nContent-Length: 9\r\n\r\n",
 )
-
-
-def free_port():
-    """Return a port that is free now."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 def many(place, port, count, words):

@@ -1,22 +1,15 @@
 """The figures for Prometheus, asked for while a real daemon records."""
 
-import socket
 import urllib.error
 import urllib.request
 
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from testkit.running.hall import daemon, hall, until
+from testkit.running.hall import daemon, free_port, hall, until
 from testkit.running.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
-
-
-def free_port():
-    """Return a port that is free now."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 def scrape(port):

@@ -3,6 +3,7 @@
 import pytest
 
 from testkit.running.boot import as_root, booted, built_wheel, debian_root, write
+from testkit.running.hall import free_port
 
 pytestmark = pytest.mark.system
 
@@ -20,7 +21,10 @@ format = "umd"
 port = "/dev/ttyUSB0"
 [plc]
 host = "127.0.0.1"
+[page]
+port = {page}
 """
+"""The container shares the network: the usual port may be another test's."""
 PROGRAM = "/root/tools/stepdiag"
 PYTHON = "/root/share/python-3.11.0"
 
@@ -40,7 +44,7 @@ def install_in_a_home(folder):
     as_root("cp", wheel, root / "root" / wheel.name)
     as_root("chroot", root, f"{PROGRAM}/bin/pip", "install", "--quiet", "--no-index", "--no-deps", f"/root/{wheel.name}")
     write(f"{root}{PROGRAM}/lib/python3.11/site-packages/libraries.pth", "/opt/libraries\n")
-    write(root / "etc/stepdiag/alone.toml", SURVEY)
+    write(root / "etc/stepdiag/alone.toml", SURVEY.format(page=free_port()))
     write(root / f"etc/systemd/system/{UNIT}.d/test.conf", "[Service]\nBindReadOnlyPaths=/opt/libraries\n")
     return root
 

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import aiomqtt
 
+from testkit.running.hall import free_port
+
 USER, PASSWORD = "stepdiag", "not-to-be-guessed"
 PATIENCE_S = 60
 
@@ -26,12 +28,6 @@ class Place:
     @property
     def authority(self):
         return self.folder / "broker.crt"
-
-
-def free_port():
-    """Return a port of this computer on which nobody listens."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return free.getsockname()[1]
 
 
 def prepared(folder):

@@ -2,6 +2,7 @@
 
 import json
 import os
+import socket
 import sys
 import time
 from contextlib import contextmanager, suppress
@@ -10,6 +11,9 @@ from pathlib import Path
 
 from stepdiag.demo.processes import Talker, talking
 from testkit.cli import stepdiag
+
+SILENT_S = 90.0
+"""A daemon that says nothing for so long waits for a person: what a test waits for does not come any more."""
 
 UNIT_NICE = -10
 """The unit's priority; the bench stands for hardware, which no busy computer holds up."""
@@ -26,7 +30,7 @@ passes = {passes}
 feed_mm_min = {feed}
 acceleration_mm_s2 = 4000.0
 dwell_s = {dwell}
-overrun_mm = 2.0
+overrun_mm = {overrun}
 start = "command"
 pause_s = 0.5
 handshake = {handshake}
@@ -55,7 +59,7 @@ increments = {n}
 setups = [{setups}]
 return_pass = {back}
 dwell_s = 0.6
-overrun_mm = 2.0
+overrun_mm = {overrun}
 [machine]
 {machine}
 [laser]
@@ -123,6 +127,7 @@ def hall(
     dwell=5.0,
     feed=30000.0,
     window=0.1,
+    overrun=2.0,
     seed=5,
     exports="",
     page=False,
@@ -140,7 +145,14 @@ def hall(
 ):
     """Run a bench process in ``folder``; a survey file that fits it stands there."""
     named = ", ".join(f'"{setup}"' for setup in setups)
-    common = {"n": n, "size": ", ".join(map(str, size)), "setups": named, "laser": laser, "handshake": str(handshake).lower()}
+    common = {
+        "n": n,
+        "size": ", ".join(map(str, size)),
+        "setups": named,
+        "laser": laser,
+        "handshake": str(handshake).lower(),
+        "overrun": overrun,
+    }
     bench_file = folder / "bench.toml"
     driven = {
         "passes": 1 + back,
@@ -185,6 +197,12 @@ def hall(
         yield Hall(folder, bench, survey, setups, ready)
 
 
+def free_port():
+    """Return a port of this computer on which nobody listens."""
+    with socket.create_server(("127.0.0.1", 0)) as free:
+        return free.getsockname()[1]
+
+
 def go_first(process):
     """Give a process that has just begun the priority it has beside a machine, where this user may."""
     with suppress(PermissionError):
@@ -220,7 +238,7 @@ def until_complete(process, survey, *, timeout_s=500.0):
     accept_all(survey)
     seen, end = [], time.monotonic() + timeout_s
     while time.monotonic() < end:
-        seen.append(process.next(max(0.1, end - time.monotonic()), "process"))
+        seen.append(process.next(SILENT_S, "process"))
         if seen[-1].get("event") == "survey-complete":
             return seen
         if seen[-1].get("event") == "survey-open":
@@ -232,7 +250,7 @@ def until(talker, event, *, timeout_s=500.0, **fields):
     """Return every object up to the first of an event with these fields."""
     seen, end = [], time.monotonic() + timeout_s
     while time.monotonic() < end:
-        seen.append(talker.next(max(0.1, end - time.monotonic()), "process"))
+        seen.append(talker.next(SILENT_S, "process"))
         if seen[-1].get("event") == event and all(seen[-1].get(key) == value for key, value in fields.items()):
             return seen
     raise AssertionError(f"no {event} {fields} within {timeout_s} s; last: {seen[-3:]}")
