@@ -14,6 +14,7 @@ from pathlib import Path
 
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.records.events import Chunk
+from stepdiag.virtual.base.reserved import reserved_port
 
 SURVEY = """
 [survey]
@@ -96,14 +97,8 @@ def feeding(folder: Path, rate_hz: float, *, page: bool = False, **options: obje
         assert feeder.stdout is not None
         ready = json.loads(feeder.stdout.readline())
         survey = folder / "survey.toml"
-        survey.write_text(SURVEY.format(**ready, page=str(page).lower(), page_port=free_port()))
+        survey.write_text(SURVEY.format(**ready, page=str(page).lower(), page_port=reserved_port()))
         yield survey
-
-
-def free_port() -> int:
-    """Return a port that is free now."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return int(server.getsockname()[1])
 
 
 @contextmanager

@@ -14,6 +14,7 @@ from stepdiag.demo.demo import empty_folder
 from stepdiag.demo.files import WATCHED, Pace, write_angles, write_bench, write_profiles, write_survey
 from stepdiag.demo.operator import LOOK_S, Operator, bench, daemon, words
 from stepdiag.demo.processes import Talker
+from stepdiag.virtual.base.reserved import reserved_port
 
 LOOK_AT_PAGE_S = 8.0
 """How long the operator waits before each setup: the page says meanwhile what is to be set up."""
@@ -78,7 +79,7 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
     os.close(os.open(folder / TOKEN_FILE, os.O_CREAT | os.O_EXCL, 0o600))  # nobody else reads it, from the first moment on
     (folder / TOKEN_FILE).write_text(token, encoding="ascii")
     with bench(config, folder) as hall:
-        page = f'port = {_free_port()}\ntoken_file = "{TOKEN_FILE}"'
+        page = f'port = {_page_port()}\ntoken_file = "{TOKEN_FILE}"'
         survey = write_survey(folder, hall.ready["plc_port"], hall.ready["laser_link"], pace=pace, page=page)
         with daemon(survey) as recording:
             person.opened(recording.ready["address"], token)
@@ -87,17 +88,15 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
                     time.sleep(LOOK_S)
 
 
-def _free_port() -> int:
+def _page_port() -> int:
     """Return the page's usual port, or a free one where it is taken."""
-    for port in (USUAL_PORT, 0):
-        with socket.socket() as probe:
-            probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
-            try:
-                probe.bind(("127.0.0.1", port))
-            except OSError:
-                continue
-            return int(probe.getsockname()[1])
-    raise AssertionError("port 0 takes any that is free")
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        try:
+            probe.bind(("127.0.0.1", USUAL_PORT))
+        except OSError:
+            return reserved_port()
+    return USUAL_PORT
 
 
 def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person) -> bool:

@@ -8,8 +8,9 @@ import pytest
 from playwright.sync_api import Browser, expect
 
 from stepdiag.demo.files import siemens_profile
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.browser import Watched, lived_until
-from testkit.running.hall import daemon, free_port, hall, until
+from testkit.running.hall import daemon, hall, until
 
 pytestmark = pytest.mark.page
 SIEMENS = """
@@ -34,7 +35,7 @@ def fault(place, kind: str, duration_s: float) -> None:
 
 def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> None:
     """Out and back: what to do first, stops as they come, the result, and in both languages why its export was refused."""
-    port = free_port()
+    port = reserved_port()
     other_machine = siemens_profile()
     (tmp_path / "siemens.toml").write_text(other_machine, encoding="utf-8")
     how = {"back": True, "handshake": True, "dwell": 1.0, "page": True, "page_port": port, "exports": SIEMENS}
@@ -67,7 +68,7 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
 
 def test_the_page_asks_what_is_active_before_the_first_pass(tmp_path: Path, real: Watched) -> None:
     """A survey that does not say whether a compensation is on says so on the page, in both languages, before anything is driven."""
-    port = free_port()
+    port = reserved_port()
     with hall(tmp_path, page=True, page_port=port, machine="") as place, daemon(place.survey):
         page = real.open(f"http://127.0.0.1:{port}")
         expect(page.locator("#findings")).to_contain_text("nobody has said whether a compensation is active in the control", timeout=60_000)
@@ -81,7 +82,7 @@ def test_the_page_asks_what_is_active_before_the_first_pass(tmp_path: Path, real
 @pytest.mark.parametrize(("kind", "link"), [("laser-unplug", "laser"), ("plc-silent", "plc")])
 def test_a_cable_that_is_pulled_is_seen_within_a_second(tmp_path: Path, real: Watched, kind: str, link: str) -> None:
     """What came over it is old within a second of its last word, and young again by itself."""
-    port = free_port()
+    port = reserved_port()
     with hall(tmp_path, page=True, page_port=port) as place, daemon(place.survey):
         page = real.open(f"http://127.0.0.1:{port}")
         expect(page.locator(f"[data-link={link}]")).to_have_class("chip good")
@@ -92,7 +93,7 @@ def test_a_cable_that_is_pulled_is_seen_within_a_second(tmp_path: Path, real: Wa
 
 def test_a_killed_daemon_comes_back_to_the_page(tmp_path: Path, real: Watched) -> None:
     """kill -9: old within a second; once the daemon serves again the page is live within three, and shows the same survey."""
-    port = free_port()
+    port = reserved_port()
     real.daemon_may_be_away = True
     with hall(tmp_path, page=True, page_port=port) as place:
         with daemon(place.survey) as process:

@@ -13,6 +13,8 @@ import tty
 from pathlib import Path
 from typing import Protocol
 
+from stepdiag.virtual.base.reserved import reserved_port
+
 _KERNEL_BUFFER = 4095
 _UNREAD_S = 0.25
 
@@ -142,7 +144,7 @@ class TcpLine:
     """An instrument's TCP port on loopback: one guest at a time, the same port after it was unplugged. Without a guest bytes are lost."""
 
     def __init__(self) -> None:
-        self._port = 0
+        self._port = reserved_port()
         self._listener: socket.socket | None = None
         self._guest: socket.socket | None = None
         self._came = False
@@ -167,7 +169,6 @@ class TcpLine:
         """Listen."""
         self._listener = socket.create_server(("127.0.0.1", self._port))
         self._listener.setblocking(False)
-        self._port = self._listener.getsockname()[1]
 
     def unplug(self) -> None:
         """Send the guest away and listen no more."""

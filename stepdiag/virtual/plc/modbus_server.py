@@ -10,6 +10,7 @@ import time
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import FaultBoard
 from stepdiag.virtual.base.ports import SerialLine
+from stepdiag.virtual.base.reserved import reserved_port
 from stepdiag.virtual.plc.attention import Attention
 from stepdiag.virtual.plc.modbus import GATEWAY_TARGET_FAILED, checksum, frame_length, respond
 from stepdiag.virtual.plc.plc import Plc
@@ -57,7 +58,7 @@ class TcpSlave:
         self._selector = selectors.DefaultSelector()
         self._streams: dict[socket.socket, bytes] = {}
         self._listener: socket.socket | None = None
-        self._address = (host, port)
+        self._address = (host, port or reserved_port())
         self._listen()
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, name="virtual-plc-tcp")
@@ -81,7 +82,6 @@ class TcpSlave:
     def _listen(self) -> None:
         self._listener = socket.create_server(self._address)
         self._listener.setblocking(False)
-        self._address = self._listener.getsockname()[:2]
         self._selector.register(self._listener, selectors.EVENT_READ)
 
     def _hang_up(self) -> None:

@@ -1,7 +1,6 @@
 """What the links bring comes in the order in which it came about, whoever wakes the loop."""
 
 import asyncio
-import socket
 
 import pytest
 
@@ -9,6 +8,7 @@ from stepdiag.daq.recording import survey_links
 from stepdiag.daq.recording.survey_links import SurveyLinks
 from stepdiag.daq.records.events import Chunk, LinkEvent
 from stepdiag.daq.survey.file import parse_survey
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.slaves import Pty, wait_until
 
 SURVEY = """
@@ -35,8 +35,7 @@ def pty():
 
 def nobody():
     """Return a port where nobody listens."""
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
+    return reserved_port()
 
 
 def connected(event):

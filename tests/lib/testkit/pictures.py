@@ -1,7 +1,6 @@
 """Draws the pictures of docs/machinist.md from a real survey: ``PYTHONPATH=tests/lib python -m testkit.pictures``."""
 
 import re
-import socket
 import tempfile
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -11,6 +10,7 @@ from typing import Any
 from playwright.sync_api import Page, expect, sync_playwright
 
 from stepdiag.demo.files import siemens_profile
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.browser import launch
 from testkit.exact.siemens_files import HALL_EXPORT
 from testkit.running.hall import Hall, daemon, hall, until
@@ -45,9 +45,7 @@ def draw(folder: Path) -> None:
 @contextmanager
 def _surveyed() -> Iterator[tuple[Hall, Any, Page]]:
     """Serve a survey of the virtual machine and look at its page while the block runs."""
-    with socket.socket() as probe:
-        probe.bind(("127.0.0.1", 0))
-        port = probe.getsockname()[1]
+    port = reserved_port()
     how = {"back": True, "handshake": True, "dwell": 2.0, "page": True, "page_port": port, "exports": HALL_EXPORT}
     with (
         tempfile.TemporaryDirectory() as work,

@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from testkit.running.hall import free_port
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.slaves import Pty, TcpServer, wait_until
 from testkit.running.steady import on_a_steady_computer
 
@@ -49,7 +49,7 @@ SHORTEST_LINES = b"x\n" * 500_000
 @contextmanager
 def recording(folder, format_, plc, more=""):
     """Run a daemon on a pty and a PLC; yields process, pty and the page's port."""
-    line, page = Pty(), free_port()
+    line, page = Pty(), reserved_port()
     survey = folder / "flood.toml"
     survey.write_text(SURVEY.format(format=format_, port=line.name, plc=plc, page=page, more=more))
     with (folder / "log").open("wb") as log:

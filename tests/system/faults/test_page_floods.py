@@ -12,8 +12,9 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.played import served
-from testkit.running.hall import daemon, free_port, hall, until
+from testkit.running.hall import daemon, hall, until
 
 pytestmark = pytest.mark.system
 
@@ -62,7 +63,7 @@ def flooded(port):
 
 def test_every_stop_is_captured_whatever_happens_to_the_page(tmp_path):
     """Idle connections by the thousand, hundreds of streams, garbage without end: 38 of 38 stops, and a log that a person can read."""
-    port = free_port()
+    port = reserved_port()
     with (
         hall(tmp_path, setups=("ppp", "npp"), n=6, handshake=True, dwell=3.0, page=True, page_port=port) as place,
         daemon(place.survey) as process,
@@ -86,7 +87,7 @@ def answers_soon(port):
 
 def test_a_page_that_dies_is_started_again_and_the_recording_does_not_notice(tmp_path):
     """kill -9 of the page's process in the middle of a pass: every stop is there, and the page answers again."""
-    port = free_port()
+    port = reserved_port()
     with (
         hall(tmp_path, setups=("ppp",), n=2, handshake=True, dwell=3.0, page=True, page_port=port) as place,
         daemon(place.survey) as process,

@@ -13,10 +13,11 @@ import pytest
 
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.solver.result.field import Tabulated, field_of_um
+from stepdiag.virtual.base.reserved import reserved_port
 from stepdiag.virtual.bench.building import alignment_of, build_box, build_machine
 from stepdiag.virtual.bench.config import read_config
 from stepdiag.virtual.drive.setups import simulate_pass
-from testkit.running.hall import daemon, free_port, hall, until
+from testkit.running.hall import daemon, hall, until
 from testkit.running.steady import on_a_steady_computer
 from testkit.running.survey_runs import stepdiag
 from testkit.running.verdict import nothing_silently_wrong
@@ -159,7 +160,7 @@ def test_a_machine_with_signals_is_not_begun_by_hand(tmp_path):
 
 def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
     """By whoever has the token; the page says that somebody has to."""
-    port, token = free_port(), "a token of the tests"
+    port, token = reserved_port(), "a token of the tests"
     with hall(tmp_path, page=True, page_port=port, **QUIET) as place:
         file = tmp_path / "survey.token"
         file.write_text(token)

@@ -6,7 +6,8 @@ import urllib.request
 import pytest
 from prometheus_client.parser import text_string_to_metric_families
 
-from testkit.running.hall import daemon, free_port, hall, until
+from stepdiag.virtual.base.reserved import reserved_port
+from testkit.running.hall import daemon, hall, until
 from testkit.running.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
@@ -22,7 +23,7 @@ def scrape(port):
 @on_a_steady_computer
 def test_the_figures_follow_the_survey(tmp_path):
     """The end of a pass is said after its last stop, so what is asked for then counts all of them."""
-    port = free_port()
+    port = reserved_port()
     with hall(tmp_path, setups=("linear-x", "ppp")) as place:
         place.survey.write_text(f"{place.survey.read_text()}\n[metrics]\nenabled = true\nport = {port}\n")
         with daemon(place.survey) as process:

@@ -10,7 +10,8 @@ from asyncua import Client, ua
 from asyncua.crypto.security_policies import SecurityPolicyBasic256Sha256
 from asyncua.ua.ua_binary import extensionobject_to_binary
 
-from testkit.running.brokers import PATIENCE_S, free_port
+from stepdiag.virtual.base.reserved import reserved_port
+from testkit.running.brokers import PATIENCE_S
 from testkit.running.opcua import MACHINE, MODEL, NOW, Serving, prepared
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
@@ -280,7 +281,7 @@ def test_a_key_of_another_certificate_is_refused(survey):
     """It would serve, and no client would ever come in."""
     for name in ("server", "client"):
         certificate(survey.parent, name)
-    command = [sys.executable, "-m", "stepdiag", "publish", survey, "--opcua", f"127.0.0.1:{free_port()}"]
+    command = [sys.executable, "-m", "stepdiag", "publish", survey, "--opcua", f"127.0.0.1:{reserved_port()}"]
     command += ["--certificate", survey.parent / "server.pem", "--key", "client.key.pem"]
     done = subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=PATIENCE_S, check=False)
     assert done.returncode == 2, done.stderr

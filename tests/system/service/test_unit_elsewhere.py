@@ -2,8 +2,8 @@
 
 import pytest
 
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.boot import as_root, booted, built_wheel, debian_root, write
-from testkit.running.hall import free_port
 
 pytestmark = pytest.mark.system
 
@@ -44,7 +44,7 @@ def install_in_a_home(folder):
     as_root("cp", wheel, root / "root" / wheel.name)
     as_root("chroot", root, f"{PROGRAM}/bin/pip", "install", "--quiet", "--no-index", "--no-deps", f"/root/{wheel.name}")
     write(f"{root}{PROGRAM}/lib/python3.11/site-packages/libraries.pth", "/opt/libraries\n")
-    write(root / "etc/stepdiag/alone.toml", SURVEY.format(page=free_port()))
+    write(root / "etc/stepdiag/alone.toml", SURVEY.format(page=reserved_port()))
     write(root / f"etc/systemd/system/{UNIT}.d/test.conf", "[Service]\nBindReadOnlyPaths=/opt/libraries\n")
     return root
 

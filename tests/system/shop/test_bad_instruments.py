@@ -22,6 +22,7 @@ from stepdiag.checking.check import Observation, watch
 from stepdiag.checking.diagnosis import diagnose
 from stepdiag.daq.service.daemon import Daemon
 from stepdiag.daq.survey.file import parse_survey
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.slaves import Pty
 
 pytestmark = pytest.mark.system
@@ -229,9 +230,7 @@ async def standing(row):
         elif row.wrong == "unknown":
             yield "socket://no-such-instrument.invalid:4001"
         elif row.wrong == "closed":
-            held = stack.enter_context(socket.socket())
-            held.bind(("127.0.0.1", 0))  # and does not listen: nobody else gets the port meanwhile
-            yield f"socket://127.0.0.1:{held.getsockname()[1]}"
+            yield f"socket://127.0.0.1:{reserved_port()}"
         elif row.wrong == "firewall":
             deaf = stack.enter_context(socket.create_server(("127.0.0.1", 0), backlog=0))
             for _ in range(4):

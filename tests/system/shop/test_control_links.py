@@ -20,6 +20,7 @@ from stepdiag.daq.links.controls.s7 import open_link as open_s7
 from stepdiag.daq.records.events import ReadRange
 from stepdiag.daq.survey.controls import control_section
 from stepdiag.daq.survey.file import parse_survey
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.controls import s7_control, telegram, tnc_control
 from testkit.running.hall import daemon, hall, until
 from testkit.running.survey_files import SMALLEST
@@ -208,8 +209,7 @@ def test_a_port_that_takes_a_connection_and_says_nothing_is_named(name):
 
 @pytest.mark.parametrize("name", ALL)
 def test_a_closed_port_is_named(name):
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        port = server.getsockname()[1]
+    port = reserved_port()
     _, found = looked_at(name, port)
     assert "nothing listens on this port" in found["machine-unreachable"].text
 

@@ -8,7 +8,6 @@ import pty
 import re
 import select
 import signal
-import socket
 import subprocess
 import sys
 import time
@@ -21,6 +20,7 @@ from stepdiag.checking.hearing import Heard
 from stepdiag.cli.setup import setup
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.solver.errors import UsageError
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.cli import stepdiag as quickly
 from testkit.running.controls import s7_control, tnc_control
 from testkit.running.hall import hall
@@ -145,8 +145,7 @@ def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_pa
 
 def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
     file = tmp_path / "mill.toml"
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        closed = server.getsockname()[1]
+    closed = reserved_port()
     code, _, said = stepdiag("setup", file, "--laser-port", f"socket://127.0.0.1:{closed}", "--host", "none", *VOLUME)
     assert (code, file.exists()) == (4, False)
     assert "nothing listens on this port" in said

@@ -13,6 +13,7 @@ from stepdiag.daq.links.ports.serial import PolledSerial, SerialStream
 from stepdiag.daq.links.reconnect import Reconnector
 from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.solver.errors import DeviceError
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.slaves import Pty, running, wait_until
 from testkit.running.terminal_server import terminal_server
 
@@ -74,11 +75,10 @@ def test_every_byte_arrives_in_order_with_a_stamp_of_the_moment_both_ways(pty, s
 
 def test_a_terminal_server_that_restarts_is_found_again(pty):
     """The connection ends, nobody is there for a moment, and the line goes on."""
-    states, chunks = [], []
+    states, chunks, port = [], [], reserved_port()
 
     async def run():
-        with terminal_server(pty.name, "socket") as name:
-            port = int(name.rpartition(":")[2])
+        with terminal_server(pty.name, "socket", port) as name:
             keeping = Reconnector("laser", stream_of(name, chunks).session, lambda state, _: states.append(state))
             task = asyncio.create_task(keeping.run())
             await asyncio.to_thread(wait_until, lambda: "connected" in states)
@@ -133,8 +133,7 @@ def test_several_things_are_asked_for_at_their_own_pace(pty):
 
 
 def test_a_closed_port_an_unknown_name_and_silence_are_told_apart(monkeypatch):
-    with socket.create_server(("127.0.0.1", 0)) as taken:
-        port = taken.getsockname()[1]
+    port = reserved_port()
     assert "found Connection refused; the host is there and nothing listens on this port" in refusal(f"socket://127.0.0.1:{port}")
     assert "found no such name; check the name of the host" in refusal("socket://no-such-host.invalid:4001")
     monkeypatch.setattr(network, "CONNECT_S", 0.3)

@@ -19,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from stepdiag.exporters.programs import companion_files
+from stepdiag.virtual.base.reserved import reserved_port
 
 PACKAGES = ("linuxcnc-uspace", "linuxcnc-uspace-dev", "gcc", "libc6-dev")
 BRIDGE = Path(__file__).with_name("bridge.py")
@@ -199,7 +200,7 @@ def linuxcnc(
     installed()
     with _alone(), tempfile.TemporaryDirectory(prefix="stepdiag-linuxcnc-", ignore_cleanup_errors=True) as name:
         folder = Path(name)
-        plc_port = _free_port()
+        plc_port = reserved_port()
         _configured(folder, comp_files or {}, kinematics or {}, backlash_mm or {}, plc_port, SWIFT_MM_S2 if swift else ORDINARY_MM_S2)
         with socket.socket(socket.AF_UNIX) as door:
             door.bind(str(folder / "rig.socket"))
@@ -225,11 +226,6 @@ def _as_root(command: list[str], folder: Path | None = None) -> subprocess.Compl
     as_root = [] if os.geteuid() == 0 else ["sudo", "-n"]
     quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
     return subprocess.run([*as_root, *command], env=quiet, capture_output=True, text=True, check=False, cwd=folder)
-
-
-def _free_port() -> int:
-    with socket.create_server(("127.0.0.1", 0)) as door:
-        return int(door.getsockname()[1])
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from pathlib import Path
 
 import aiomqtt
 
-from testkit.running.hall import free_port
+from stepdiag.virtual.base.reserved import reserved_port
 
 USER, PASSWORD = "stepdiag", "not-to-be-guessed"
 PATIENCE_S = 60
@@ -32,7 +32,7 @@ class Place:
 
 def prepared(folder):
     """Make certificate, password and settings of a broker; return where it will be."""
-    port = free_port()
+    port = reserved_port()
     _run(
         "openssl", "req", "-x509", "-newkey", "ec", "-pkeyopt", "ec_paramgen_curve:prime256v1", "-nodes", "-subj", "/CN=localhost",
         "-addext", "subjectAltName=DNS:localhost,IP:127.0.0.1", "-keyout", folder / "broker.key", "-out", folder / "broker.crt",

@@ -12,6 +12,8 @@ from contextlib import contextmanager
 from snap7.server import Server
 from snap7.type import SrvArea
 
+from stepdiag.virtual.base.reserved import reserved_port
+
 
 class VirtualPlc:
     """The register block of the virtual machine, read over Modbus TCP."""
@@ -68,7 +70,7 @@ class S7Control:
         self.words, self._plc = bytearray(8), plc
         self.axes = [bytearray(2) for _ in range(3)]
         self._told = self.telegrams = 0
-        self.port = port or _free_port()
+        self.port = port or reserved_port()
         self.start()
 
     def start(self):
@@ -110,13 +112,12 @@ class TncControl:
         self._plc, self._password, self._answer = plc, password, answer
         self._ended = threading.Event()
         self._threads = []
-        self.port = 0
+        self.port = reserved_port()
         self.start()
 
     def start(self):
         self._ended.clear()
         self._listener = socket.create_server(("127.0.0.1", self.port))
-        self.port = self._listener.getsockname()[1]
         self._listener.settimeout(0.05)
         self._threads = [threading.Thread(target=self._accept)]
         self._threads[0].start()
@@ -196,11 +197,6 @@ class TncControl:
 def telegram(letters, data=b""):
     """Return a telegram as it is sent."""
     return struct.pack(">L", len(data)) + letters.encode() + data
-
-
-def _free_port():
-    with socket.create_server(("127.0.0.1", 0)) as server:
-        return server.getsockname()[1]
 
 
 @contextmanager

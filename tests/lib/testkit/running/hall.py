@@ -2,7 +2,6 @@
 
 import json
 import os
-import socket
 import sys
 import time
 from contextlib import contextmanager, suppress
@@ -195,12 +194,6 @@ def hall(
             encoding="utf-8",
         )
         yield Hall(folder, bench, survey, setups, ready)
-
-
-def free_port():
-    """Return a port of this computer on which nobody listens."""
-    with socket.create_server(("127.0.0.1", 0)) as free:
-        return free.getsockname()[1]
 
 
 def go_first(process):

@@ -6,9 +6,10 @@ import time
 
 from asyncua import ua
 
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.fleets import finished_survey
 from testkit.hostile.foreign_logs import SURVEY
-from testkit.running.brokers import PATIENCE_S, free_port
+from testkit.running.brokers import PATIENCE_S
 
 MODEL = "http://opcfoundation.org/UA/Machinery/Result/"
 NOW = ua.Variant(0, ua.VariantType.Int32)
@@ -27,7 +28,7 @@ class Serving:
     """A server that runs."""
 
     def __init__(self, survey, *options):
-        self.url = f"opc.tcp://127.0.0.1:{free_port()}/stepdiag"
+        self.url = f"opc.tcp://127.0.0.1:{reserved_port()}/stepdiag"
         self.folder = survey.parent
         self._log = survey.parent / f"opcua-{time.monotonic_ns()}.log"
         address = self.url.removeprefix("opc.tcp://").removesuffix("/stepdiag")

@@ -11,6 +11,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from stepdiag.virtual.base.reserved import reserved_port
+
 Answer = Callable[[bytes], bytes | None]
 """Takes the PDU of a request; returns that of the answer, None to stay silent."""
 
@@ -82,14 +84,13 @@ class TcpServer:
     def __init__(self, answer: Answer) -> None:
         self._answer = answer
         self._threads: list[threading.Thread] = []
-        self.port = 0
+        self.port = reserved_port()
         self.start()
 
     def start(self) -> None:
         self._ended = threading.Event()
         self._listener = socket.create_server(("127.0.0.1", self.port), reuse_port=False)
         self._listener.settimeout(0.02)
-        self.port = self._listener.getsockname()[1]
         self._threads = [threading.Thread(target=self._accept)]
         self._threads[0].start()
 

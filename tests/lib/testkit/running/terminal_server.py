@@ -26,9 +26,9 @@ class PtyPort(serial.Serial):
 
 
 @contextmanager
-def terminal_server(path: str, scheme: Literal["socket", "rfc2217"]) -> Iterator[str]:
+def terminal_server(path: str, scheme: Literal["socket", "rfc2217"], port: int = 0) -> Iterator[str]:
     """Hold the port out while the block lasts; yield how a survey file names it."""
-    with socket.create_server(("127.0.0.1", 0)) as listener:
+    with socket.create_server(("127.0.0.1", port)) as listener:
         listener.settimeout(0.05)
 
         def work(ended: threading.Event) -> None:
