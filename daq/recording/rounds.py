@@ -25,14 +25,11 @@ from stepdiag.daq.log.recovery import recover
 from stepdiag.daq.log.topics import FINDING_TOPIC, STOP_TOPIC
 from stepdiag.daq.recording.session import Round
 from stepdiag.daq.recording.verdicts import verdicts_in
-from stepdiag.daq.records.status import PredictionStatus
-from stepdiag.daq.records.survey_folder import PREDICTION, RESULT
+from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.replay import begun_logs
-from stepdiag.exporters.files.files import read_bytes
-from stepdiag.solver.errors import DataError, DeviceError, StepdiagError, UsageError
+from stepdiag.solver.errors import DataError, DeviceError, UsageError
 from stepdiag.solver.findings import Finding, Severity
 
-MAX_PREDICTION_BYTES = 4096
 LOCK = ".lock"
 
 _log = structlog.get_logger("rounds")
@@ -137,18 +134,6 @@ def latest_round(folder: Path, survey_text: str, run: dict[str, str]) -> Round:
 def next_round(begun: Round) -> Round:
     """Return the round after one that is complete."""
     return _new_round(begun.folder.parent, int(begun.folder.name) + 1, begun.run)
-
-
-def prediction_in(folder: Path) -> PredictionStatus | None:
-    """Return what the first export is predicted to do; None where nothing was exported, or what stands there is not ours."""
-    path = folder / PREDICTION
-    if not path.is_file():
-        return None
-    try:
-        return msgspec.json.decode(read_bytes(path, largest=MAX_PREDICTION_BYTES), type=PredictionStatus)
-    except (*DAMAGE, StepdiagError) as error:
-        _log.warning("prediction-not-read", file=str(path), reason=str(error))
-        return None
 
 
 def mend(folder: Path) -> None:

@@ -105,13 +105,6 @@ class GeometryStatus(msgspec.Struct, frozen=True, kw_only=True):
     route_mm: tuple[Point, ...]
 
 
-class PredictionStatus(msgspec.Struct, frozen=True, kw_only=True):
-    """The volumetric error of the finished survey, rms over the volume, rigid motion removed; None after where nothing was exported."""
-
-    rms_before_um: float
-    rms_after_um: float | None
-
-
 class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """Everything a person may want to see. Ages are in seconds so that a reader's clock does not matter."""
 
@@ -172,7 +165,6 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """Whether the machine has left the last stop of the pass, which is taken in a moment: whoever takes the beam away now harms nothing."""
     strip: StripStatus | None = None
     result_ready: bool
-    prediction: PredictionStatus | None = None
     recording: bool
     begins: bool = False
     """Whether somebody has to say that a setup is going to be driven: the machine has no signals."""

@@ -6,7 +6,6 @@ RESULT = "result.json"
 READINGS = "readings.csv"
 CONCLUSION = "conclusion.json"
 EXPORTS = "exports"
-PREDICTION = "prediction.json"
 REFUSED = "REFUSED.txt"
 """Why there are no files for a control, in the folder where they would be."""
 

@@ -9,8 +9,7 @@ from pathlib import Path
 
 import structlog
 
-from stepdiag.daq.recording.rounds import prediction_in
-from stepdiag.daq.records.status import Phase, PredictionStatus
+from stepdiag.daq.records.status import Phase
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.metrics import Tally
 
@@ -47,7 +46,6 @@ class Finisher:
         self.phase: Phase = "starting"
         self.message = ""
         self.result: Path | None = None
-        self.prediction: PredictionStatus | None = None
 
     def recorder_is(self, *, idle: bool) -> None:
         """Hear whether the last log is closed: before that it is not read."""
@@ -67,7 +65,7 @@ class Finisher:
 
     def forget(self) -> None:
         """Show the result no longer: another survey is being recorded, or this one goes on."""
-        self.result = self.prediction = None
+        self.result = None
         self.message = ""
 
     async def close(self) -> None:
@@ -101,7 +99,6 @@ class Finisher:
         code, self.message = await self._run(*self._commands.completion, str(folder))
         self.phase = "complete" if code == 0 else "failed"
         self.result = folder / RESULT if (folder / RESULT).exists() else None
-        self.prediction = prediction_in(folder)
         self._tally.solve_s = time.monotonic() - began_s
         self._tally.surveys[code] += 1
         if code == 0:

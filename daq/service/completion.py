@@ -4,7 +4,6 @@ Runs in a process of its own. Everything it uses stands in the logs, the date of
 included, so that a replay writes the same bytes.
 """
 
-import json
 import shlex
 import time
 from collections.abc import Mapping, Sequence
@@ -20,7 +19,7 @@ from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, 
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.passes.verdict import assumed_findings, history, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
-from stepdiag.daq.records.survey_folder import EXPORTS, PREDICTION, READINGS, REFUSED, RESULT
+from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, REFUSED, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.bundle import active_in, compensation_findings, compensation_of, tables_for
@@ -37,7 +36,6 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import Angles, parse_angles
 from stepdiag.solver.readings.readings import Readings, render_readings
 from stepdiag.solver.result.result import Result, parse_result
-from stepdiag.solver.result.rounding import steady
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,7 +75,6 @@ def complete(paths: Sequence[Path], out: Path, survey_file: Path | None = None) 
     # what follows uses the rounded numbers of the file: the last bits of a sum differ from processor to processor
     result = parse_result(text, RESULT)
     exports, refusals = _export_all(replayed, result, out / EXPORTS)
-    _write_prediction(out / PREDICTION, exports)
     write_once(out / RESULT, text)
     return Completed(out, _folder(replayed), result, exports, refusals, replayed.survey.page.language)
 
@@ -262,14 +259,6 @@ def _export_all(replayed: Replayed, result: Result, out: Path) -> tuple[tuple[Ex
             refusals[wanted.controller] = f"{error} [{error.code}]" if isinstance(error, SafetyError) else str(error)
             _leave_reason(folder, error)
     return tuple(written), refusals
-
-
-def _write_prediction(path: Path, exports: Sequence[ExportReport]) -> None:
-    """Write what the first export is predicted to do, for the page: rms over the volume, rigid motion removed, in um."""
-    predicted = next((each.prediction for each in exports if each.prediction is not None), None)
-    if predicted is not None:
-        before, after = predicted.figures(rigid_motion=False)
-        write_once(path, json.dumps({"rms_before_um": steady(before.rms_um, 4), "rms_after_um": steady(after.rms_um, 4)}) + "\n")
 
 
 def _leave_reason(folder: Path, error: StepdiagError) -> None:

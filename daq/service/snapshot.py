@@ -11,7 +11,7 @@ from stepdiag.daq.passes.alignment import mirror_tilt_mrad
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.recording.survey_links import Statuses
-from stepdiag.daq.records.status import Phase, PredictionStatus, SetupStatus, Snapshot, StripStatus
+from stepdiag.daq.records.status import Phase, SetupStatus, Snapshot, StripStatus
 from stepdiag.daq.service.finding_list import finding_list
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.daq.service.time_left import seconds_left
@@ -27,7 +27,6 @@ def snapshot(
     phase: Phase,
     links: Statuses,
     result_ready: bool,
-    prediction: PredictionStatus | None = None,
     programs: Mapping[str, str] | None = None,
     message: str = "",
 ) -> Snapshot:
@@ -84,7 +83,6 @@ def snapshot(
         result_ready=result_ready,
         recording=session.recording,
         begins=survey.plc.silent and not session.recording and bool(setup),
-        prediction=prediction,
         message=message,
     )
 

@@ -111,7 +111,6 @@ class DaemonStatusSource:
             phase=self.phase(),
             links=working.survey_links.statuses(),
             result_ready=working.finisher.result is not None,
-            prediction=working.finisher.prediction,
             programs=working.programs,
             message=_message(working),
         )

@@ -273,13 +273,16 @@ def _verification_json(found: "Verification", given: "Sequence[ControlFile]", as
 
 def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
     """Write the picture; ``drawn`` holds the same prediction at the points that are drawn."""
+    from stepdiag.conclusion import reach_of
     from stepdiag.exporters.files.files import write_atomically
     from stepdiag.report.drawings.effect import SUFFIXES, effect_drawing, effect_file
 
     suffix = out.suffix.lower()
     if suffix not in SUFFIXES:
         raise UsageError("--out", expected="a file named *" + " or *".join(SUFFIXES), found=out.name)
-    drawing = effect_drawing(drawn, found.prediction.figures(rigid_motion=False))
+    reach = reach_of(found.prediction.predicted())
+    assert reach is not None, "a prediction made here has its figures"
+    drawing = effect_drawing(drawn, reach)
     write_atomically(out, effect_file(drawing, suffix).encode("utf-8"))
 
 

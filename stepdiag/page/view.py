@@ -31,7 +31,7 @@ SLOW_FIELDS = (
     "result_ready",
 )
 """What changes with a stop or a setup; all the rest goes out with every picture."""
-TOLD = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments", "prediction"})
+TOLD = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
 """What the browser gets in another form than the daemon's."""
 FAST_FIELDS = tuple(name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in TOLD)
 

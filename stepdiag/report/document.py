@@ -25,6 +25,7 @@ from stepdiag.report.logs import Recorded, logs_table
 from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.result import Result
 from stepdiag.texts.sentences import translated
@@ -123,7 +124,7 @@ def page_parts() -> dict[str, str]:
 def _units(result: Result) -> dict[str, str]:
     functions = {name: function.unit for name, function in result.errors.items()}
     quantities = {name: quantity.unit for name, quantity in result.squareness.items()}
-    return {**functions, **quantities, **{f"scale {axis}": scale.unit for axis, scale in result.scale.items()}}
+    return {**functions, **quantities, SCALE_SUM: "um", **{axis: scale.unit for axis, scale in result.scale.items()}}
 
 
 def _part(name: str) -> str:

@@ -16,8 +16,7 @@ from stepdiag.daq.links.ports.address import host_and_port, network_line
 from stepdiag.daq.log.codec import decode
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.topics import BLOCK_TOPIC, RAW_TOPICS
-from stepdiag.daq.recording.rounds import latest_round, noted_stops, prediction_in, round_folders
-from stepdiag.daq.records.survey_folder import PREDICTION
+from stepdiag.daq.recording.rounds import latest_round, noted_stops, round_folders
 from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.assumed import parse_uncertainty
 from stepdiag.daq.survey.bundle import bundle_from_run, read_bundle
@@ -392,14 +391,6 @@ def test_a_folder_named_by_half_a_digit_is_no_round(tmp_path: Path):
 def test_an_order_that_is_no_text_is_not_understood(body: bytes):
     """It was answered as a fault of the program."""
     assert page_order(body) == [400, 403]
-
-
-@pytest.mark.parametrize("data", [b"", b"[]", b'{"x": ' + b"[" * 2000, b'{"rms_before_um": "x", "rms_after_um": 1}', b" " * 5000])
-def test_a_prediction_that_is_none_is_said_and_left_out(tmp_path: Path, data: bytes, capsys):
-    assert prediction_in(tmp_path) is None
-    (tmp_path / PREDICTION).write_bytes(data)
-    assert prediction_in(tmp_path) is None
-    assert "prediction-not-read" in capsys.readouterr().out
 
 
 NAMES_OF_NOBODY = ("192.168..5", "x" * 64, "a." + "x" * 70 + ".b")

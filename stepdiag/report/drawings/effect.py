@@ -4,7 +4,8 @@ from importlib.resources import files
 
 import numpy as np
 
-from stepdiag.exporters.safety.verify import Figures, Prediction
+from stepdiag.conclusion import Reach
+from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.report.drawings import space, svg
 
 SUFFIXES = (".svg", ".html")
@@ -12,24 +13,32 @@ _GAP = 20.0
 _HEAD = 46.0
 
 
-def effect_drawing(prediction: Prediction, figures: tuple[Figures, Figures]) -> str:
+def effect_drawing(prediction: Prediction, reach: Reach) -> str:
     """Return the picture as SVG markup.
 
-    ``prediction`` holds the error at ``space.LATTICE`` points per axis, which are drawn; ``figures`` (before, after) are those of the finer
-    grid that the words over the drawings tell.
+    ``prediction`` holds the error at ``space.LATTICE`` points per axis, which are drawn: what was measured, less what the tables take away.
+    ``reach`` is what the words over the drawings tell, as intervals: what the readings do not say is in them alone.
     """
     shown = prediction.picture()
     fields = [np.array(shown["before_um"]), np.array(shown["after_um"])]
     longest = max(float(np.linalg.norm(field, axis=1).max()) for field in fields)
     parts = [svg.element("rect", width="100%", height="100%", style="fill: var(--paper); stroke: none")]
-    for place, (name, field, found) in enumerate(zip(("before", "after, predicted"), fields, figures, strict=True)):
+    told = (("before", reach.rms_before, reach.largest_before), ("after, predicted", reach.rms_after, reach.largest_after))
+    for place, ((name, rms, largest), field) in enumerate(zip(told, fields, strict=True)):
         left = place * (space.WIDTH + _GAP)
-        words = f"{name}: largest {found.largest_um:.2f} µm, rms {found.rms_um:.2f} µm"
+        words = name if rms is None or largest is None else f"{name}: rms {rms.words()} µm, largest {largest.bound()} µm (k = 2)"
         drawn = space.field_drawing(prediction.volume, field, longest_um=longest, label=words)
         parts.append(svg.text(words, left + 10, 20, class_="strong"))
         parts.append(svg.element("svg", drawn, x=left, y=_HEAD - 18, width=space.WIDTH, height=space.HEIGHT))
     factor = space.magnification(prediction.volume, longest)
-    parts.append(svg.text(f"rigid motion of the volume removed; errors magnified {factor:.0f} times in both", 10, 38, class_="tick"))
+    parts.append(
+        svg.text(
+            f"drawn is what was measured; rigid motion of the volume removed; errors magnified {factor:.0f} times in both",
+            10,
+            38,
+            class_="tick",
+        )
+    )
     return svg.drawing(2 * space.WIDTH + _GAP, space.HEIGHT + _HEAD, "volumetric error before and after", *parts)
 
 

@@ -8,7 +8,7 @@ import numpy as np
 from stepdiag.report.drawings import charts, slices, space
 from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.geometry.volume import AXES, Vector
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.texts.sentences import translated
@@ -113,8 +113,8 @@ def budget_figures(budget: dict[str, dict[str, float]], units: dict[str, str], l
     figures = []
     for quantity, sources in budget.items():
         bars = sorted(sources.items(), key=lambda item: (-item[1], item[0]))
-        unit = units.get(quantity, "")
-        title = translated(quantity, language)
+        unit = units.get(quantity) or units.get(quantity.split()[-1], "")
+        title = translated(f"scale of {quantity}" if quantity.lower() in AXES else quantity, language)
         named = [(translated(source, language), u) for source, u in bars]
         drawing = charts.bar_chart(named, label=title, unit=UNITS.get(unit, unit))
         figures.append(

@@ -14,6 +14,7 @@ from stepdiag.exporters.safety.sign_test import bump
 from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.readings.readings import make_readings, render_readings
+from stepdiag.solver.result.interval import interval_of
 from testkit.cli import stepdiag
 from testkit.exact.machines import profile_text
 from testkit.exact.results import VOLUME, made_result
@@ -156,6 +157,15 @@ class TestVerify:
         assert picture.startswith(begins)
         assert picture.count(b'class="turns"') == 2
         assert b"http://" not in picture.replace(b"http://www.w3.org/2000/svg", b"")
+
+    def test_the_picture_tells_the_intervals_of_the_table_and_not_what_tables_leave_of_the_fit(self, result, tmp_path):
+        out = self.exported(result, tmp_path, "siemens")
+        figures = json.loads(stepdiag("verify", result, out, "--json").out)["predicted"]["without_rigid_motion"]
+        stepdiag("verify", result, out, "--out", tmp_path / "p.svg")
+        picture = (tmp_path / "p.svg").read_text(encoding="utf-8")
+        for name, when in (("before", "before"), ("after, predicted", "after")):
+            rms, largest = (interval_of(figures[when][figure]) for figure in ("rms_um", "largest_um"))
+            assert f"{name}: rms {rms.words()} µm, largest {largest.bound()} µm (k = 2)" in picture
 
     def test_a_picture_of_another_kind_is_refused(self, result, tmp_path):
         out = self.exported(result, tmp_path, "neutral")

@@ -34,7 +34,7 @@ from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
-from stepdiag.solver.model.reported import backlash, reversal, shape, sloped
+from stepdiag.solver.model.reported import SCALE_SUM, backlash, reversal, shape, sloped
 from stepdiag.solver.readings.readings import Readings, parse_readings
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import Result
@@ -158,7 +158,7 @@ def drawn_points(figure: Figure) -> int:
 def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Language) -> None:
     """Whatever is drawn in the document has a value at each of its points, in the numbers of the language, and its CSV beside it."""
     result, readings = golden()
-    budget = {"shares": {name: {"reading": 0.3, "air": 0.1} for name in ("EXX", *(kind("EXX") for kind in KINDS))}}
+    budget = {"shares": {name: {"reading": 0.3, "air": 0.1} for name in ("EXX", "X", SCALE_SUM, *(kind("EXX") for kind in KINDS))}}
     result = replace(result, extra={**result.extra, "budget": budget, "closure_um": {"x": [0.0, 1.0, 2.0]}})
     exported = [Exported(controller="siemens", files=(), correction=np.zeros_like)]
     report = build_report(result, source="r", readings=readings, exported=exported, language=language)
@@ -180,8 +180,10 @@ def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Lan
     assert set(" ".join(referred).split()) <= set(ids)
     told = next(markup for name, markup in shown if name == "EYX")
     titles = [one.title for one in report.figures if one.name.startswith("budget-")]
-    english = {"sloped EXX", "shape EXX", "reversal EXX", "backlash EXX"}
-    assert len(titles) == 1 + len(KINDS)
+    english = {"sloped EXX", "shape EXX", "reversal EXX", "backlash EXX", "scale of X", "scale sum"}
+    assert len(titles) == 3 + len(KINDS)
+    units = [re.search(r">[0-9.,]+ ([^<]*)<", one.drawing).group(1) for one in report.figures if one.name.startswith("budget-")]
+    assert sorted(units) == sorted(["µm"] * (2 + len(KINDS)) + ["µm/m"])
     assert english & set(titles) == (english if language == "en" else set())
     assert ("± 0," in told or "± 1," in told) == (language == "de")
 

@@ -34,7 +34,6 @@ from stepdiag.daq.log.codec import decode
 from stepdiag.daq.log.reader import DAMAGE
 from stepdiag.daq.log.topics import RAW_TOPICS
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.recording.rounds import PREDICTION, prediction_in
 from stepdiag.daq.records.events import ModbusBlock
 from stepdiag.daq.survey.bundle import read_bundle
 from stepdiag.daq.survey.file import load_survey, parse_survey
@@ -125,7 +124,6 @@ def targets() -> dict[str, Target]:
     found["stage run"] = Target(STAGE, refusing(_stage_run))
     found["curves"] = Target(CURVES, refusing(_curves))
     found["page order"] = Target(b'{"name":"name","arguments":{"operator":"A","workpiece":"B"}}', page_order)
-    found["prediction"] = Target(b'{"rms_before_um": 5.1, "rms_after_um": 1.2}\n', _prediction)
     return found | log_targets() | table_targets()
 
 
@@ -281,9 +279,3 @@ async def _answered(page: Page, authorization: bytes, body: bytes) -> int:
 
     scope = {"type": "http", "method": "POST", "path": "/command", "headers": [(b"authorization", authorization)]}
     return (await page.command(Request(scope, receive))).status_code
-
-
-def _prediction(data: bytes) -> object:
-    with tempfile.TemporaryDirectory() as folder:
-        (Path(folder) / PREDICTION).write_bytes(data)
-        return prediction_in(Path(folder))
