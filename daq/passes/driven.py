@@ -43,6 +43,11 @@ class Pass:
         """Return the pass in words."""
         return f"{self.route.setup} {'out' if self.route.outward else 'back'}"
 
+    @property
+    def place(self) -> str:
+        """Return the pass as a person writes it: ``ppp/1``."""
+        return f"{self.route.setup}/{self.number}"
+
     def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
         """Return by how much a stop reads more than it did within the same unbroken count; None where it agrees or is new."""
         return None if stop.refused else self._stretches.differs_um(stop, stretch)

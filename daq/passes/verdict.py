@@ -21,16 +21,19 @@ STATED = ("air-unknown", "sensor-jump")
 
 
 def suspected(book: PassBook, findings: Iterable[Finding]) -> list[Doubt]:
-    """Return the doubts that the solver's errors make of the readings they name: of a stop, a pass, or every pass of a setup.
+    """Return the doubts that the solver's errors make of the readings they name: of a stop, a pass, every pass of a setup, or each of
+    the passes among which the data do not tell.
 
-    An error that names no setup is about all of them.
+    An error that names none is about all of them.
     """
     return [
         doubt
         for found in findings
         if found.severity == "error"
         for each in (book.of(found.setup) if found.setup else book.passes)
-        if found.pass_number in (None, each.number) and (doubt := _suspect(each, found)) is not None
+        if found.pass_number in (None, each.number)
+        and (not found.among or each.place in found.among)
+        and (doubt := _suspect(each, found)) is not None
     ]
 
 

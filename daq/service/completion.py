@@ -226,7 +226,8 @@ def _require_all(replayed: Replayed) -> None:
     missing = "; ".join(f"{setup}: pass {', '.join(map(str, numbers))}" for setup, numbers in open_passes.items() if numbers)
     if not missing:
         return
-    why = "; ".join(f"{each.route.setup} pass {each.number}: {each.why_incomplete()}" for each in book.passes if not each.whole)
+    broken = [each for each in book.passes if not each.whole and each.number in book.wanted()]
+    why = "; ".join(f"{each.route.setup} pass {each.number}: {each.why_incomplete()}" for each in broken)
     folder = str(_folder(replayed))
     raise DataError(folder, expected="every pass of the plan", found=f"missing {missing}", remedy=why or "drive the missing setups")
 

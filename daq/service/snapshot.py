@@ -110,7 +110,7 @@ def expected_stop(session: Session) -> tuple[str, int, int, str]:
 def setup_status(survey: Survey, book: PassBook, setup: str, *, running: bool = False) -> SetupStatus:
     """Return how far a setup is, and why it must be driven again where it must; the pass that runs may still become whole."""
     route = make_route(survey.volume, setup, survey.axis_order, outward=True)
-    passes = book.of(setup)
+    passes = [each for each in book.of(setup) if each.number in book.wanted()]
     open_passes = book.open_passes(setup)
     broken = [each for each in passes if each.number in open_passes and each.why_incomplete() and not (running and each is book.driven)]
     state = "done" if not open_passes else "running" if running else "again" if broken else "to-do"
@@ -119,7 +119,7 @@ def setup_status(survey: Survey, book: PassBook, setup: str, *, running: bool = 
         passes_wanted=len(book.wanted()),
         passes_done=len(book.wanted()) - len(open_passes),
         stops_wanted=len(route) * len(book.wanted()),
-        stops_done=sum(len(each.chosen()) for each in passes if each.number in book.wanted()),
+        stops_done=sum(len(each.chosen()) for each in passes),
         state=state,  # type: ignore[arg-type]
         reason="; ".join(f"pass {each.number}: {each.why_incomplete()}" for each in broken),
         again_pass=broken[0].number if broken else 1,

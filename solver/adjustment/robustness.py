@@ -154,11 +154,20 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
         text = f"one of these stops is wrong, the data do not say which, and all count little: {named}; repeat one of these passes"
         if suspicion.apart_um > APART_UM:
             text = f"{text} before anything is compensated: over the volume it makes {suspicion.apart_um:.2g} um which one it is"
-            return Finding(code="stop-outlier-ambiguous", severity="error", text=text)
+            return Finding(code="stop-outlier-ambiguous", severity="error", text=text, among=_among(layout, suspicion.hypotheses))
         return Finding(code="stop-outlier-ambiguous", severity="warning", text=text)
     code = "setup-scale" if kinds <= {SCALE, WARMING} else "contradiction-ambiguous"
     text = f"one of these is wrong and the data do not say which: {named}; measure these setups again before anything is compensated"
-    return Finding(code=code, severity="error", text=text)
+    return Finding(code=code, severity="error", text=text, among=_among(layout, suspicion.hypotheses))
+
+
+def _among(layout: Layout, every: Sequence[Hypothesis]) -> tuple[str, ...]:
+    """Return the passes that explanations are about; none where one is about the whole survey."""
+    if any(one.kind == WARMING for one in every):
+        return ()
+    scaled = {layout.setups[one.named].name for one in every if one.kind == SCALE}
+    named = {layout.passes[int(layout.pass_index[one.named])] for one in every if one.kind != SCALE}
+    return tuple(key.place for key in layout.passes if key.setup in scaled or key in named)
 
 
 def _name_decided(layout: Layout, one: Hypothesis) -> Finding:
@@ -209,12 +218,18 @@ def _name_wander(layout: Layout, wanders: Sequence[Wander]) -> Finding:
     if len(wanders) > 1:
         named = " or ".join(_wander_words(layout, wander) for wander in wanders)
         text = f"{named}: one of them wanders and the data do not say which; drive these setups again before anything is compensated"
-        return Finding(code="pass-wanders", severity="error", text=text)
+        return Finding(code="pass-wanders", severity="error", text=text, among=_passes_of(layout, wanders))
     setup = layout.setups[int(layout.setup_index[wanders[0].rows[0]])].name
     text = f"{_wander_words(layout, wanders[0])} wanders against the other readings"
     if _driven_again(layout, wanders[0].rows):
         return Finding(code="pass-wanders", severity="warning", text=f"{text}; it counts little, setup {setup} was driven again")
-    return Finding(code="pass-wanders", severity="error", text=f"{text}; nothing else checks it: drive setup {setup} again")
+    text = f"{text}; nothing else checks it: drive setup {setup} again"
+    return Finding(code="pass-wanders", severity="error", text=text, among=_passes_of(layout, wanders))
+
+
+def _passes_of(layout: Layout, wanders: Sequence[Wander]) -> tuple[str, ...]:
+    rows = np.concatenate([wander.rows for wander in wanders])
+    return tuple(layout.passes[int(number)].place for number in np.unique(layout.pass_index[rows]))
 
 
 def _wander_words(layout: Layout, wander: Wander) -> str:

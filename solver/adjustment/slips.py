@@ -26,6 +26,8 @@ NEARLY_ALWAYS = 8.0
 """Nearly always: 6.65 by the normal distribution (95 %), but where few readings check each other, effects larger than usual explain part of
 a step: of drawn surveys with seven degrees of freedom two thirds were named at 6.65, 94 % at 7.5, all at 8.5; with more, 71 of 72 at 6.65.
 """
+NOTHING_UM = 1e-9
+"""A step of 1 um that makes less of the volume makes nothing of it: at the turn of one count 1e-12 is rounding, elsewhere 0.1 is little."""
 TELLS_MORE = 1.3
 """A slip that makes the volume's errors larger by this factor than the noise of the readings does is said with its pass."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
@@ -119,11 +121,12 @@ def hidden_in_volume_um(fit: MixedFit, layout: Layout, design: Design, unseen: U
 def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[Unseen, float]]:
     """Yield for every pass of a count the step that makes most of the volume where it is just seen in half of the surveys, and how much.
 
-    It is not the one that is seen least: on one count a step at the turn hides well, in the backlash, and harms no way.
+    It is not the one that is seen least: on one count a step at the turn hides well, in the backlash, and harms no way, whatever its size.
     """
-    u_um = _u_um(field.fit, count)
+    u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     told = np.isfinite(u_um)
-    made = np.where(told, field.moved_um(count) * np.maximum(STANDS_OUT * np.where(told, u_um, 0.0), LEAST_UM), np.inf)
+    untold = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
+    made = np.where(told, moved_um * np.maximum(STANDS_OUT * np.where(told, u_um, 0.0), LEAST_UM), untold)
     passes = layout.pass_index[count.rows[1:]]
     for number in np.unique(passes):
         mine = np.flatnonzero(passes == number)

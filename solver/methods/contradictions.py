@@ -36,10 +36,12 @@ def _chi_square(found: Adjustment) -> list[Finding]:
         return []
     passes = _most_probable(found)
     setup, number, stop = _place(found, passes[0])
+    among: tuple[str, ...] = ()
     if len(passes) > 1:
         place = " or ".join(f"pass {key.number} of {key.setup}" for key in (found.layout.passes[index] for index in passes))
         words = f"{place}: one of them is most probably at fault, the data do not say which: drive them again"
         setup, number, stop = "", None, None
+        among = tuple(found.layout.passes[index].place for index in passes)
     else:
         place = f"pass {number} of {setup}" if stop is None else f"stop {stop} of pass {number} of {setup}"
         words = f"{place} is most probably at fault: drive it again"
@@ -47,7 +49,7 @@ def _chi_square(found: Adjustment) -> list[Finding]:
         f"the readings contradict each other {chi_square / expected:.3g} times more than noise, drift and angular errors explain "
         f"(chi-square {chi_square:.4g}, {expected:.4g} expected); {words}"
     )
-    return [Finding(code="chi-square-far", severity="error", text=text, setup=setup, pass_number=number, stop=stop)]
+    return [Finding(code="chi-square-far", severity="error", text=text, setup=setup, pass_number=number, stop=stop, among=among)]
 
 
 def _most_probable(found: Adjustment) -> list[int]:

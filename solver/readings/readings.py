@@ -41,6 +41,11 @@ class PassKey(NamedTuple):
         """Tell whether the pass goes outward (odd) or returns (even)."""
         return self.number % 2 == 1
 
+    @property
+    def place(self) -> str:
+        """Return the pass as a person writes it: ``ppp/1``."""
+        return f"{self.setup}/{self.number}"
+
     def __str__(self) -> str:
         return f"setup {self.setup}, pass {self.number}"
 

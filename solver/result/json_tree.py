@@ -82,6 +82,12 @@ class Node:
             found.refuse("a text")
         return found.value
 
+    def texts(self) -> tuple[str, ...]:
+        for item in self.items():
+            if not isinstance(item.value, str):
+                item.refuse("a text")
+        return tuple(self.value)
+
     def number(self) -> float:
         if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not abs(self.value) <= LARGEST:
             self.refuse("a finite number")

@@ -303,6 +303,7 @@ def _finding(node: Node) -> Finding:
         pass_number=_whole_if_there(node, "pass"),
         stop=_whole_if_there(node, "stop"),
         size_um=node.child("size_um").number() if "size_um" in node.mapping() else None,
+        among=node.child("among").texts() if "among" in node.mapping() else (),
     )
 
 

@@ -126,14 +126,23 @@ def _live(found: "Standing") -> list[str]:
     return [*told, f"it waits for: {found.live.waits_for}", *filter(None, (found.live.message,))]
 
 
+def _doubted(found: "Standing") -> list[str]:
+    """Return every doubt in its words, unless a setup's line has said them, and after those of a place the command that accepts them."""
+    where = shlex.quote(str(found.round or found.folder))
+    said, lines = " ".join(setup.doubt for setup in found.setups), list[str]()
+    for place in dict.fromkeys(doubt.place for doubt in found.doubts):
+        here = [doubt.text for doubt in found.doubts if doubt.place == place]
+        lines += [text for text in here if text not in said and text not in lines]
+        lines.append(f"accept what is known to be right: `stepdiag accept {where} {place} --reason ...`")
+    return lines
+
+
 def _next(found: "Standing") -> list[str]:
     """Return what to do next."""
     from stepdiag.daq.records.survey_folder import RESULT
 
     if not found.complete:
-        where = shlex.quote(str(found.round or found.folder))
-        words = [f"accept what is known to be right: `stepdiag accept {where} {doubt.place} --reason ...`" for doubt in found.doubts]
-        return [f"next: {found.next_setup}", *dict.fromkeys(words)]
+        return [f"next: {found.next_setup}", *_doubted(found)]
     if found.result is not None:
         return [f"complete: {found.result}"]
     if found.unsolved:

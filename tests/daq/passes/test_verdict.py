@@ -38,6 +38,16 @@ def test_an_error_that_names_no_setup_keeps_every_pass_open():
     assert [each.severity for each in settled_findings(passes, [error()], stated={})] == ["warning"]
 
 
+def test_an_error_that_names_the_passes_among_which_the_data_do_not_tell_keeps_those_alone_open():
+    """Who was told of two had to drive all of them."""
+    passes = book_of([*stops_of("ppp"), *stops_of("npp"), *stops_of("pnp")], survey_text(setups=("ppp", "npp", "pnp")))
+    found = error(among=("npp/1", "pnp/1"))
+    passes.suspect(suspected(passes, [found]))
+    assert [doubt.place for doubt in passes.doubts()] == ["npp/1", "pnp/1"]
+    assert found.as_json()["among"] == ["npp/1", "pnp/1"]
+    assert {each.severity for each in settled_findings(passes, [found], stated={})} == {"error"}
+
+
 def doubted(stop, *names, what="reads 0"):
     words = "; ".join(f"{name} {what}, and something of [environment] counts in its place" for name in names)
     return msgspec.structs.replace(stop, doubtful=words, doubt_codes=("air-unknown",))

@@ -14,6 +14,7 @@ from stepdiag.daq.log.topics import stop_note
 from stepdiag.daq.recording.rounds import FolderLock
 from testkit.cli import stepdiag
 from testkit.exact.captured import stops_of
+from testkit.exact.driven import Fault, Program, machine_of, recorded, survey_file
 from testkit.fleets import finished_survey
 from testkit.recording import HEADER, recording, write_log
 from testkit.timeline import survey_text
@@ -101,6 +102,37 @@ def test_what_it_recommends_for_a_doubt_makes_the_pass_whole(tmp_path):
     assert not told(survey)["complete"]
     assert stepdiag(*accept).code == 0
     assert told(survey)["complete"]
+
+
+def test_each_doubt_of_a_pass_is_said_in_words_before_the_command_that_accepts_it(survey):
+    """The line of the pass has the first one alone: of the other nobody heard why."""
+    stops = stops_of("npp")
+    for at, code, words in ((3, "window-step", "the window has a step"), (7, "machine-alarm", "the machine reported an alarm")):
+        stops[at] = marked(stops[at], code, words)
+    record(survey, 1, [*stops_of("ppp"), *stops])
+    lines = stepdiag("status", survey).out.splitlines()
+    for stop, words in ((3, "the window has a step"), (7, "the machine reported an alarm")):
+        (command,) = [at for at, line in enumerate(lines) if f"npp/1/{stop} --reason" in line]
+        assert lines[command - 1] == f"npp out, stop {stop} of 9: {words}"
+
+
+def test_of_a_way_back_that_the_plan_does_not_want_nothing_is_asked(survey):
+    """A daemon that came back while the machine stood at its last stop begins one: who did as told drove a pass that nobody wants."""
+    back = stops_of("ppp", outward=False, only=range(3))
+    record(survey, 1, [*stops_of("ppp", only=range(5)), *back[:1], marked(back[1], "window-step", "the window has a step"), back[2]])
+    out = stepdiag("status", survey).out
+    assert "ppp: pass 1: stops 5, 6, 7, 8, 9 are missing" in out
+    assert "pass 2" not in out
+
+
+def test_nor_where_it_is_solved(tmp_path):
+    program = Program(machine_of(1), faults=[Fault("left", "ppp", 2, 3)])
+    program.drive("ppp", passes=(2,))
+    session, _ = recorded(tmp_path, survey_file(setups=("ppp",)), program.events())
+    assert [(each.number, each.whole) for each in session.book.passes] == [(2, False)]
+    refusal = stepdiag("solve", tmp_path).refusal
+    assert "missing ppp: pass 1" in refusal
+    assert "pass 2" not in refusal
 
 
 def test_what_it_recommends_where_every_pass_is_in_makes_the_result(tmp_path):

@@ -239,6 +239,8 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
     with hall(tmp_path, **driven) as place, daemon(place.survey) as process:
         place.start_setups(stop_after=len(runs))
         reason = until(process, "survey-open")[-1]["reason"]
+    doubted = {each["place"] for each in json.loads(stepdiag("status", place.survey, "--json").out)["doubts"]}
+    assert doubted == {f"{setup}/{number}" for setup, number in re.findall(r"setup (\S+), pass (\d), stop", reason)} != set()
     (size,) = set(re.findall(r"setup npp, pass 1, stop 4 \(a step of \+([0-9.]+) um before it\)", reason))
     assert float(size) == pytest.approx(20.0, abs=1.0)
     assert not (place.round / "result.json").exists()
