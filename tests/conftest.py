@@ -11,6 +11,8 @@ from hypothesis import HealthCheck, Phase, settings
 from xdist.scheduler import LoadScopeScheduling
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, and before numpy is loaded
+# `python -m stepdiag` begins its search in the working directory: what a test starts would be the checkout, not the wheel that is tested
+os.environ["PYTHONSAFEPATH"] = "1"
 
 # A change is judged by what it did, not by the luck of the draw nor by how busy the machine is; `make explore` looks for new examples.
 BUSY = [HealthCheck.too_slow]
@@ -26,6 +28,10 @@ TOGETHER = {
         "tests/system/service/test_systemd_boot.py",
         "tests/system/service/test_unit_elsewhere.py",
     ),
+    "one server, and one survey that it serves": ("tests/system/service/test_opcua.py",),
+    "one server among strangers": ("tests/system/service/test_opcua_strangers.py",),
+    "one page with a token": ("tests/system/faults/test_page_access.py",),
+    "one archive of surveys": ("tests/system/service/test_resolve.py",),
     "the sources are read once": ("tests/stepdiag/texts/test_findings.py",),
     "usual surveys are solved once (testkit.exact.surveys.solved)": (
         "tests/solver/methods/test_estimate.py::test_four_diagonals_and_three_linear_runs",

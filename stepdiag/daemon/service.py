@@ -32,7 +32,7 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
     from stepdiag.daemon.journal import configure
 
     configure(verbose=verbose)
-    again = (sys.executable, "-m", "stepdiag")
+    again = (sys.executable, "-P", "-m", "stepdiag")  # not what lies in the working directory
     asyncio.run(serve(survey_file, completion=(*again, "complete"), archiving=(*again, "pack")))
 
 

@@ -88,7 +88,7 @@ class Operator:
 @contextmanager
 def bench(config: Path, folder: Path) -> Iterator[Talker]:
     """Run the virtual machine while the block runs."""
-    command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(config), "--directory", str(folder / "devices"))
+    command = (sys.executable, "-P", "-m", "stepdiag.virtual", "--config", str(config), "--directory", str(folder / "devices"))
     with talking(command, errors=False) as hall:
         hall.ready = hall.next(READY_S, "virtual machine")
         yield hall
@@ -97,7 +97,7 @@ def bench(config: Path, folder: Path) -> Iterator[Talker]:
 @contextmanager
 def daemon(survey: Path) -> Iterator[Talker]:
     """Run the daemon while the block runs, which begins when it hears laser and machine; ``ready`` holds the page's address."""
-    with talking((sys.executable, "-m", "stepdiag", "run", str(survey)), errors=True) as recording:
+    with talking((sys.executable, "-P", "-m", "stepdiag", "run", str(survey)), errors=True) as recording:
         connected: set[str] = set()
         while not {"laser", "machine"} <= connected:
             said = recording.next(READY_S, "stepdiag run")

@@ -6,6 +6,7 @@ import socket
 import ssl
 import subprocess
 import time
+from concurrent.futures import ThreadPoolExecutor
 from urllib.parse import quote
 
 import pytest
@@ -108,11 +109,14 @@ def test_wrong_tokens_are_delayed_counted_and_said(tmp_path):
     """Each later than the one before, and ten of one address are a finding of the survey."""
     with served(tmp_path, token=TOKEN) as page:
         assert ask(page, "/about.json")[0] == 200  # its process is up
-        took = []
-        for _ in range(10):
+
+        def guess(_):
             began = time.monotonic()
             assert ask(page, "/access", method="POST", Authorization=bearer("guess" * 4))[0] == 403
-            took.append(time.monotonic() - began)
+            return time.monotonic() - began
+
+        with ThreadPoolExecutor(10) as guessing:
+            took = sorted(guessing.map(guess, range(10)))
         assert took[0] >= 0.2
         assert took[-1] > 1.5 * took[0]
         assert page.do(lambda: list(page.survey.guessed)) == [("127.0.0.1", 10)]

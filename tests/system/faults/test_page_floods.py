@@ -62,16 +62,16 @@ def flooded(port):
 
 
 def test_every_stop_is_captured_whatever_happens_to_the_page(tmp_path):
-    """Idle connections by the thousand, hundreds of streams, garbage without end: 38 of 38 stops, and a log that a person can read."""
+    """Idle connections by the thousand, hundreds of streams, garbage without end: 26 of 26 stops, and a log that a person can read."""
     port = reserved_port()
     with (
-        hall(tmp_path, setups=("ppp", "npp"), n=6, handshake=True, dwell=3.0, page=True, page_port=port) as place,
+        hall(tmp_path, setups=("ppp", "npp"), n=4, handshake=True, dwell=2.5, page=True, page_port=port) as place,
         daemon(place.survey) as process,
     ):
         with flooded(port):
             place.start_setups()
             said = until(process, "survey-complete")
-        assert sum(one["event"] == "stop" for one in said) == 38
+        assert sum(one["event"] == "stop" for one in said) == 26
         assert len(said) < 200
         assert answers_soon(port)
 
@@ -89,7 +89,7 @@ def test_a_page_that_dies_is_started_again_and_the_recording_does_not_notice(tmp
     """kill -9 of the page's process in the middle of a pass: every stop is there, and the page answers again."""
     port = reserved_port()
     with (
-        hall(tmp_path, setups=("ppp",), n=2, handshake=True, dwell=3.0, page=True, page_port=port) as place,
+        hall(tmp_path, setups=("ppp",), n=2, handshake=True, dwell=0.5, page=True, page_port=port) as place,
         daemon(place.survey) as process,
     ):
         while not (pid := page_process(process.process.pid)):

@@ -42,7 +42,7 @@ def test_a_hand_written_program_is_measured_where_it_drives(tmp_path):
 def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
     """In the journal, in the result and in the report."""
     signals = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n[plc.signals.setup]\naddress = 3\n'
-    with hall(tmp_path, n=1, dwell=6.0, signals=signals, **COMPENSATED) as place:
+    with hall(tmp_path, n=1, signals=signals, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "survey-complete")
@@ -110,7 +110,7 @@ DRIVEN_AGAIN = [
 def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, back_by, box):
     """Whole, or from a stop: the laser's unbroken count says where the machine is, and every reading is right."""
     trouble = fault(kind="program-aborted", setup="ppp", stop=4, value=back_by, duration_s=10.0)
-    with hall(tmp_path, dwell=6.0, setups=("ppp",), signals=signals, faults=trouble, **box, **COMPENSATED) as place:
+    with hall(tmp_path, dwell=3.0, setups=("ppp",), signals=signals, faults=trouble, **box, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended", kind="complete")
@@ -147,7 +147,7 @@ def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_i
 def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_doubted(tmp_path):
     """A box by `stopped` alone, the beam cut on the way: the step tells which stop it is, but nobody that the pass was not begun anew."""
     trouble = fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.1)
-    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), signals=STOPPED, faults=trouble, **COMPENSATED) as place:
+    with hall(tmp_path, n=1, dwell=3.0, setups=("ppp",), signals=STOPPED, faults=trouble, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended")
@@ -170,7 +170,7 @@ def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_do
 )
 def test_the_laser_places_what_the_signals_do_not(tmp_path, signals, code, trouble):
     """A standstill between two stops is none, a counter that stands still is named once; the pass is whole and right."""
-    with hall(tmp_path, dwell=6.0, setups=("ppp",), signals=signals, faults=fault(setup="ppp", **trouble), **COMPENSATED) as place:
+    with hall(tmp_path, dwell=3.0, setups=("ppp",), signals=signals, faults=fault(setup="ppp", **trouble), **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended", kind="complete")
@@ -185,7 +185,7 @@ def test_the_laser_places_what_the_signals_do_not(tmp_path, signals, code, troub
 def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_path):
     """Whether the machine stood where it should a person says: the words are in journal and status."""
     trouble = fault(kind="plc-alarm", setup="ppp", stop=2, phase="move", duration_s=0.2)
-    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+    with hall(tmp_path, n=1, dwell=3.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "survey-open")
@@ -250,7 +250,7 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
 @pytest.mark.parametrize("handshake", [False, True], ids=["by time", "handshake"])
 def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
     """Counter and position come 0.1 s after the stop signal: nothing is said, nothing is lost."""
-    paced = {"handshake": handshake, "dwell": 0.5 if handshake else 6.0}
+    paced = {"handshake": handshake, "dwell": 0.5 if handshake else 4.0}
     with hall(tmp_path, n=2, setups=("ppp",), plc_bench="lag_s = 0.1\n", feed=6000.0, **paced, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()

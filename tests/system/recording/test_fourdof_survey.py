@@ -50,8 +50,8 @@ def test_diagonals_lines_and_head_give_one_result_and_replay_to_the_same_bytes(t
     write_head_file(tmp_path / "head.toml")
     (tmp_path / "level.csv").write_text(LEVEL + "x,0,0,,,\nx,300,0,,,\n")
     more = survey_section(tmp_path / "devices" / "head") + '[solver]\nangles = "level.csv"\n'
-    with hall(tmp_path, setups=SETUPS, n=3, handshake=True, dwell=0.5, laser_bench=BENCH, laser_survey=more) as place:
-        truth = build_machine(read_config(tmp_path / "bench.toml")).truth(3)
+    with hall(tmp_path, setups=SETUPS, n=2, handshake=True, dwell=0.5, laser_bench=BENCH, laser_survey=more) as place:
+        truth = build_machine(read_config(tmp_path / "bench.toml")).truth(2)
         (tmp_path / "level.csv").write_text(level_csv(truth))
         with daemon(place.survey, wait_for=("laser", "machine", "head")) as process:
             place.start_setups()

@@ -17,15 +17,15 @@ from stepdiag.virtual.base.reserved import reserved_port
 from stepdiag.virtual.bench.building import alignment_of, build_box, build_machine
 from stepdiag.virtual.bench.config import read_config
 from stepdiag.virtual.drive.setups import simulate_pass
+from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
 from testkit.running.steady import on_a_steady_computer
-from testkit.running.survey_runs import stepdiag
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
 
 FIXED = '[environment]\nsource = "fixed"\n'
-QUIET = {"silent": True, "patient": False, "laser_survey": FIXED}
+QUIET = {"silent": True, "patient": False, "dwell": 5.0, "laser_survey": FIXED}
 
 
 def order(port, token, body):
@@ -98,10 +98,10 @@ def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
     The readings by themselves, and what is left in the volume after compensation.
     """
     readings_um, volume_um = {}, {}
-    for way, options in (("modbus", {"laser_survey": FIXED}), ("none", QUIET)):
+    for way, options in (("modbus", {"dwell": 5.0, "laser_survey": FIXED}), ("none", QUIET)):
         folder = tmp_path / way
         folder.mkdir()
-        with hall(folder, back=True, **options) as place:
+        with hall(folder, n=1, back=True, **options) as place:
             with daemon(place.survey, wait_for=("laser",)) as process:
                 if way == "none":
                     begin_and_start(place, place.setups)
@@ -121,7 +121,7 @@ def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
 
 
 def test_a_killed_daemon_asks_for_the_pass_from_its_beginning(tmp_path):
-    with hall(tmp_path, setups=("ppp",), dwell=8.0, **QUIET) as place:
+    with hall(tmp_path, setups=("ppp",), **QUIET) as place:
         with daemon(place.survey, wait_for=("laser",)) as process:
             assert place.bench.next(300.0, "bench")["event"] == "waiting"
             assert stepdiag("begin", place.survey, "ppp")[0] == 0
@@ -178,7 +178,7 @@ def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
 def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
     """The edges lie in the laser's own stream; both passes are named, counted, and right."""
     telling = f"[laser.qudis]\nmarker = true\n{FIXED}"
-    options = {"laser": "qudis", "laser_bench": 'wire = "tcp"\n', "laser_survey": telling, "silent": True, "patient": False}
+    options = {"laser": "qudis", "laser_bench": 'wire = "tcp"\n', "laser_survey": telling, "silent": True, "patient": False, "dwell": 5.0}
     with hall(tmp_path, setups=("ppp",), back=True, **options) as place, daemon(place.survey, wait_for=("laser",)) as process:
         assert place.bench.next(300.0, "bench")["event"] == "waiting"
         assert stepdiag("begin", place.survey, "ppp")[0] == 0

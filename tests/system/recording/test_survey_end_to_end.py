@@ -4,20 +4,29 @@ import json
 import os
 import re
 import signal
+import subprocess
+import sys
 import time
 
 import pytest
 
+from testkit.cli import stepdiag
 from testkit.exact.siemens_files import HALL_EXPORT, HALL_PROFILE
 from testkit.running.hall import daemon, hall, until, until_complete
 from testkit.running.steady import on_a_steady_computer
-from testkit.running.survey_runs import stepdiag
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
 
 OTHER_PROCESSOR = {"OPENBLAS_CORETYPE": "Prescott", "OPENBLAS_NUM_THREADS": "1"}
 """Kernels of an old processor: numpy's products then differ in their last bits, a number on the edge of its rounding in its last digit."""
+
+
+def process_of_its_own(*arguments, environment=None):
+    """Run a command as a process; return (exit code, standard output, standard error)."""
+    command = [sys.executable, "-m", "stepdiag", *map(str, arguments)]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False, env=os.environ | (environment or {}))
+    return done.returncode, done.stdout, done.stderr
 
 
 def assert_solved(place, folder="0001"):
@@ -42,7 +51,7 @@ def test_a_survey_is_recorded_solved_exported_and_replayed_to_the_same_bytes(tmp
         exported = {path.name for path in (place.round / "exports" / "siemens").iterdir()}
         assert {"AX_EEC_UNTESTED_SIGN.INI", "NC_CEC_UNTESTED_SIGN.INI", "SHA256SUMS", "EXPORT_REPORT.txt"} <= exported
         for again, environment in (("again", None), ("elsewhere", OTHER_PROCESSOR)):
-            code, out, refusal = stepdiag("replay", place.round, "--out", tmp_path / again, "--json", environment=environment)
+            code, out, refusal = process_of_its_own("replay", place.round, "--out", tmp_path / again, "--json", environment=environment)
             assert code == 0, refusal
             compared = json.loads(out)
             assert compared["different"] == compared["missing"] == []
@@ -145,7 +154,7 @@ def test_absent_devices_are_a_state_not_a_failure(tmp_path):
 
 def test_a_second_daemon_on_the_folder_refuses(tmp_path):
     with hall(tmp_path) as place, daemon(place.survey):
-        code, _, said = stepdiag("run", place.survey)
+        code, _, said = process_of_its_own("run", place.survey)
     assert code == 2
     assert "no other daemon in this folder" in said
     assert re.search(r"found one that runs \(process [0-9]+\)", " ".join(said.split()))
@@ -155,7 +164,7 @@ def test_a_wrong_survey_file_is_refused_by_field(tmp_path):
     with hall(tmp_path) as place:
         wrong = tmp_path / "wrong.toml"
         wrong.write_text(place.survey.read_text().replace("poll_hz = 100.0", 'poll_hz = "fast"'))
-        code, _, said = stepdiag("run", wrong)
+        code, _, said = process_of_its_own("run", wrong)
     assert code == 2
     assert 'plc.poll_hz: expected a number above 0, found "fast"' in said
 

@@ -10,8 +10,9 @@ import pytest
 
 from stepdiag.daq.records.survey_folder import logs_in
 from stepdiag.daq.replay import replay
+from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.survey_runs import drive_and_replay, stepdiag, until_told
+from testkit.running.survey_runs import drive_and_replay, until_told
 
 pytestmark = pytest.mark.system
 
@@ -66,8 +67,8 @@ def stops_of(place):
 @pytest.mark.parametrize("name", SENSORS)
 def test_a_survey_takes_its_air_from_a_sensor_through_a_pulled_cable_and_a_killed_daemon(tmp_path, name):
     """Checked first, as a person would."""
-    with sensed(tmp_path, name, handshake=True, dwell=0.5) as place:
-        code, out, said = stepdiag("check", place.survey, "--seconds", "3", "--json")
+    with sensed(tmp_path, name, handshake=True, dwell=0.5, n=1) as place:
+        code, out, said = stepdiag("check", place.survey, "--seconds", "2", "--json")
         assert code == 0, [each for each in json.loads(out)["findings"] if each["severity"] == "error"] or said
         assert json.loads(out)["air"]["told"] == pytest.approx(
             {**EXPECTED, **({"material_temperature_c": 22.5} if name == "logger" else {})}

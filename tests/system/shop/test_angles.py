@@ -7,8 +7,9 @@ import pytest
 
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import read_config
+from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.survey_runs import drive_one_and_kill, stepdiag
+from testkit.running.survey_runs import drive_one_and_kill
 
 pytestmark = pytest.mark.system
 
@@ -35,7 +36,7 @@ INSTRUMENTS = {
 def test_angles_are_recorded_through_a_killed_daemon_identified_and_replayed_to_the_same_bytes(tmp_path, name):
     turns, told = INSTRUMENTS[name]
     survey = SURVEY.format(format=name, port=tmp_path / "devices" / "head", turns=turns)
-    options = {"laser_bench": BENCH.format(name), "laser_survey": survey, "handshake": True, "dwell": 8.0}
+    options = {"laser_bench": BENCH.format(name), "laser_survey": survey, "handshake": True, "dwell": 3.0}
     with hall(tmp_path, setups=SETUPS, **options) as place:
         truth = build_machine(read_config(tmp_path / "bench.toml")).truth(2)
         drive_one_and_kill(place, links=("laser", "machine", "head"))

@@ -4,8 +4,9 @@ import json
 
 import pytest
 
+from testkit.cli import stepdiag
 from testkit.running.hall import hall
-from testkit.running.survey_runs import drive_and_replay, drive_one_and_kill, stepdiag
+from testkit.running.survey_runs import drive_and_replay, drive_one_and_kill
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -23,7 +24,9 @@ HALL = "[hall]\nair_c = { start = 21.0 }\nmaterial_c = { start = 23.0 }\n"
 def test_a_survey_is_recorded_through_a_killed_daemon_solved_and_replayed_to_the_same_bytes(tmp_path, laser):
     """Checked first as a person would; air and material are those that the instrument itself tells."""
     bench, survey, air = LASERS[laser]
-    with hall(tmp_path, laser=laser, laser_bench=bench, laser_survey=survey, faults=HALL, handshake=True, dwell=0.5, window=0.3) as place:
+    with hall(
+        tmp_path, laser=laser, laser_bench=bench, laser_survey=survey, faults=HALL, handshake=True, dwell=0.5, n=1, window=0.2
+    ) as place:
         code, out, said = stepdiag("check", place.survey, "--seconds", "3", "--json")
         assert code == 0, said
         seen = json.loads(out)["laser"]

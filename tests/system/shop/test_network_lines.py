@@ -6,8 +6,9 @@ import signal
 
 import pytest
 
+from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.survey_runs import drive_and_replay, stepdiag
+from testkit.running.survey_runs import drive_and_replay
 from testkit.running.terminal_server import terminal_server
 from testkit.running.verdict import nothing_silently_wrong
 
@@ -29,7 +30,7 @@ rate_hz = 500.0
 
 def frames(order):
     bench = f'rate_hz = 500.0\nwire = "tcp"\nbyte_order = "{order}"\n'
-    return {"laser": "frames", "laser_bench": bench, "laser_survey": FRAMES.format(order=order), "handshake": True, "dwell": 0.5}
+    return {"laser": "frames", "laser_bench": bench, "laser_survey": FRAMES.format(order=order), "handshake": True, "dwell": 0.5, "n": 1}
 
 
 def test_a_survey_with_binary_frames_over_tcp_is_recorded_solved_and_replayed_to_the_same_bytes(tmp_path):
@@ -43,20 +44,20 @@ def test_a_connection_that_ends_in_the_middle_of_a_frame_and_a_killed_daemon_cos
     with hall(tmp_path, faults=cut, **frames("little")) as place:
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
-            until(process, "stop", stop=3)
+            until(process, "stop", stop=2)
             os.kill(process.process.pid, signal.SIGKILL)
             process.process.wait()
         with daemon(place.survey) as process:
             place.setups = place.setups[1:]
             place.start_setups()
-            until(process, "pass-ended", reason="ppn out: stop 6 has gone by")
+            until(process, "pass-ended", reason="ppn out: stop 3 has gone by")
         book = nothing_silently_wrong(place)
         assert book.doubts()
 
 
 def test_a_board_behind_a_terminal_server_is_read_as_if_it_were_plugged_in(tmp_path):
     """RFC 2217 by the library's own server side; check says how the line is set, and the survey is whole."""
-    with hall(tmp_path, handshake=True, dwell=0.5) as place, terminal_server(str(tmp_path / "devices" / "laser"), "rfc2217") as name:
+    with hall(tmp_path, handshake=True, dwell=0.5, n=1) as place, terminal_server(str(tmp_path / "devices" / "laser"), "rfc2217") as name:
         place.survey.write_text(place.survey.read_text().replace(str(tmp_path / "devices" / "laser"), name))
         code, out, said = stepdiag("check", place.survey, "--seconds", "2", "--json")
         assert code == 0, said
@@ -66,7 +67,7 @@ def test_a_board_behind_a_terminal_server_is_read_as_if_it_were_plugged_in(tmp_p
 
 def test_modbus_rtu_behind_a_terminal_server_records_a_whole_survey(tmp_path):
     """The control's serial line comes over the network as plain bytes; every pass is whole, the replay the same."""
-    with hall(tmp_path, transport="rtu", poll_hz=40.0, handshake=True, dwell=0.5) as place:
+    with hall(tmp_path, transport="rtu", poll_hz=40.0, handshake=True, dwell=0.5, n=1) as place:
         line = str(tmp_path / "devices" / "plc")
         with terminal_server(line, "socket") as name:
             text = place.survey.read_text()

@@ -21,10 +21,9 @@ from stepdiag.cli.setup import setup
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.solver.errors import UsageError
 from stepdiag.virtual.base.reserved import reserved_port
-from testkit.cli import stepdiag as quickly
+from testkit.cli import stepdiag
 from testkit.running.controls import s7_control, tnc_control
 from testkit.running.hall import hall
-from testkit.running.survey_runs import stepdiag
 
 pytestmark = pytest.mark.system
 
@@ -120,7 +119,7 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         assert "stop_count" in person.seen
         survey = load_survey(file)
         assert (survey.plc.transport, survey.box.size_mm, survey.identity.name) == ("tcp", (300.0, 200.0, 100.0), "mill")
-        code, out, said = stepdiag("check", file, "--seconds", "3")
+        code, out, said = stepdiag("check", file, "--seconds", "2")
         assert code == 0, out + said
 
 
@@ -136,10 +135,10 @@ def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_pa
         assert re.search(r"modbus: .*expected", out)
         assert re.search(r"heidenhain: .*expected", out)
         written = file.read_bytes()
-        done = quickly("setup", file, *options, *VOLUME)
+        done = stepdiag("setup", file, *options, *VOLUME)
         assert (done.code, file.read_bytes()) == (2, written)
         assert "found one that exists" in done.refusal
-        code, out, said = stepdiag("check", file, "--seconds", "3")
+        code, out, said = stepdiag("check", file, "--seconds", "2")
         assert code == 0, out + said
 
 
@@ -149,11 +148,11 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
     code, _, said = stepdiag("setup", file, "--laser-port", f"socket://127.0.0.1:{closed}", "--host", "none", *VOLUME)
     assert (code, file.exists()) == (4, False)
     assert "nothing listens on this port" in said
-    done = quickly("setup", file, "--host", "none", *VOLUME)
+    done = stepdiag("setup", file, "--host", "none", *VOLUME)
     assert (done.code, file.exists()) == (2, False)
     assert "--laser-port" in done.refusal
     for wrong in (("--size", "1,2"), ("--chain", "XYZ"), ("--increments", "0"), ("--control", "fanuc"), ("--compensation", "on")):
-        done = quickly("setup", file, "--laser-port", "/dev/x", "--laser-format", "umd", "--host", "none", *VOLUME, *wrong)
+        done = stepdiag("setup", file, "--laser-port", "/dev/x", "--laser-format", "umd", "--host", "none", *VOLUME, *wrong)
         assert (done.code, file.exists()) == (2, False), done
     code, out, _ = stepdiag("setup", file, "--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--host", "none", *VOLUME)
     assert code == 4

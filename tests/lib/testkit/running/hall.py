@@ -73,7 +73,7 @@ poll_hz = {poll_hz}
 enabled = {handshake}
 {signals}
 [stop]
-settle_s = 0.05
+settle_s = 0.03
 min_window_s = {window}
 max_scatter_um = 5.0
 max_slope_um_s = 5.0
@@ -123,9 +123,9 @@ def hall(
     handshake=False,
     patient=True,
     poll_hz=100.0,
-    dwell=5.0,
+    dwell=2.5,
     feed=30000.0,
-    window=0.1,
+    window=0.08,
     overrun=2.0,
     seed=5,
     exports="",

@@ -27,12 +27,12 @@ def prepared(folder):
 class Serving:
     """A server that runs."""
 
-    def __init__(self, survey, *options):
+    def __init__(self, survey, *options, program=("-m", "stepdiag")):
         self.url = f"opc.tcp://127.0.0.1:{reserved_port()}/stepdiag"
         self.folder = survey.parent
         self._log = survey.parent / f"opcua-{time.monotonic_ns()}.log"
         address = self.url.removeprefix("opc.tcp://").removesuffix("/stepdiag")
-        command = [sys.executable, "-m", "stepdiag", "publish", survey, "--opcua", address, "--every", "0.2", *options]
+        command = [sys.executable, *program, "publish", survey, "--opcua", address, "--every", "0.2", *options]
         with self._log.open("wb") as out:
             self.process = subprocess.Popen([*map(str, command)], stdout=out, stderr=out)
 

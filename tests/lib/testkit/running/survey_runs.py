@@ -3,25 +3,11 @@
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 
 from stepdiag.daq.service.live import live_in
+from testkit.cli import stepdiag
 from testkit.running.hall import daemon, until
-
-
-def stepdiag(*arguments, environment=None):
-    """Run a command; return (exit code, standard output, standard error)."""
-    done = subprocess.run(
-        [sys.executable, "-m", "stepdiag", *map(str, arguments)],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-        env=os.environ | (environment or {}),
-    )
-    return done.returncode, done.stdout, done.stderr
 
 
 def until_told(place, names, *, since_s=0.0):
