@@ -43,15 +43,20 @@ TOGETHER = {
 """Beginnings of the names of tests that one process runs."""
 
 LONGEST = (
+    "tests/system/service/test_deb.py",
+    "tests/system/service/test_systemd_boot.py",
+    "tests/system/service/test_unit_elsewhere.py",
     "tests/system/service/test_demo_live.py",
     "tests/system/recording/test_no_signals.py",
-    "tests/system/shop/test_angles.py",
-    "tests/system/service/test_hostile_brokers.py",
-    "tests/system/recording/test_survey_end_to_end.py",
+    "tests/system/service/test_opcua_strangers.py",
+    "tests/system/service/test_opcua.py",
     "tests/system/shop/test_bad_instruments.py",
+    "tests/system/faults/test_page_access.py",
+    "tests/system/recording/test_survey_end_to_end.py",
     "tests/system/recording/test_soak.py",
+    "tests/system/shop/test_angles.py",
 )
-"""Beginnings of the names of the tests that are begun first: one that begins last is waited for by nobody but itself."""
+"""Beginnings of the names of the tests that are begun first, in this order: one that begins last is waited for alone."""
 
 FOLDERS = {"system": "tests/system/", "control": "tests/system/", "page": "tests/page/"}
 """Where the tests of a mark stand: each group of tools/test reads its own folder alone."""
@@ -75,4 +80,4 @@ def pytest_collection_modifyitems(items):
     lost = [item.nodeid for item, folder in marked if not item.nodeid.startswith(folder)]
     if lost:
         raise pytest.UsageError(f"these tests stand outside the folder of their group ({FOLDERS}) and would never run: {', '.join(lost)}")
-    items.sort(key=lambda item: not item.nodeid.startswith(LONGEST))
+    items.sort(key=lambda item: next((rank for rank, name in enumerate(LONGEST) if item.nodeid.startswith(name)), len(LONGEST)))

@@ -25,7 +25,9 @@ from stepdiag.solver.errors import DataError, DeviceError, UsageError
 
 REFUSALS = {"Unsupported protocol version", "Client identifier not valid", "Bad user name or password", "Not authorized", "Banned"}
 """Answers to a connection (MQTT 5.0, 3.2.2.2) that another try does not change."""
-LONGEST_WAIT_S = 60.0
+FIRST_WAIT_S, LONGEST_WAIT_S = 1.0, 60.0
+ANSWER_S = 10.0
+"""How long a broker may take to answer."""
 QOS = 1
 LONGEST_PACKET, MOST_HEARD = 8_192, 65_536
 """Bytes of one packet, and of all between two looks at the survey: nothing is subscribed to, so a broker only acknowledges."""
@@ -82,12 +84,12 @@ class _Publisher:
             sending.result()
 
     async def _run(self, *, once: bool) -> None:
-        wait_s = 1.0
+        wait_s = FIRST_WAIT_S
         while not self._stop.is_set():
             client = self._client()
             try:
                 async with client:
-                    wait_s = 1.0
+                    wait_s = FIRST_WAIT_S
                     _log.info("broker-connected", address=self._broker.address)
                     await self._send(client, once=once)
             except (aiomqtt.MqttError, MemoryError) as error:
@@ -102,7 +104,7 @@ class _Publisher:
         will = self._watched.online(online=False)
         broker = self._broker
         return _Client(
-            broker.host, broker.port, username=broker.user, password=broker.password, tls_context=self._tls, timeout=10, keepalive=20,
+            broker.host, broker.port, username=broker.user, password=broker.password, tls_context=self._tls, timeout=ANSWER_S, keepalive=20,
             will=aiomqtt.Will(self._topic(will), msgspec.json.encode(will), qos=QOS, retain=True),
         )  # fmt: skip
 

@@ -107,7 +107,7 @@ def test_what_cannot_is_asked_for_again_by_name(tmp_path):
         "pnp": ("step-mismatch", at("pnp", 3, "laser-reset", phase="move")),
         "ppn": ("stop-lost", at("ppn", 3, "stop-skipped")),
     }
-    book, said, told = run_with(tmp_path, [fault for _, fault in expected.values()])
+    book, said, told = run_with(tmp_path, [fault for _, fault in expected.values()], dwell=3.0)
     for setup, (code, _) in expected.items():
         (only,) = book.of(setup)
         assert not only.complete, setup
@@ -118,7 +118,7 @@ def test_what_cannot_is_asked_for_again_by_name(tmp_path):
 
 @on_a_steady_computer
 def test_a_program_with_another_order_of_axes_is_named(tmp_path):
-    book, said, told = run_with(tmp_path, [{"kind": "axis-order", "setup": "ppp", "text": "yxz"}], n=1)
+    book, said, told = run_with(tmp_path, [{"kind": "axis-order", "setup": "ppp", "text": "yxz"}], n=1, dwell=3.0)
     assert "unexpected-position" in codes_of(said)
     assert not book.complete()
     assert "drive again from stop" in told

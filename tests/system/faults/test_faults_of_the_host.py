@@ -25,7 +25,7 @@ COMPENSATED = {"laser_bench": "compensated = true\n", "laser_survey": "compensat
 PACED = {"handshake": True, "dwell": 0.1, **COMPENSATED}
 """The machine waits at every stop until it is captured."""
 SET_CLOCK = Path(__file__).parents[2] / "lib" / "testkit" / "running" / "set_clock.py"
-HELD_S = 10.5
+HELD_S = 5.0
 
 
 def stops_in(said):
@@ -105,7 +105,7 @@ def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):
         return round(until(process, "clock-set")[-1]["by_s"])
 
     off_by.write_text("0")
-    with hall(tmp_path, back=True, **PACED) as place:
+    with hall(tmp_path, n=1, back=True, **PACED) as place:
         with daemon(place.survey, stepdiag=(sys.executable, str(SET_CLOCK), str(off_by))) as process:
             place.start_setups(stop_after=1)
             until(process, "stop", stop=2)
@@ -113,7 +113,7 @@ def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):
             whole = {path: path.read_bytes() for path in place.round.glob("*.mcap")}
             place.setups = place.setups[1:]
             place.start_setups(stop_after=1)
-            until(process, "stop", setup="npp", outward=True, stop=6)
+            until(process, "stop", setup="npp", outward=True, stop=3)
             assert set_clock(process, -3600) == -7200
             place.setups = place.setups[1:]
             place.start_setups()

@@ -50,12 +50,21 @@ def ordered(port, token, name, **arguments):
     assert status == 204
 
 
+def until_told(place, words):
+    """Wait until ``status`` says this: that the daemon has come so far."""
+    end = time.monotonic() + 60.0
+    while words not in " ".join((told := stepdiag("status", place.survey).out).split()):
+        assert time.monotonic() < end, told
+        time.sleep(0.05)
+
+
 def begin_and_start(place, setups):
     """Begin each setup at the terminal, then start its program at the machine, until the last has ended."""
     for setup in (*setups, ""):
         while place.bench.next(300.0, "bench")["event"] not in ("waiting", "finished"):
             pass
         if setup:
+            until_told(place, f"somebody who begins {setup}")
             code, _, said = stepdiag("begin", place.survey, setup)
             assert code == 0, said
             place.bench.say("start")
@@ -130,18 +139,18 @@ def test_a_killed_daemon_asks_for_the_pass_from_its_beginning(tmp_path):
             os.kill(process.process.pid, signal.SIGKILL)
             process.process.wait()
         with daemon(place.survey, wait_for=("laser",)):
-            _, out, _ = stepdiag("status", place.survey)
-            assert "begin" in out
+            until_told(place, "somebody who begins ppp")
         nothing_silently_wrong(place)
 
 
-def test_begin_says_why_it_cannot(tmp_path):
+def test_begin_says_why_it_cannot(tmp_path, monkeypatch):
     with hall(tmp_path, **QUIET) as place:
         code, _, said = stepdiag("begin", place.survey, "ppp")
         assert (code, "expected a daemon that records, found none" in said) == (2, True)
         with daemon(place.survey, wait_for=("laser",)) as process:
             assert stepdiag("begin", place.survey, "xyz")[0] == 2
             assert stepdiag("begin", place.survey, "npp")[0] == 0
+            monkeypatch.setattr("stepdiag.cli.begin.ANSWER_S", 1.0)  # that one is not answered at all
             code, _, said = stepdiag("begin", place.survey, "pnp")
             assert code == 3
             assert "npp 0/6" in said
@@ -170,9 +179,7 @@ def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
         with daemon(place.survey, wait_for=("laser",)):
             ordered(port, token, "choose-setup", setup="pnp")
             ordered(port, token, "start")
-            end = time.monotonic() + 60.0
-            while "pnp 0/6" not in stepdiag("status", place.survey)[1]:
-                assert time.monotonic() < end, "pnp was not begun"
+            until_told(place, "pnp 0/6")
 
 
 def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):

@@ -39,7 +39,7 @@ def findings_of(said, code):
 )
 def test_the_first_stop_of_the_way_back_is_told_from_the_last_one_out(tmp_path, drive, code, doubts):
     """Who turns round has one reading for both; who went beyond has a stop of its own there, though Modbus did not show it."""
-    with hall(tmp_path, n=1, back=True, dwell=6.0, setups=("ppp",), **drive, **COMPENSATED) as place:
+    with hall(tmp_path, n=1, back=True, dwell=3.0, setups=("ppp",), **drive, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             until(process, "pass-ended", kind="complete")
@@ -88,7 +88,7 @@ def test_a_daemon_that_comes_back_while_the_machine_is_on_its_way_back_doubts_wh
 
     The first daemon may see one stop more while it ends.
     """
-    with hall(tmp_path, n=4, back=True, dwell=6.0, setups=("linear-x",), signals=UNCOUNTED, **COMPENSATED) as place:
+    with hall(tmp_path, n=4, back=True, dwell=4.0, setups=("linear-x",), signals=UNCOUNTED, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
             until(process, "stop", stop=2)

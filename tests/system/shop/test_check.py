@@ -11,6 +11,7 @@ import pytest
 
 from stepdiag.virtual.bench.bench import VirtualBench
 from stepdiag.virtual.bench.config import load_config
+from testkit.cli import stepdiag
 
 pytestmark = pytest.mark.system
 
@@ -55,17 +56,16 @@ def bench_of(tmp_path):
 
 @pytest.fixture
 def check(tmp_path):
-    """Return what a check says, as a process of its own: exit code, and severity by code."""
+    """Return what a check says: exit code, findings by code, and all of it."""
 
     def run(addresses, *, seconds=3, more="", **changed):
         places = {"laser": addresses.get("laser_link", ""), "plc": addresses.get("plc_port", 1), "unit": 1} | changed
         survey = tmp_path / "survey.toml"
         survey.write_text(SURVEY.format(**places) + more, encoding="utf-8")
-        command = [sys.executable, "-m", "stepdiag", "check", str(survey), "--seconds", str(seconds), "--json"]
-        done = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
-        assert done.stderr == ""
-        said = json.loads(done.stdout)
-        return done.returncode, {each["code"]: each for each in said["findings"]}, said
+        done = stepdiag("check", survey, "--seconds", seconds, "--json")
+        assert done.refusal == ""
+        said = json.loads(done.out)
+        return done.code, {each["code"]: each for each in said["findings"]}, said
 
     return run
 
