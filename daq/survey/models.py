@@ -369,7 +369,7 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     drift_um: Assumed = 0.15
     wander_um: Assumed = 0.1
     repeatability_um: Assumed = 0.1
-    setup_c: Assumed = 0.1
+    setup_c: Assumed = 0.15
     index_ppm: Assumed = 0.2
     u_air_temperature_c: Assumed = 0.0
     u_air_pressure_hpa: Assumed = 0.0

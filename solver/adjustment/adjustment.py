@@ -52,9 +52,9 @@ SETTLED = 0.02
 """Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
 LEAST_NOISE = 1e-4
 """Of a variance, relative to the usual: readings a hundred times better than usual are not told apart from perfect ones."""
-STEADY = {"setup scale": 0.2}
-"""What contradicts a survey is looked for with scales of setups that vary by this share of what is usual: U holds the usual, so that a
-setup which is off unseen lies within it, and one that is seen to be off is still named."""
+STEADY = {"setup scale": 0.02 / 0.15}
+"""What contradicts a survey is looked for with scales of setups that vary by this share of what is usual (0.02 C where 0.15 C are): U holds
+the usual, so that a setup which is off unseen lies within it, and one that is seen to be off is still named."""
 MOST_TILT_MRAD = 200.0
 """A tenth of it sends the beam past the laser after a quarter of a metre."""
 

@@ -34,7 +34,7 @@ class Assumptions:
     drift_um: float = 0.15
     wander_um: float = 0.1
     repeatability_um: float = 0.1
-    setup_c: float = 0.1
+    setup_c: float = 0.15
     expansion_um_m_c: tuple[float, float, float] = (11.7, 11.7, 11.7)
     u_expansion_um_m_c: float = 1.0
     index: float = 2e-7

@@ -7,7 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.solver.adjustment.diagnostics import setup_findings, setup_reports
 from stepdiag.solver.linear.components import sized
+from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
@@ -142,13 +144,24 @@ def test_a_family_is_the_fit_at_any_size(done, factor):
     assert fit.amount + moved == pytest.approx(other.amount, abs=1e-7)
 
 
-def test_five_ppm_on_one_diagonal_that_nobody_sees_lie_within_u():
-    """The four diagonals share one length to check them: what hides there is in U (23 % of the squarenesses lay within it before)."""
-    within = []
-    for seed in range(30, 34):
-        bench = Bench(seed=seed)
-        readings = bench.survey()
-        longer = np.where(np.array(readings.setup) == DIAGONALS[seed % 4], 1 + 5e-6, 1.0)
-        result = solve(replace(readings, reading_mm=readings.reading_mm * longer))
-        within += [abs(one.value - bench.truth.squareness_urad[name]) <= 2 * one.u for name, one in result.squareness.items()]
-    assert sum(within) >= 9, within
+def test_five_ppm_on_one_diagonal_are_named_or_within_u():
+    """The four diagonals share one length to check them: what hides there is in U (78 % of these squarenesses lay within it with 0.1 C from
+    setup to setup, 23 % with 0.02 C). What shows is named, for what contradicts is looked for with less than U holds."""
+    named, within = 0, []
+    for seed in range(200, 232):
+        bench = Bench(seed=seed, chain=("FXYZ", "XYFZ")[seed // 2 % 2], angle_urad=10.0 * (seed % 2))
+        readings, drawn = bench.survey(), np.random.default_rng(seed)
+        setup = drawn.choice(DIAGONALS)
+        longer = np.where(np.array(readings.setup) == setup, 1.0 + drawn.choice([-5e-6, 5e-6]), 1.0)
+        done = estimate(lay_out(replace(readings, reading_mm=readings.reading_mm * longer)), bench.chain)
+        found = done.adjustment
+        reports = setup_reports(found)
+        findings = [*found.findings, *setup_findings(found, reports), *contradictions(found, reports)]
+        if any(setup in finding.text for finding in findings):
+            named += 1
+            continue
+        for name, true in bench.truth.squareness_urad.items():
+            value, u, _ = done.number(name)
+            within.append(abs(value - true) <= 2 * u)
+    assert named >= 14
+    assert np.mean(within) >= 0.85, f"{sum(within)} of {len(within)}"
