@@ -127,7 +127,8 @@ class Profile:
         """Return the table positions of an axis, ascending. Raises ``SafetyError`` where the step does not fit."""
         axis = self.axis(letter)
         if axis.start_mm is None or axis.end_mm is None:
-            raise UsageError(f"{self.source}: axes.{letter}", expected="start_mm and end_mm", found="nothing")
+            remedy = "write them there, or give --result: the travel that was measured"
+            raise UsageError(f"{self.source}: axes.{letter}", expected="start_mm and end_mm", found="nothing", remedy=remedy)
         sections = (axis.end_mm - axis.start_mm) / axis.step_mm
         if not abs(sections) <= MOST_SECTIONS:
             raise UsageError(

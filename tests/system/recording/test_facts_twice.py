@@ -213,6 +213,23 @@ def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
 
 
 @on_a_steady_computer
+def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_stays_open(tmp_path):
+    """Whether the mirror moved or turned nobody knows: the pass is asked for again from two stops before, and a person hears why."""
+    troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=0.0, duration_s=10.0)
+    troubles += fault(kind="laser-jump", setup="ppp", stop=2, value=55.0, delay_s=0.9)
+    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=troubles, **COMPENSATED) as place:
+        with daemon(place.survey) as process:
+            place.start_setups()
+            said = until(process, "survey-open")
+        book = nothing_silently_wrong(place)
+        told = stepdiag("status", place.survey).out
+    assert "stop 2 of 3: measured again it reads +55.0 um otherwise" in findings_of(said, "reading-differs")[0]
+    assert [(doubt.place, doubt.code) for doubt in book.doubts()] == [("ppp/1/3", "reading-differs")]
+    assert "stop 2 read +55.0 um otherwise" in told
+    assert "drive again from stop 1 on" in told
+
+
+@on_a_steady_computer
 @pytest.mark.parametrize("slip_um", [5.0, -200.0])
 def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
     """Out against back: the pass is named, or both where either may be at fault; the survey waits."""
@@ -263,13 +280,19 @@ def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
 
 @on_a_steady_computer
 def test_a_stop_signal_that_flickers(tmp_path):
-    """Away for 40 ms, 0.1 s into the dwell: the long part is measured, once."""
+    """Away for 40 ms, 0.1 s into the dwell: the long part is measured, once; the journal says every stop, its reading and what is awaited."""
     trouble = fault(kind="stop-flicker", setup="ppp", stop=2, delay_s=0.1, duration_s=0.04)
     with hall(tmp_path, n=1, dwell=12.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
-            until(process, "pass-ended", kind="complete")
+            said = until(process, "pass-ended", kind="complete")
         book = nothing_silently_wrong(place)
     (only,) = book.passes
     assert only.complete
+    stops = [each for each in said if each["event"] == "stop"]
+    assert [(each["stop"], each["of"]) for each in stops] == [(0, 3), (1, 3), (2, 3), (3, 3)]
+    for each, nominal_mm in zip(stops, only.route.nominal_mm, strict=True):
+        assert each["reading_mm"] == pytest.approx(nominal_mm, abs=0.1)
+        assert each["deviation_um"] == pytest.approx(1e3 * (each["reading_mm"] - nominal_mm), abs=0.01)
+    assert [each["waits_for"].partition(", ")[0] for each in stops[:3]] == ["ppp 1/3", "ppp 2/3", "ppp 3/3"]
     assert only.chosen()[2][0].window_to_ns - only.chosen()[2][0].window_from_ns > 0.3e9
