@@ -83,7 +83,8 @@ def _print(found: "Standing") -> None:
     if found.disk:
         typer.echo(found.disk)
     if found.changed:
-        typer.echo("The survey file is not the one these logs were recorded with: `stepdiag run` will begin a new round.")
+        words = "`stepdiag run` will begin a new round, from the first setup on; undo the change to go on with these"
+        typer.echo(f"The survey file is not the one these logs were recorded with: {words}.")
     for line in _next(found):
         typer.echo(printable(line))
     for line in _concluded(found):

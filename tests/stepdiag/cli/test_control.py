@@ -242,6 +242,7 @@ class TestSignTest:
         told = stepdiag("signtest", "--controller", "siemens", "--profile", profile, "--out", tmp_path / "bump")
         assert told.code == 2
         assert "start_mm and end_mm" in told.refusal
+        assert "give --result" in told.refusal
 
     @pytest.mark.parametrize(("sense", "verdict"), [(1.0, "as-error"), (-1.0, "as-compensation")])
     def test_two_runs_give_the_record_for_the_profile(self, profile, result, tmp_path, sense, verdict):

@@ -11,7 +11,7 @@ import pytest
 
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.log.topics import stop_note
-from stepdiag.daq.recording.rounds import FolderLock
+from stepdiag.daq.recording.rounds import FolderLock, latest_round
 from testkit.cli import stepdiag
 from testkit.exact.captured import stops_of
 from testkit.exact.driven import Fault, Program, machine_of, recorded, survey_file
@@ -162,6 +162,9 @@ def test_a_survey_file_changed_since_is_named(survey):
     record(survey, 1, stops_of("ppp"))
     survey.write_text(TEXT + "# a word\n", encoding="utf-8")
     assert "will begin a new round" in stepdiag("status", survey).out
+    survey.write_text(TEXT, encoding="utf-8")
+    assert "new round" not in stepdiag("status", survey).out
+    assert latest_round(survey.parent / "bench", TEXT, {}).folder.name == "0001", "undone, it goes on with these"
 
 
 def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):
