@@ -4,8 +4,8 @@
               laser-baud
     head      head-blocked, head-silent, head-unplug, head-garbage (value bytes), head-baud
     air       air-silent, air-unplug, air-garbage (value bytes), air-baud
-    PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen, plc-reboot, plc-sensor (text name, value),
-              stop-flicker, plc-alarm
+    PLC       plc-silent, plc-late (value s), plc-exception (value code), plc-frozen,
+              plc-reboot (value other than 0: its counter is kept), plc-sensor (text name, value), stop-flicker, plc-alarm
     program   stop-skipped, stop-unsignalled, count-missed, count-doubled, count-stuck (to the end of its pass),
               axis-order (text such as "yxz"), feed-hold (half way to the stop, its duration in machine seconds),
               program-aborted (value: stops to go back before it is restarted; its duration in machine seconds)

@@ -149,6 +149,13 @@ class Player:
         with self._lock:
             self._captured = (stop_count, at_s)
 
+    def forget_captured(self) -> None:
+        """Lose the handshake, as a PLC that starts again: a dwell that is not over waits for it anew."""
+        with self._lock:
+            self._captured, last = None, self._segments[-1]
+            if self._handshake and last.step.kind == "dwell" and last.end_s > self._now_s:
+                last.end_s = math.inf
+
     def start(self, at_s: float, first: Iterable[Step] = ()) -> None:
         """Begin the next setup that waits for a start, after the steps ``first``; a start before the machine waits is not remembered."""
         with self._lock:

@@ -8,7 +8,7 @@ import threading
 import time
 
 from stepdiag.virtual.base.clock import Clock
-from stepdiag.virtual.base.faults import FaultBoard
+from stepdiag.virtual.base.faults import Fault, FaultBoard
 from stepdiag.virtual.base.ports import SerialLine
 from stepdiag.virtual.base.reserved import reserved_port
 from stepdiag.virtual.plc.attention import Attention
@@ -29,15 +29,15 @@ class Slave:
         self._clock = clock
         self._faults = faults
         self._attention = attention
-        self._down = False
+        self._reboots: Fault | None = None
 
     def off(self) -> bool:
-        """Return whether the PLC reboots at the moment; its counter starts again when it comes back."""
-        off = self._faults.active("plc-reboot", self._clock.wall_s()) is not None
-        if self._down and not off:
-            self._plc.reboot()
-        self._down = off
-        return off
+        """Return whether the PLC reboots at the moment; its counter starts again when it comes back, unless it is one that is kept."""
+        now = self._faults.active("plc-reboot", self._clock.wall_s())
+        if self._reboots is not None and now is None:
+            self._plc.reboot(counts_on=self._reboots.value != 0.0)
+        self._reboots = now
+        return now is not None
 
     def answer(self, request: bytes) -> bytes | None:
         """Return the response PDU to a request PDU, maybe late, or None where it is not answered."""

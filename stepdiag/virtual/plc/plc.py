@@ -54,11 +54,13 @@ class Plc:
         self._counted_before_reboot = 0
         self._frozen: list[int] | None = None
 
-    def reboot(self) -> None:
-        """Start the stop counter again at 0."""
+    def reboot(self, *, counts_on: bool = False) -> None:
+        """Know of no stop that was captured, and start the stop counter again at 0, unless it is one that is kept."""
         with self._lock:
-            self._counted_before_reboot = self._player.advance(self._clock.machine_s()).stop_count
+            if not counts_on:
+                self._counted_before_reboot = self._player.advance(self._clock.machine_s()).stop_count
             self._captured = 0
+            self._player.forget_captured()
 
     def read(self, table: str, address: int, count: int) -> Sequence[int]:
         """Return registers or bits of the image; raises `ModbusError` outside it or while a fault says so."""

@@ -67,8 +67,8 @@ def test_a_register_that_the_machine_does_not_take_is_named(tmp_path):
 
 @on_a_steady_computer
 def test_a_plc_that_starts_again_is_told_again(tmp_path):
-    """Its register is 0 again while it stands at the stop that was captured long ago."""
-    reboot = '[[fault]]\nkind = "plc-reboot"\nsetup = "ppp"\nstop = 1\ndelay_s = 0.1\nduration_s = 0.2\n'
-    with hall(tmp_path, faults=reboot, **PACED) as place, daemon(place.survey) as process:
+    """Its register is 0 again, its counter is kept, and it stands at the stop that was captured long ago."""
+    reboot = '[[fault]]\nkind = "plc-reboot"\nsetup = "ppp"\nstop = 1\ndelay_s = 0.8\nduration_s = 0.2\nvalue = 1\n'
+    with hall(tmp_path, faults=reboot, **{**PACED, "dwell": 12.0}) as place, daemon(place.survey) as process:
         place.start_setups(stop_after=1)
         until(process, "survey-complete")
