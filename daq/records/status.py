@@ -168,6 +168,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     recording: bool
     begins: bool = False
     """Whether somebody has to say that a setup is going to be driven: the machine has no signals."""
+    waits_in_vain: bool = False
+    """Whether the machine waits for the handshake for longer than it should; what is wrong with it stands in ``message``."""
     message: str = ""
 
 

@@ -147,6 +147,7 @@ class Daemon:
             tally=self._tally,
             programs=self._programs,
             alarms=self._alarms,
+            waits_in_vain=lambda: self._handshake is not None and bool(self._handshake.alarm),
         )
 
     def _alarms(self) -> list[str]:

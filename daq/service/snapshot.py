@@ -28,6 +28,7 @@ def snapshot(
     links: Statuses,
     result_ready: bool,
     programs: Mapping[str, str] | None = None,
+    waits_in_vain: bool = False,
     message: str = "",
 ) -> Snapshot:
     """Return what the daemon knows at this moment; ``links`` are laser, machine, 4-DOF head and sensor of air."""
@@ -83,6 +84,7 @@ def snapshot(
         result_ready=result_ready,
         recording=session.recording,
         begins=survey.plc.silent and not session.recording and bool(setup),
+        waits_in_vain=waits_in_vain,
         message=message,
     )
 

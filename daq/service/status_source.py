@@ -41,6 +41,8 @@ class Working:
     programs: Mapping[str, str] = field(default_factory=dict)
     alarms: Callable[[], Sequence[str]] = tuple
     """What a person must see at once, in words."""
+    waits_in_vain: Callable[[], bool] = bool
+    """Whether the machine waits for the handshake for longer than it should."""
     paused: bool = False
 
 
@@ -112,6 +114,7 @@ class DaemonStatusSource:
             links=working.survey_links.statuses(),
             result_ready=working.finisher.result is not None,
             programs=working.programs,
+            waits_in_vain=working.waits_in_vain(),
             message=_message(working),
         )
 

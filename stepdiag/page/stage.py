@@ -50,6 +50,8 @@ def _trouble(now: Snapshot) -> Headline | None:
             return _alarm(f"alarm_{link}", Say(f"do_{link}"))
     if now.alarm:
         return _alarm("alarm_machine", Say("do_machine"))
+    if now.waits_in_vain:
+        return _alarm("alarm_waits", Say("do_waits"))
     if now.phase == "failed":
         return _alarm("phase_failed", Say("do_failed"))
     if is_running(now):

@@ -10,6 +10,7 @@ from urllib.parse import quote
 import pytest
 from playwright.sync_api import Page, expect
 
+from stepdiag.daq.records.status import FindingStatus
 from stepdiag.solver.errors import UsageError
 from testkit.browser import Watched
 from testkit.played import Served, served
@@ -70,6 +71,22 @@ def test_every_command_reaches_the_daemon(page: Page, daemon: Served) -> None:
         ("zero", {}),
         ("choose-setup", {"setup": "pnp"}),
         ("name", {"operator": "Night shift", "workpiece": "none"}),
+    ]
+
+
+def test_what_is_doubted_is_accepted_with_name_and_reason(page: Page, daemon: Served) -> None:
+    """Where it is the only finding, too: all findings stand on the page then, and what accepts it is behind "all"."""
+    found = FindingStatus(code="stop-recovered", severity="warning", text="npp out, stop 5 of 30: ...", place="npp/1/5", state="open")
+    unlock(page)
+    daemon.do(lambda: daemon.survey.publish(findings=(found,)))
+    page.locator("#all-findings").click()
+    page.locator("#all-list button.accept").click()
+    page.locator("#accept-name").fill("Kim")
+    page.locator("#accept-reason").fill("a hand on the cable")
+    page.locator("#accept button").click()
+    expect(page.locator("#answer")).to_have_text("Done.")
+    assert daemon.do(lambda: list(daemon.survey.ordered)) == [
+        ("accept", {"place": "npp/1/5", "name": "Kim", "reason": "a hand on the cable"})
     ]
 
 

@@ -58,6 +58,7 @@ RUNNING: dict[str, Any] = {"phase": "waiting-stop", "expects_stop": 6, "moving_a
         ({**RUNNING, "laser": GONE, "plc": GONE}, "trouble", True, "The laser is silent"),
         ({"plc": GONE}, "trouble", True, "The PLC is silent"),
         ({"head": GONE}, "trouble", True, "The 4-DOF head is silent"),
+        ({**RUNNING, "waits_in_vain": True}, "trouble", True, "The machine waits in vain"),
         ({"phase": "failed"}, "trouble", True, "The survey cannot go on"),
         ({"phase": "paused"}, "set-up", False, "Paused"),
         ({"phase": "solving"}, "done", False, "Computing the result"),

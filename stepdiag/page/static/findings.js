@@ -37,7 +37,7 @@ export function update({ findings }) {
   const few = (loud.length ? loud : findings).slice(0, SHOWN).map((one) => item(one));
   document.getElementById("findings").replaceChildren(...(few.length ? few : [node("li", { class: "quiet" }, say("no_findings"))]));
   document.getElementById("all-list").replaceChildren(...findings.map((one) => item(one, true)));
-  put("all-findings", say("all_findings", { count: findings.length })).hidden = findings.length <= few.length;
+  put("all-findings", say("all_findings", { count: findings.length })).hidden = findings.length <= few.length && !open.length;
 }
 
 // A doubt that keeps its pass open can be accepted by a person with the token, who says why.

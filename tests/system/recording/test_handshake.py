@@ -1,7 +1,11 @@
 """A machine that waits for ``captured`` is answered, or somebody is told why not; over real sockets and ptys."""
 
+from contextlib import closing
+from http.client import HTTPConnection
+
 import pytest
 
+from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.hall import daemon, hall, until
 from testkit.running.steady import on_a_steady_computer
 from testkit.running.verdict import nothing_silently_wrong
@@ -53,15 +57,25 @@ def machine_says(process, code):
     return until(process, "finding", code=code)[-1]
 
 
+def page_says(port, words):
+    """Return the line of the page's stream in which words come first."""
+    with closing(HTTPConnection("127.0.0.1", port, timeout=60.0)) as asked:
+        asked.request("GET", "/stream")
+        lines = iter(asked.getresponse().readline, b"")
+        return next(line.decode() for line in lines if words.encode() in line)
+
+
 @on_a_steady_computer
 def test_a_register_that_the_machine_does_not_take_is_named(tmp_path):
-    """The page shows in alarm colour what `message` says; the journal says it once, with the register."""
-    with hall(tmp_path, **PACED) as place:
+    """The page is in alarm; the journal says it once, with the register."""
+    port = reserved_port()
+    with hall(tmp_path, page=True, page_port=port, **PACED) as place:
         place.survey.write_text(place.survey.read_text().replace("[plc.handshake]\n", "[plc.handshake]\naddress = 101\n"))
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
             assert "101" in machine_says(process, "handshake-refused")["text"]
             waits = machine_says(process, "handshake-waits")
+            assert '"alarm":true' in page_says(port, "alarm_waits")
     assert "stop_count 1 and 1 is written as captured: it does not take it" in waits["text"]
 
 
