@@ -167,6 +167,15 @@ def test_a_survey_file_changed_since_is_named(survey):
     assert latest_round(survey.parent / "bench", TEXT, {}).folder.name == "0001", "undone, it goes on with these"
 
 
+def test_a_log_of_another_survey_among_them_is_named_and_does_not_count(survey, tmp_path):
+    """Copied there by hand: `solve` and `replay` refuse it, and its stops counted as those of this survey."""
+    record(survey, 1, stops_of("ppp"))
+    other = replace(HEADER, survey_text=TEXT.replace("bench", "another"))
+    write_log(survey.parent / "bench" / "0001" / "0002.mcap", [*EVENTS, *map(stop_note, stops_of("npp"))], flush_every=1, header=other)
+    assert told(survey)["next_setup"] == "npp"
+    assert "0002.mcap: a log of another survey: it does not count here" in stepdiag("status", survey).out
+
+
 def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):
     record(survey, 1, stops_of("ppp"))
     path = record(survey, 2, stops_of("npp"))
