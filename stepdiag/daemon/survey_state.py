@@ -120,7 +120,9 @@ def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
         try:
             header = open_log(path).header
             if text and header.survey_text != text:
-                raise DataError(str(path), expected="a log of this survey", found="a log of another survey", remedy="it does not count here")
+                raise DataError(
+                    str(path), expected="a log of this survey", found="a log of another survey", remedy="it does not count here"
+                )
             found = noted_in(path)
         except DataError as error:
             logs.append(LogStanding(name=path.name, stops=0, trouble=f"{error.found}: {error.remedy}" if error.remedy else error.found))
