@@ -38,7 +38,7 @@ def test_a_whole_survey_is_watched_to_its_end(tmp_path: Path, real: Watched) -> 
     port = reserved_port()
     other_machine = siemens_profile()
     (tmp_path / "siemens.toml").write_text(other_machine, encoding="utf-8")
-    how = {"back": True, "handshake": True, "dwell": 1.0, "page": True, "page_port": port, "exports": SIEMENS}
+    how = {"n": 1, "back": True, "handshake": True, "dwell": 0.5, "page": True, "page_port": port, "exports": SIEMENS}
     with hall(tmp_path, **how) as place, daemon(place.survey) as process:
         page = real.open(f"http://127.0.0.1:{port}")
         expect(page.locator("#advice")).to_contain_text("Turn the laser to diagonal ppp (from X low, Y low, Z low)")

@@ -31,7 +31,7 @@ def drive_all(place, process):
 @on_a_steady_computer
 def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
     """Readings, no result before; the same words in journal and status, before and after a restart; accepted by name, shown, replayed."""
-    options = {**QUICK, "exports": "", "handshake": False, "dwell": 3.0}
+    options = {**QUICK, "exports": "", "handshake": False, "dwell": 5.0}
     with hall(tmp_path, faults=UNSIGNALLED, **options) as place:
         with daemon(place.survey) as process:
             opened = drive_all(place, process)
@@ -78,7 +78,7 @@ def drive_again(place):
 def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again(tmp_path):
     """Afterwards nothing of them hinders: result and files are there, what happened stands in the annex."""
     faults = UNSIGNALLED + fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.05)
-    options = {**QUICK, "exports": "", "handshake": False, "dwell": 3.0, "setups": ("ppp", "npp", "pnp", "ppn", "ppp", "npp")}
+    options = {**QUICK, "exports": "", "handshake": False, "dwell": 5.0, "setups": ("ppp", "npp", "pnp", "ppn", "ppp", "npp")}
     with hall(tmp_path, faults=faults, **options) as place:
         drive_again(place)
         with daemon(place.survey) as process:

@@ -39,7 +39,7 @@ def findings_of(said, code):
 )
 def test_the_first_stop_of_the_way_back_is_told_from_the_last_one_out(tmp_path, drive, code, doubts):
     """Who turns round has one reading for both; who went beyond has a stop of its own there, though Modbus did not show it."""
-    with hall(tmp_path, n=1, back=True, dwell=3.0, setups=("ppp",), **drive, **COMPENSATED) as place:
+    with hall(tmp_path, n=1, back=True, dwell=6.0, setups=("ppp",), **drive, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             until(process, "pass-ended", kind="complete")
