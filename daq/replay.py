@@ -10,6 +10,7 @@ from stepdiag.daq.capture.log_start import start_of
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.log.contents import LogEnd, must_be_there, open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
+from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.survey_folder import logs_in
 from stepdiag.daq.survey.bundle import bundle_from_run
@@ -69,8 +70,10 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
     return logs
 
 
-def replay(paths: Sequence[Path], survey_file: Path | None = None) -> Replayed:
+def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: Sequence[tuple[int, tuple[Doubt, ...]]] = ()) -> Replayed:
     """Return what the logs of one survey say, in the order given; ``survey_file`` stands for the one in the logs where that cannot be used.
+
+    ``suspicions`` as `PassBook.foretell` takes them.
 
     Raises DataError for a log that is not ours or that belongs to another survey file, UsageError for a survey file that cannot be used.
     """
@@ -85,6 +88,7 @@ def replay(paths: Sequence[Path], survey_file: Path | None = None) -> Replayed:
         text = read_text(survey_file)
     survey = parse_survey(text, survey_file.name if survey_file is not None else f"{opened[0].path.name}: survey.toml")
     book = PassBook(survey)
+    book.foretell(suspicions)
     replayed = []
     for log in opened:
         capture = Capture(survey, start_of(log.header.run, str(log.path)))

@@ -35,6 +35,7 @@ class PassBook:
         self._placed = places_known(survey)
         self._acceptances: list[Acceptance] = []
         self._suspected: tuple[Doubt, ...] = ()
+        self._foretold: list[tuple[int, tuple[Doubt, ...]]] = []
         self._news: list[Finding] = []
 
     @property
@@ -49,6 +50,8 @@ class PassBook:
 
     def add(self, stop: CapturedStop) -> Pass:
         """Take the next stop; return the pass it belongs to."""
+        while self._foretold and self._foretold[0][0] <= self.stops:
+            self.suspect(self._foretold.pop(0)[1])
         self._stretch += bool(stop.broken or stop.unwatched)
         current = self.driven = self._current(stop)
         slip_um = current.differs_um(stop, self._stretch)
@@ -87,6 +90,13 @@ class PassBook:
         self._suspected = tuple(doubts)
         for each in self.passes:
             each.suspected = [doubt for doubt in self._suspected if (doubt.setup, doubt.pass_number) == (each.route.setup, each.number)]
+
+    def foretell(self, suspicions: Iterable[tuple[int, tuple[Doubt, ...]]]) -> None:
+        """Take what was suspected while the stops were captured that are to be added: after how many of them, and what.
+
+        A stop driven because its pass was suspected belongs to that pass; without this it would be one of a further pass.
+        """
+        self._foretold = list(suspicions)
 
     def accept(self, word: Acceptance) -> None:
         """Take a person's word for a doubt; the same one again says nothing new."""

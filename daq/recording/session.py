@@ -124,6 +124,7 @@ class Session:
         self.recent = RecentStops()
         self.signals: Signals | None = None
         self.book = PassBook(survey)
+        self.book.foretell(begun.verdicts.suspicions)
         self.book.add_all(begun.stops)
         self.book.news()
         self.owed: int | None = None

@@ -45,6 +45,13 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 
     accepted: tuple[Acceptance, ...] = ()
     judged: Judgement | None = None
+    judgements: tuple[Judgement, ...] = ()
+    """All that the solver said, in order; ``judged`` is the last."""
+
+    @property
+    def suspicions(self) -> tuple[tuple[int, tuple[Doubt, ...]], ...]:
+        """Return after how many stops what was suspected, as a book that has no stops yet takes it."""
+        return tuple((each.stops, each.doubts) for each in self.judgements)
 
     def tell(self, book: PassBook) -> str:
         """Tell the passes of a survey; return why it cannot be solved although every pass is in, empty where that is not so."""
@@ -58,7 +65,7 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 def verdicts_in(folder: Path) -> Verdicts:
     """Return what is said of the survey whose logs are in a folder; nothing where nothing is."""
     judged = _lines(folder / JUDGED, Judgement)
-    return Verdicts(accepted=tuple(_lines(folder / ACCEPTED, Acceptance)), judged=judged[-1] if judged else None)
+    return Verdicts(accepted=tuple(_lines(folder / ACCEPTED, Acceptance)), judged=judged[-1] if judged else None, judgements=tuple(judged))
 
 
 def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, time_s: float) -> None:

@@ -84,8 +84,10 @@ def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = 
 
     ``survey_file`` as in `complete`. Raises DataError where passes are missing.
     """
-    replayed = replay(find_logs(paths), survey_file)
-    verdicts_in(_folder(replayed)).tell(replayed.book)
+    logs = find_logs(paths)
+    verdicts = verdicts_in(logs[0].parent)
+    replayed = replay(logs, survey_file, verdicts.suspicions)
+    verdicts.tell(replayed.book)
     _require_all(replayed)
     out.mkdir(parents=True, exist_ok=True)
     _write_readings(out, render_readings(readings_of(replayed)))

@@ -148,8 +148,9 @@ def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Re
             raise UsageError(str(path), expected="one readings file (*.csv), or logs (*.mcap)", found=f"{len(paths)} file(s), {path.name}")
     stated = parse_environment(read_text(environment), environment.name) if environment is not None else None
     logs = find_logs(paths)
-    replayed = replay_logs(logs)
-    verdicts_in(logs[0].parent).tell(replayed.book)
+    verdicts = verdicts_in(logs[0].parent)
+    replayed = replay_logs(logs, suspicions=verdicts.suspicions)
+    verdicts.tell(replayed.book)
     return solve_logs(replayed, method, stated)[0]
 
 

@@ -9,7 +9,7 @@ from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, round_folders
-from stepdiag.daq.recording.verdicts import verdicts_in
+from stepdiag.daq.recording.verdicts import Verdicts, verdicts_in
 from stepdiag.daq.records.status import FindingStatus, SetupStatus
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.daq.service.finding_list import finding_list
@@ -90,8 +90,10 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
             str(last), expected="at least one log that can be read", found="; ".join(f"{log.name}: {log.trouble}" for log in logs)
         )
     book = PassBook(known)
+    verdicts = verdicts_in(last) if last is not None else Verdicts()
+    book.foretell(verdicts.suspicions)
     book.add_all(stop for each in noted for stop in each.stops)
-    unsolved = verdicts_in(last).tell(book) if last is not None else ""
+    unsolved = verdicts.tell(book)
     recording = is_recording(folder)
     result = last / RESULT if last is not None else None
     return Standing(

@@ -7,6 +7,7 @@ from stepdiag.daq.passes.doubt import acceptance_of, says_what_to_do
 from stepdiag.daq.passes.held import assumed_conditions, held_conditions, with_held
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
+from stepdiag.daq.recording.verdicts import Judgement, Verdicts
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.model.assumptions import Assumptions
@@ -46,6 +47,27 @@ def test_an_error_that_names_the_passes_among_which_the_data_do_not_tell_keeps_t
     assert [doubt.place for doubt in passes.doubts()] == ["npp/1", "pnp/1"]
     assert found.as_json()["among"] == ["npp/1", "pnp/1"]
     assert {each.severity for each in settled_findings(passes, [found], stated={})} == {"error"}
+
+
+@pytest.mark.parametrize("known", [True, False])
+def test_what_was_driven_again_because_the_solver_said_so_is_that_pass_in_a_replay_too(known):
+    """A book that hears of it only afterwards takes it for a further pass, and asks for the first one once more."""
+    first = stops_of()
+    book = book_of(first)
+    doubts = tuple(suspected(book, [error(among=("ppp/1",))]))
+    later_ns = 10**12
+    again = [
+        msgspec.structs.replace(each, window_from_ns=each.window_from_ns + later_ns, window_to_ns=each.window_to_ns + later_ns)
+        for each in first
+    ]
+    again[0] = msgspec.structs.replace(again[0], broken="beam lost")
+    replayed = PassBook(parse_survey(UNCOMPENSATED, "survey.toml"))
+    judged = Judgement(time_s=0.0, stops=book.stops, reason="", doubts=doubts)
+    replayed.foretell(Verdicts(judgements=(judged,) if known else ()).suspicions)
+    replayed.add_all([*first, *again])
+    replayed.suspect(doubts)
+    assert [each.number for each in replayed.passes] == ([1] if known else [1, 3])
+    assert replayed.complete() is known
 
 
 def doubted(stop, *names, what="reads 0"):
