@@ -28,7 +28,7 @@ from testkit.running.slaves import Pty
 pytestmark = pytest.mark.system
 
 PATIENCE_S = 90.0
-AT_ONCE = 12
+AT_ONCE = 24
 EVERY_S = 0.05
 BASE = """
 [survey]
