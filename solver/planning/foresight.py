@@ -22,7 +22,7 @@ from stepdiag.solver.model.noise import starting_u_um
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import identified, reported, variance
 from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.prediction import BETWEEN_SHARE, TAIL
+from stepdiag.solver.result.prediction import BELOW, BETWEEN_SHARE, TAIL
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS
 from stepdiag.solver.uncertainty.machine import (
     Machine,
@@ -246,5 +246,5 @@ def _left_um(parts: _Parts) -> Interval:
     machines = np.exp(ALIKE * normal_points(len(factor)))[np.arange(len(factor)) * 4 % len(factor), None]
     bent = parts.bent_um * machines / np.sqrt(np.mean(machines**2))
     square = missed**2 + (parts.identified_um**2 + angles**2) * np.maximum(1.0 + chance, 0.0) ** 2 + hidden**2 + bent**2
-    low, value, high = (float(end) for end in np.sqrt(np.quantile(square, (TAIL, 0.5, 1.0 - TAIL))))
+    low, value, high = (float(end) for end in np.sqrt(np.quantile(square, (BELOW, 0.5, 1.0 - TAIL))))
     return Interval(value_um=value, low_um=low, high_um=high)

@@ -100,14 +100,14 @@ def test_more_of_everything_is_never_worse(bare):
 
 def test_head_lowers_what_angles_spoil(bare):
     """Pitch and yaw known to 1 urad instead of 10: the false squareness of theory.md 5.3 shrinks to what rolls, drift, air and setups
-    0.1 C apart leave."""
+    0.15 C apart leave."""
     runs = [Run(setup=f"fourdof-{axis}") for axis in "xyz"]
     measured = forecast(BARE.with_runs(*runs), USUAL)
     assert measured.u["EXX"] < 0.4 * bare.u["EXX"]
     assert measured.volumetric_um < bare.volumetric_um
     no_roll = dict.fromkeys(set(ROTATIONS) - {"EAX", "EBY", "ECZ"}, 10.0)
     levelled = forecast(BARE.with_runs(*runs), Circumstances(assumed=Assumptions(angle_urad=no_roll)))
-    assert levelled.u["C0Y"] < 0.85 * bare.u["C0Y"]
+    assert levelled.u["C0Y"] < 0.9 * bare.u["C0Y"]
 
 
 def test_best_survey_fits_the_time_and_uses_it():
