@@ -44,9 +44,8 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
     """All that is said of one survey: by persons, and by the solver last."""
 
     accepted: tuple[Acceptance, ...] = ()
-    judged: Judgement | None = None
     judgements: tuple[Judgement, ...] = ()
-    """All that the solver said, in order; ``judged`` is the last."""
+    """All that the solver said, in order: the last counts."""
 
     @property
     def suspicions(self) -> tuple[tuple[int, tuple[Doubt, ...]], ...]:
@@ -57,15 +56,14 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
         """Tell the passes of a survey; return why it cannot be solved although every pass is in, empty where that is not so."""
         for word in self.accepted:
             book.accept(word)
-        book.suspect(self.judged.doubts if self.judged is not None else ())
-        judged = self.judged
+        judged = self.judgements[-1] if self.judgements else None
+        book.suspect(judged.doubts if judged is not None else ())
         return judged.reason if judged is not None and not judged.doubts and judged.stops == book.stops else ""
 
 
 def verdicts_in(folder: Path) -> Verdicts:
     """Return what is said of the survey whose logs are in a folder; nothing where nothing is."""
-    judged = _lines(folder / JUDGED, Judgement)
-    return Verdicts(accepted=tuple(_lines(folder / ACCEPTED, Acceptance)), judged=judged[-1] if judged else None, judgements=tuple(judged))
+    return Verdicts(accepted=tuple(_lines(folder / ACCEPTED, Acceptance)), judgements=tuple(_lines(folder / JUDGED, Judgement)))
 
 
 def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, time_s: float) -> None:

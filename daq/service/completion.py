@@ -84,13 +84,19 @@ def leave_readings(paths: Sequence[Path], out: Path, survey_file: Path | None = 
 
     ``survey_file`` as in `complete`. Raises DataError where passes are missing.
     """
+    replayed = replay_judged(paths, survey_file)
+    _require_all(replayed)
+    out.mkdir(parents=True, exist_ok=True)
+    _write_readings(out, render_readings(readings_of(replayed)))
+    return replayed
+
+
+def replay_judged(paths: Sequence[Path], survey_file: Path | None = None) -> Replayed:
+    """Return logs with what persons and the solver said of them beside. Raises as `find_logs` and `replay`; ``survey_file`` as there."""
     logs = find_logs(paths)
     verdicts = verdicts_in(logs[0].parent)
     replayed = replay(logs, survey_file, verdicts.suspicions)
     verdicts.tell(replayed.book)
-    _require_all(replayed)
-    out.mkdir(parents=True, exist_ok=True)
-    _write_readings(out, render_readings(readings_of(replayed)))
     return replayed
 
 

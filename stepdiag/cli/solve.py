@@ -136,10 +136,7 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
     """Return the result of logs. Raises UsageError for a file that is named like none: readings are one file, named *.csv."""
-    from stepdiag.daq.recording.verdicts import verdicts_in
-    from stepdiag.daq.replay import find_logs
-    from stepdiag.daq.replay import replay as replay_logs
-    from stepdiag.daq.service.completion import solve_logs
+    from stepdiag.daq.service.completion import replay_judged, solve_logs
     from stepdiag.daq.survey.environment import parse_environment
     from stepdiag.exporters.files.files import read_text
 
@@ -147,11 +144,7 @@ def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Re
         if path.is_file() and ".mcap" not in path.suffixes:
             raise UsageError(str(path), expected="one readings file (*.csv), or logs (*.mcap)", found=f"{len(paths)} file(s), {path.name}")
     stated = parse_environment(read_text(environment), environment.name) if environment is not None else None
-    logs = find_logs(paths)
-    verdicts = verdicts_in(logs[0].parent)
-    replayed = replay_logs(logs, suspicions=verdicts.suspicions)
-    verdicts.tell(replayed.book)
-    return solve_logs(replayed, method, stated)[0]
+    return solve_logs(replay_judged(paths), method, stated)[0]
 
 
 def _write_result(out: Path, result: "Result") -> None:

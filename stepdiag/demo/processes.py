@@ -4,9 +4,10 @@ import json
 import os
 import signal
 import subprocess
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from queue import Empty, Queue
 from threading import Thread
 
@@ -14,6 +15,8 @@ from stepdiag.solver.errors import DeviceError
 
 END_S = 120.0
 """How long a process may take to end in good order."""
+REMEMBERED = 20
+"""How many of its last lines are told where a process fails."""
 
 
 @dataclass(slots=True)
@@ -23,6 +26,8 @@ class Talker:
     process: subprocess.Popen[str]
     lines: Queue[str | None]
     ready: dict[str, str]
+    last: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
+    """What it said last, oldest first."""
 
     def next(self, timeout_s: float, what: str) -> dict[str, str]:
         """Return the next object. Raises DeviceError where the process ends or is silent."""
@@ -32,6 +37,7 @@ class Talker:
             raise DeviceError(what, expected=f"a word within {timeout_s:g} s", found="silence") from silence
         if line is None:
             raise DeviceError(what, expected="a process that runs", found=f"one that ended with {self.process.wait()}")
+        self.last.append(line.strip())
         try:
             said: dict[str, str] = json.loads(line)
         except json.JSONDecodeError:

@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.daq.capture.standing.window import Window
+from stepdiag.daq.capture.standing.window import OUTLIER_SIGMAS, Window
 
 BLOCKS = 32
 LEAST_BLOCKS = 8
@@ -23,6 +23,8 @@ FROZEN_SHARE = 0.5
 FROZEN_SAMPLES = 10
 LEAVING_SHARE = 0.1
 """A PLC says up to one of its scans too long that the machine stands: so large a share of a window's end may show it leave."""
+ON_THE_WAY = 0.5
+"""Who leaves is first seen nearer than this share of how far he goes: a count that slips is at once where it stays."""
 
 
 def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_um: float) -> list[tuple[str, str]]:
@@ -36,18 +38,23 @@ def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_
         return [("laser-frozen", f"the laser sent one value {same} times of {count}: it is frozen")]
     if step_um := step_in_um(position_mm):
         return [("window-step", f"a step of {step_um:+.1f} um inside the dwell: a slip of the count, a jerk of the machine, or the mirror")]
-    wrong = window.rejected - _leaving(position_mm)
+    wrong = window.rejected - _leaving(position_mm, window)
     if wrong > WRONG_LINES + WRONG_SHARE * count:
         return [("window-step", f"{wrong} of {count} samples lie far from the others: more than noise explains")]
     return []
 
 
-def _leaving(position_mm: NDArray[np.float64]) -> int:
-    """Return how many samples at the end of a window go further and further away: the machine drives on, it does not jump."""
-    away = np.abs(position_mm - np.median(position_mm))
-    staying = np.flatnonzero(np.diff(away) <= 0.0)
-    leaving = len(away) - 2 - int(staying[-1]) if len(staying) else 0
-    return leaving if leaving <= LEAVING_SHARE * len(away) else 0
+def _leaving(position_mm: NDArray[np.float64], window: Window) -> int:
+    """Return how many samples at the end of a window are those of a machine that drives on, and may stand elsewhere by then.
+
+    It passes what lies between, where a count that slips jumps.
+    """
+    away_um = (position_mm - window.mean_mm) * 1e3
+    far = np.abs(away_um) > max(OUTLIER_SIGMAS * window.scatter_um, LEAST_STEP_UM)
+    staying = np.flatnonzero(~far | (np.sign(away_um) != np.sign(away_um[-1])))
+    gone_um = np.abs(away_um[staying[-1] + 1 :]) if len(staying) else away_um[:0]
+    drives = len(gone_um) > 0 and gone_um[0] < ON_THE_WAY * np.max(gone_um)
+    return len(gone_um) if drives and len(gone_um) <= LEAVING_SHARE * len(away_um) else 0
 
 
 def step_in_um(position_mm: NDArray[np.float64]) -> float:

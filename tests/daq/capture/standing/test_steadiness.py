@@ -74,3 +74,21 @@ def test_a_machine_that_leaves_in_the_last_scan_of_its_plc_is_no_doubt():
     assert doubts(leaves) == []
     assert doubts(jumps) == ["window-step"], "it jumps and stays: a slip of the count"
     assert doubts(gone) == ["window-step"], "a fifth of the window is no scan of a PLC"
+
+
+@given(
+    step_um=st.sampled_from([-5000.0, -300.0, -30.0, 30.0, 300.0, 5000.0]),
+    move=st.integers(3, 60),
+    scan=st.integers(4, 19),
+    sigma_um=st.sampled_from([0.02, 0.2]),
+    seed=st.integers(0, 1000),
+)
+def test_who_has_left_and_stands_elsewhere_within_a_scan_is_no_doubt_and_a_slip_is(step_um, move, scan, sigma_um, seed):
+    """A short move is over before the PLC looks again: 8 of 467 samples of a move of 2 mm were taken for a step."""
+    quiet = np.random.default_rng(seed).normal(0, sigma_um, 200)
+    moved, slipped = quiet.copy(), quiet.copy()
+    done = np.clip(np.arange(1, scan + 1) / move, 0.0, 1.0)
+    moved[-scan:] += step_um * done**2 * (3.0 - 2.0 * done)
+    slipped[-scan:] += step_um
+    assert doubts(moved) == []
+    assert scan <= 5 or doubts(slipped) == ["window-step"], "fewer are single wrong lines, thrown away without a word"

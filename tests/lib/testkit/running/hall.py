@@ -216,7 +216,11 @@ def daemon(survey, *, wait_for=("laser", "machine"), stepdiag=STEPDIAG):
             assert said["event"] != "text", said
             if said["event"] == "link-connected":
                 connected.add(said["link"])
-        yield process
+        try:
+            yield process
+        except Exception as failure:
+            failure.add_note("\n".join(["the daemon said last:", *process.last, "status:", stepdiag("status", survey).out]))
+            raise
 
 
 def accept_all(survey):
