@@ -4,8 +4,9 @@ A real machine's dwells are seconds and its recorder has a computer to itself. I
 everything shares one computer that may hold the recorder up for as long. What a fault of the bench keeps from being seen is not waited for.
 """
 
-import math
 import threading
+from collections import deque
+from itertools import pairwise, takewhile
 
 from stepdiag.virtual.base.faults import FaultBoard, FaultKind
 
@@ -13,6 +14,8 @@ BREAK_S = 0.1
 """Two looks further apart than this have a break between them."""
 GONE_S = 1.0
 """Nobody is waited for who has not looked for this long."""
+_REMEMBERED = 20_000
+"""Looks: more than any dwell of a patient machine is long."""
 _BLINDING: tuple[FaultKind, ...] = ("plc-silent", "plc-late", "plc-exception", "plc-frozen", "plc-reboot", "stop-flicker")
 
 
@@ -22,19 +25,24 @@ class Attention:
     def __init__(self, faults: FaultBoard) -> None:
         self._faults = faults
         self._lock = threading.Lock()
-        self._since_s = self._last_s = -math.inf
+        self._looks_s: deque[float] = deque(maxlen=_REMEMBERED)
 
     def looked(self, wall_s: float) -> None:
         """Take note that a request has come."""
         with self._lock:
-            if wall_s - self._last_s > BREAK_S:
-                self._since_s = wall_s
-            self._last_s = wall_s
+            self._looks_s.append(wall_s)
 
     def lacking(self, from_s: float, wall_s: float, wanted_s: float) -> bool:
-        """Tell whether a master that is there has not yet looked, for ``wanted_s`` without a break, at what began at ``from_s``."""
+        """Tell whether a master that is there has not yet looked, for ``wanted_s`` without a break, at what began at ``from_s``.
+
+        From the first look at it, not from its beginning: one look long after that has seen nothing of what lies between.
+        """
         with self._lock:
-            there, seen_s = wall_s - self._last_s < GONE_S, self._last_s - max(self._since_s, from_s)
+            there = bool(self._looks_s) and wall_s - self._looks_s[-1] < GONE_S
+            looks_s = [*takewhile(lambda each: each >= from_s, reversed(self._looks_s))][::-1] if there else []
+        anew = [later for before, later in pairwise(looks_s) if later - before > BREAK_S]
+        first_s = [*looks_s[:1], *anew][-1:]
+        seen_s = looks_s[-1] - first_s[0] if looks_s else 0.0
         return there and seen_s < wanted_s and not self._blinded(from_s, wall_s)
 
     def _blinded(self, from_s: float, wall_s: float) -> bool:
