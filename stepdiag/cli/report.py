@@ -1,6 +1,7 @@
 """``stepdiag report`` and ``stepdiag compare``: results for people."""
 
 import json
+import shlex
 from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -91,12 +92,22 @@ def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":
 
 
 def read_result(path: Path, name: str = "") -> "Result":
-    """Return the result in a file, called ``name`` or as its file. Raises ``UsageError`` where it cannot be read, ``DataError`` where it
-    is none."""
+    """Return the result in a file or in the folder of a survey, called ``name`` or as its file.
+
+    Raises ``UsageError`` where there is none or it cannot be read, ``DataError`` where it is none.
+    """
+    from stepdiag.daq.records.survey_folder import RESULT
     from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.result.result import parse_result
 
-    return parse_result(read_text(path), name or path.name)
+    file = path / RESULT if path.is_dir() else path
+    if path.is_dir() and not file.exists():
+        remedy = f"`{shlex.join(['stepdiag', 'status', str(path)])}` says what is missing"
+        raise UsageError(str(path), expected=f"a folder with a {RESULT}", found="none in it", remedy=remedy)
+    if {".csv", ".mcap"} & set(path.suffixes):
+        remedy = f"`{shlex.join(['stepdiag', 'solve', str(path), '--out', RESULT])}` writes one"
+        raise UsageError(str(path), expected=f"a result ({RESULT})", found="what it is solved from", remedy=remedy)
+    return parse_result(read_text(file), name or file.name)
 
 
 def _told_apart(paths: list[Path]) -> list[str]:

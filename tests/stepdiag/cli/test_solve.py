@@ -79,6 +79,20 @@ class TestSolve:
         assert told.code == 2
         assert "--straightness: expected one readings file (*.csv), found logs" in told.refusal
 
+    def test_a_survey_folder_stands_for_the_result_in_it(self, tmp_path):
+        assert stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json").code == 0
+        asked = ("--controller", "neutral", "--step-mm", "100", "--accept", "scale-unidentified", "--json")
+        by_folder, by_file = (stepdiag("export", tmp_path / at, *asked, "--out", tmp_path / "n") for at in ("", "result.json"))
+        assert by_folder == by_file
+
+    def test_what_a_result_is_solved_from_is_told_from_it(self, tmp_path):
+        told = stepdiag("report", GOLDEN, "--out", tmp_path / "r.html")
+        assert told.code == 2
+        assert f"`stepdiag solve {GOLDEN} --out result.json` writes one" in told.refusal
+        told = stepdiag("report", tmp_path, "--out", tmp_path / "r.html")
+        assert told.code == 2
+        assert f"`stepdiag status {tmp_path}` says what is missing" in told.refusal
+
     def test_readings_that_are_no_survey_are_refused(self, tmp_path):
         (tmp_path / "r.csv").write_text(
             "setup,pass,stop,x_mm,y_mm,z_mm,reading_mm\nppp,1,0,0,0,0,0\nppp,1,2,100,100,100,173\n", encoding="utf-8"
