@@ -38,7 +38,7 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
     with small_disk(tmp_path / "hall", "8m") as disk, hall(tmp_path, **PACED) as place:
         inside = (*disk.inside, *STEPDIAG)
         round_ = disk.here / "0001"
-        with daemon(place.survey, stepdiag=inside) as process:
+        with daemon(place.survey, command=inside) as process:
             place.start_setups(stop_after=1)
             said = until(process, "stop", stop=2)
             disk.fill()
@@ -59,7 +59,7 @@ def test_a_full_disk_stops_the_recording_and_the_machine_until_there_is_room(tmp
             assert f"drive again from stop {kept[-1].stop} on" in told
             assert replay([next((tmp_path / "meanwhile").iterdir())]).book.last_count == kept[-1].stop_count
         assert process.process.returncode == 4, "it could not write what it had"
-        with daemon(place.survey, stepdiag=inside, wait_for=()) as process:
+        with daemon(place.survey, command=inside, wait_for=()) as process:
             until(process, "recorder", state="blocked")
             disk.free()
             until(process, "recorder", state="recording")
@@ -106,7 +106,7 @@ def test_a_clock_set_by_an_hour_changes_nothing_but_the_time_of_day(tmp_path):
 
     off_by.write_text("0")
     with hall(tmp_path, n=1, back=True, **PACED) as place:
-        with daemon(place.survey, stepdiag=(sys.executable, str(SET_CLOCK), str(off_by))) as process:
+        with daemon(place.survey, command=(sys.executable, str(SET_CLOCK), str(off_by))) as process:
             place.start_setups(stop_after=1)
             until(process, "stop", stop=2)
             assert set_clock(process, 3600) == 3600

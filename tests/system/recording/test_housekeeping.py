@@ -26,7 +26,7 @@ def test_a_finished_survey_is_packed_when_the_budget_is_exceeded(tmp_path):
     program = ("env", "-C", str(tmp_path), "-u", "PYTHONSAFEPATH", str(Path(sys.executable).with_name("stepdiag")))
     with hall(tmp_path, handshake=True, dwell=0.5, n=1) as place:
         place.survey.write_text(f"{place.survey.read_text()}\n[recording]\nmax_gb = 0.000001\n")
-        with daemon(place.survey, stepdiag=program) as process:
+        with daemon(place.survey, command=program) as process:
             place.start_setups()
             until(process, "survey-complete", exit_code=0)
             packed = until(process, "archived")[-1]

@@ -206,9 +206,9 @@ STEPDIAG = (sys.executable, "-m", "stepdiag")
 
 
 @contextmanager
-def daemon(survey, *, wait_for=("laser", "machine"), stepdiag=STEPDIAG):
+def daemon(survey, *, wait_for=("laser", "machine"), command=STEPDIAG):
     """Run ``stepdiag run`` and wait until the links named are connected."""
-    with talking((*stepdiag, "run", str(survey)), errors=True) as process:
+    with talking((*command, "run", str(survey)), errors=True) as process:
         go_first(process.process)
         connected = set()
         while not set(wait_for) <= connected:
