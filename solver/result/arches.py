@@ -25,6 +25,14 @@ class Between(NamedTuple):
             found[:, :, component] += (self.size_um[some, place, None] * self.arch[place]) ** 2
         return found
 
+    def drawn_um(self, draws: int) -> Vector | None:
+        """Return what lies between the targets as drawn at each point by itself, shape (draws, N, 3), always the same; None of nothing."""
+        if not self.size_um.size:
+            return None
+        waves = np.sqrt(self.square_um(slice(draws)))
+        waves *= np.random.default_rng(2).standard_normal(waves.shape)
+        return waves
+
     def met(self, fields_um: Vector) -> Vector:
         """Return the square sum of what arches of 1 um meet of the errors of fields (k, 3 N), shape (functions,)."""
         fields, found = fields_um.reshape(len(fields_um), fields_um.shape[1] // 3, 3), np.zeros(len(self.component))

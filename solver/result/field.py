@@ -21,7 +21,11 @@ class Tabulated(NamedTuple):
         place = np.clip(np.searchsorted(self.position_mm, points_mm, side="right") - 1, 0, len(self.position_mm) - 2)
         low, high = self.position_mm[place], self.position_mm[place + 1]
         share = np.clip((points_mm - low) / (high - low), 0.0, 1.0)
-        values: Vector = self.value[:, place] * (1.0 - share) + self.value[:, place + 1] * share
+        values = np.zeros((len(self.value), len(share)))
+        # a deviation moves few of the functions: most rows are nothing
+        rows = np.flatnonzero(np.any(self.value, axis=1))
+        moving = self.value[rows]
+        values[rows] = moving[:, place] * (1.0 - share) + moving[:, place + 1] * share
         return values
 
 
@@ -78,23 +82,24 @@ def field_of_um(
     points = np.atleast_2d(np.asarray(points_mm, dtype=np.float64))
     from_corner = points - np.asarray(volume.origin_mm)
     machines = max([len(table.value) for table in functions.values()] + [len(value) for value in squareness.values()], default=1)
-    field = np.zeros((machines, len(points), 3))
+    parts = np.zeros((3, machines, len(points)))
     if squareness:
         c0y, b0z, a0z = (1e-3 * np.asarray(squareness.get(name, np.zeros(1)))[:, None] for name in SQUARENESS)
         _, y, z = from_corner.T
-        field[:, :, 0] += -c0y * y + b0z * z
-        field[:, :, 1] += -a0z * z
+        parts[0] += -c0y * y + b0z * z
+        parts[1] += -a0z * z
     mask = abbe_mask(chain)
     for axis, letter in enumerate(letter.upper() for letter in AXES):
         arm = 1e-3 * mask[axis] * from_corner
         for component, (along, about) in enumerate(zip("XYZ", "ABC", strict=True)):
             if f"E{along}{letter}" in functions:
-                field[:, :, component] += functions[f"E{along}{letter}"].at(points[:, axis])
+                parts[component] += functions[f"E{along}{letter}"].at(points[:, axis])
             if f"E{about}{letter}" in functions:
                 turn = functions[f"E{about}{letter}"].at(points[:, axis])
                 lever = np.cross(np.eye(3)[component], arm)
                 for along_component in np.flatnonzero(np.any(lever, axis=0)):
-                    field[:, :, along_component] += turn * lever[:, along_component]
+                    parts[along_component] += turn * lever[:, along_component]
+    field: Vector = np.stack([*parts], axis=2)
     return field
 
 

@@ -18,8 +18,6 @@ from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
 
 DRAWS, FOR_LARGEST = 2000, 250
-_TOGETHER = 250
-"""Draws worked out together: a few megabytes."""
 TAIL = 0.02275
 """Share beyond k = 2 on either side."""
 BELOW = 0.005
@@ -62,8 +60,9 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
     machines = _machines(result, points_mm, beside_um, DRAWS)
     motions = rigid_motions(result.volume, points_mm)
     moved_um2, rigid_um2 = machines.moved_um2(motions)
+    waves_um = machines.between.drawn_um(FOR_LARGEST)
     parts = {
-        name: {when: machines.figures(drawn, square_um2) for when, drawn in machines.drawn(correction_um, free).items()}
+        name: {when: machines.figures(drawn, square_um2, waves_um) for when, drawn in machines.drawn(correction_um, free).items()}
         for name, free, square_um2 in (("as_it_is", None, moved_um2), ("without_rigid_motion", motions, moved_um2 - rigid_um2))
     }
     return Predicted(**parts)
@@ -134,10 +133,11 @@ class _Machines(NamedTuple):
         flat, amount = _flat(self.moved, None)[1:], self.amount[:, 1:]
         return np.sum((amount @ (flat @ flat.T)) * amount, axis=1), np.sum((amount @ (flat @ motions)) ** 2, axis=1)
 
-    def figures(self, drawn: _Drawn, moved_um2: Vector) -> FieldFigures:
-        """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of what all deviations but the offset move."""
+    def figures(self, drawn: _Drawn, moved_um2: Vector, waves_um: Vector | None) -> FieldFigures:
+        """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of what all deviations but the offset move,
+        ``waves_um`` what is drawn between the targets (`Between.drawn_um`), the same for all fields."""
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
-        largest_um = _largest_um(drawn.likely, self.amount[:FOR_LARGEST], self.between)
+        largest_um = _largest_um(drawn.likely, self.amount[:FOR_LARGEST], waves_um)
         return FieldFigures(rms_um=told(rms_um, self.known), largest_um=told(largest_um, self.known))
 
     def squares_um2(self, drawn: _Drawn) -> Vector:
@@ -240,16 +240,13 @@ def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) 
     return found
 
 
-def _largest_um(whole: Vector, amount: Vector, between: Between) -> Vector:
-    """Return the largest length of the error vector of every draw, shape (draws,)."""
-    rng = np.random.default_rng(2)
-    largest = np.empty(len(amount))
-    for start in range(0, len(amount), _TOGETHER):
-        some = slice(start, min(start + _TOGETHER, len(amount)))
-        drawn = (amount[some] @ whole).reshape(some.stop - start, -1, 3)
-        if between.size_um.size:
-            drawn += np.sqrt(between.square_um(some)) * rng.standard_normal(drawn.shape)
-        largest[some] = np.sqrt(np.max(np.sum(drawn**2, axis=2), axis=1))
+def _largest_um(whole: Vector, amount: Vector, waves_um: Vector | None) -> Vector:
+    """Return the largest length of the error vector of every draw, shape (draws,), with what is drawn between the targets."""
+    drawn = (amount @ whole).reshape(len(amount), -1, 3)
+    if waves_um is not None:
+        drawn += waves_um
+    drawn *= drawn
+    largest: Vector = np.sqrt(np.max(drawn[:, :, 0] + drawn[:, :, 1] + drawn[:, :, 2], axis=1))
     return largest
 
 
