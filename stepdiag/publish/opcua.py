@@ -101,6 +101,12 @@ async def _prepared(endpoint: Endpoint, doors: Doors) -> Server:
     """Return a server that is not started, with its security. Raises UsageError for certificate and key."""
     secure = endpoint.certificate is not None and endpoint.key is not None
     server = bounded(_Users(endpoint.user, endpoint.password, secure=secure), doors)
+    # before the address space is built, which takes most of the start: a file that is wrong is said at once
+    for path, load in ((endpoint.certificate, server.load_certificate), (endpoint.key, server.load_private_key)):
+        if path is not None:
+            await _loaded(path, load)
+    if secure and server.iserver.certificate.public_key() != server.iserver.private_key.public_key():
+        raise UsageError(str(endpoint.key), expected=f"the key of {endpoint.certificate}", found="that of another certificate")
     await server.init()
     await announce_limits(server)
     server.set_endpoint(endpoint.url)
@@ -108,11 +114,6 @@ async def _prepared(endpoint: Endpoint, doors: Doors) -> Server:
     policy = ua.SecurityPolicyType.Basic256Sha256_SignAndEncrypt if secure else ua.SecurityPolicyType.NoSecurity
     server.set_security_policy([policy])
     server.set_identity_tokens([ua.AnonymousIdentityToken if endpoint.user is None else ua.UserNameIdentityToken])
-    for path, load in ((endpoint.certificate, server.load_certificate), (endpoint.key, server.load_private_key)):
-        if path is not None:
-            await _loaded(path, load)
-    if secure and server.iserver.certificate.public_key() != server.iserver.private_key.public_key():
-        raise UsageError(str(endpoint.key), expected=f"the key of {endpoint.certificate}", found="that of another certificate")
     await server.set_application_uri(_uri_of(server.iserver.certificate) or "urn:stepdiag")
     return server
 

@@ -226,7 +226,7 @@ def test_a_new_result_is_an_event_a_damaged_one_a_word_in_the_state(serving, sur
     assert count == 1, "the one before stays"
 
 
-def test_with_a_certificate_all_is_encrypted_and_only_the_user_comes_in(survey):
+def test_with_a_certificate_all_is_encrypted_and_only_the_user_comes_in(survey, monkeypatch):
     for name in ("server", "client"):
         certificate(survey.parent, name)
     secret = survey.parent / "mes.password"
@@ -251,30 +251,29 @@ def test_with_a_certificate_all_is_encrypted_and_only_the_user_comes_in(survey):
             with pytest.raises((ua.UaError, OSError)):
                 asyncio.run(refused)
         assert serving.process.poll() is None
+        with pytest.raises(ua.uaerrors.BadUserAccessDenied):
+            asyncio.run(come_in_the_clear(serving.url, monkeypatch, USER, PASSWORD))
     assert serving.process.returncode == 0, "SIGTERM ends it in good order"
     assert PASSWORD not in serving.said
 
 
-@pytest.mark.parametrize("user", [None, USER])
-def test_with_a_certificate_a_client_that_does_not_ask_what_is_offered_stays_out(survey, monkeypatch, user):
-    """Whoever opens a channel in the clear, which is there for everybody to ask for the others, gets no session on it."""
-    certificate(survey.parent, "server")
-    (survey.parent / "mes.password").touch(0o600)
-    (survey.parent / "mes.password").write_text(PASSWORD)
+async def come_in_the_clear(url, monkeypatch, user=None, password=None):
+    """Open a channel in the clear, which is there for everybody to ask for the others, and a session on it without asking."""
     monkeypatch.setattr(Client, "find_endpoint", staticmethod(lambda endpoints, _mode, _policy: endpoints[0]))
+    client = Client(url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S)
+    if user is not None:
+        client.set_user(user)
+        client.set_password(password)
+    async with client:
+        return await client.get_namespace_array()
 
-    async def come(url):
-        client = Client(url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S)
-        if user is not None:
-            client.set_user(user)
-            client.set_password(PASSWORD)
-        async with client:
-            return await client.get_namespace_array()
 
-    named = () if user is None else ("--user", user, "--password-file", "mes.password")
-    options = ("--certificate", survey.parent / "server.pem", "--key", "server.key.pem", *named)
+def test_with_a_certificate_a_client_that_does_not_ask_what_is_offered_stays_out(survey, monkeypatch):
+    """Nobody gets a session in the clear, where nobody has to say a name either; where one has to, the test above asks."""
+    certificate(survey.parent, "server")
+    options = ("--certificate", survey.parent / "server.pem", "--key", "server.key.pem")
     with Serving(survey, *options) as serving, pytest.raises(ua.uaerrors.BadUserAccessDenied):
-        asyncio.run(come(serving.url))
+        asyncio.run(come_in_the_clear(serving.url, monkeypatch))
 
 
 def test_a_key_of_another_certificate_is_refused(survey):
