@@ -3,7 +3,7 @@
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.daq.capture.standing.window import OUTLIER_SIGMAS, Window
+from stepdiag.daq.capture.standing.window import Window, inliers
 
 BLOCKS = 32
 LEAST_BLOCKS = 8
@@ -38,20 +38,19 @@ def against_itself(position_mm: NDArray[np.float64], window: Window, resolution_
         return [("laser-frozen", f"the laser sent one value {same} times of {count}: it is frozen")]
     if step_um := step_in_um(position_mm):
         return [("window-step", f"a step of {step_um:+.1f} um inside the dwell: a slip of the count, a jerk of the machine, or the mirror")]
-    wrong = window.rejected - _leaving(position_mm, window)
+    wrong = window.rejected - _leaving(position_mm)
     if wrong > WRONG_LINES + WRONG_SHARE * count:
         return [("window-step", f"{wrong} of {count} samples lie far from the others: more than noise explains")]
     return []
 
 
-def _leaving(position_mm: NDArray[np.float64], window: Window) -> int:
+def _leaving(position_mm: NDArray[np.float64]) -> int:
     """Return how many samples at the end of a window are those of a machine that drives on, and may stand elsewhere by then.
 
     It passes what lies between, where a count that slips jumps.
     """
-    away_um = (position_mm - window.mean_mm) * 1e3
-    far = np.abs(away_um) > max(OUTLIER_SIGMAS * window.scatter_um, LEAST_STEP_UM)
-    staying = np.flatnonzero(~far | (np.sign(away_um) != np.sign(away_um[-1])))
+    away_um = (position_mm - np.median(position_mm)) * 1e3
+    staying = np.flatnonzero(inliers(away_um) | (np.sign(away_um) != np.sign(away_um[-1])))
     gone_um = np.abs(away_um[staying[-1] + 1 :]) if len(staying) else away_um[:0]
     drives = len(gone_um) > 0 and gone_um[0] < ON_THE_WAY * np.max(gone_um)
     return len(gone_um) if drives and len(gone_um) <= LEAVING_SHARE * len(away_um) else 0

@@ -45,7 +45,7 @@ def summarise(time_s: NDArray[np.float64], position_mm: NDArray[np.float64], res
     """
     centre = float(np.median(position_mm))
     deviation_um = (position_mm - centre) * 1e3
-    keep = _inliers(deviation_um)
+    keep = inliers(deviation_um)
     values, times = deviation_um[keep], time_s[keep]
     mean = float(np.mean(values))
     scatter = float(np.std(values, ddof=1)) if len(values) > 1 else 0.0
@@ -64,7 +64,8 @@ def summarise(time_s: NDArray[np.float64], position_mm: NDArray[np.float64], res
     )
 
 
-def _inliers(deviation_um: NDArray[np.float64]) -> NDArray[np.bool_]:
+def inliers(deviation_um: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which samples are no outliers, shape (n,), from their deviations from the median."""
     robust = MAD_TO_SIGMA * float(np.median(np.abs(deviation_um)))
     floor = max(robust, _resolution_um(deviation_um))
     keep: NDArray[np.bool_] = np.abs(deviation_um) <= OUTLIER_SIGMAS * floor
