@@ -206,7 +206,7 @@ class ByLaser:
         from_ns, to_ns = int(stand.from_ns), int(stand.to_ns) - EDGE_NS
         before, self._left_ns = self._left_ns, to_ns
         signals = Signals(stopped=True, stop_count=stand.count, x_mm=x_mm, y_mm=y_mm, z_mm=z_mm)
-        return Dwell(from_ns=from_ns, to_ns=max(from_ns, to_ns), not_before_ns=before or from_ns - 1, signals=signals, polls=2)
+        return Dwell(from_ns=from_ns, to_ns=max(from_ns, to_ns), not_before_ns=before or from_ns - 1, signals=signals)
 
 
 def _nearest(place: _Place, level_mm: float) -> int | None:

@@ -64,14 +64,14 @@ class Dwell:
 
     The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it cannot have stopped before
     ``not_before_ns`` (the request of the last poll that saw it moving). ``signals`` are those of the position told
-    most often, ``polls`` how many told of them; ``blind`` tells that polls failed in between.
+    longest, ``told_ns`` how long the part lasts that tells them; ``blind`` tells that polls failed in between.
     """
 
     from_ns: int
     to_ns: int
     not_before_ns: int | None
     signals: Signals
-    polls: int = 1
+    told_ns: int = 0
     blind: bool = False
 
 
@@ -83,7 +83,7 @@ class DwellTracker:
         self.open: Dwell | None = None
         self._last: Dwell | None = None
         self._last_moving_ns: int | None = None
-        self._told: Counter[Place] = Counter()
+        self._told_ns: Counter[Place] = Counter()
 
     def poll(self, signals: Signals, send_ns: int, recv_ns: int) -> Dwell | None:
         """Take one poll; return the dwell that it closed, if any."""
@@ -94,19 +94,22 @@ class DwellTracker:
             if action == "close":
                 closed, self._last, self.open = self.open, self.open, None
             elif action == "open":
-                self._told = Counter([signals.commanded_mm])
+                self._told_ns = Counter()
                 self.open = Dwell(from_ns=recv_ns, to_ns=recv_ns, not_before_ns=self._last_moving_ns, signals=signals)
             elif self.open is not None:
-                self.open = replace(self._with(self.open, signals), to_ns=max(send_ns, self.open.from_ns), polls=self.open.polls + 1)
+                self.open = self._with(self.open, signals, max(send_ns, self.open.from_ns))
         if observation == "moving":
             self._last_moving_ns = send_ns
         return closed
 
-    def _with(self, dwell: Dwell, signals: Signals) -> Dwell:
-        """Return the open dwell with the signals whose position was told most often: the register may still be running in."""
-        self._told[signals.commanded_mm] += 1
-        more = self._told[signals.commanded_mm] > self._told[dwell.signals.commanded_mm]
-        return replace(dwell, signals=signals) if more else dwell
+    def _with(self, dwell: Dwell, signals: Signals, to_ns: int) -> Dwell:
+        """Return the open dwell with the signals whose position was told longest: the register may still be running in.
+
+        Not most often: a poller that is held up asks seldom, and may have asked often while the register ran in.
+        """
+        self._told_ns[signals.commanded_mm] += to_ns - dwell.to_ns
+        longer = self._told_ns[signals.commanded_mm] > self._told_ns[dwell.signals.commanded_mm]
+        return replace(dwell, to_ns=to_ns, told_ns=to_ns - dwell.from_ns, signals=signals if longer else dwell.signals)
 
     def silent(self) -> None:
         """Take note that a poll brought no answer."""

@@ -127,10 +127,10 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
 
 
 def _joined(before: _Waiting, after: Dwell) -> _Waiting:
-    """Return two dwells as one: all of both where no move was seen, else the longer part; the signals are those of most polls."""
+    """Return two dwells as one: all of both where no move was seen, else the longer part; the signals are those told longest."""
     longer = max(before.dwell, after, key=lambda each: (each.to_ns - each.from_ns, each.from_ns))
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:
         return _Waiting(longer, after.to_ns)
-    told = max(before.dwell, after, key=lambda each: (each.polls, each.from_ns))
-    whole = replace(before.dwell, to_ns=after.to_ns, signals=told.signals, polls=told.polls)
+    told = max(before.dwell, after, key=lambda each: (each.told_ns, each.from_ns))
+    whole = replace(before.dwell, to_ns=after.to_ns, signals=told.signals, told_ns=told.told_ns)
     return _Waiting(replace(whole, blind=before.dwell.blind or after.blind), after.to_ns)

@@ -85,6 +85,25 @@ def test_a_position_that_runs_in_and_a_stop_signal_of_the_scan_before_cost_nothi
     assert {each.code for each in findings} <= ({"stop-doubtful"} if rate_hz < 100.0 else set())
 
 
+def test_a_poller_that_is_held_up_after_the_lag_costs_nothing():
+    """Ten polls tell the stop before, for a tenth of a second; then only every ninth comes: what was told longest counts."""
+
+    class HeldUp(Lagging):
+        def polls(self):
+            begun = [begin for begin, _ in self.schedule()]
+
+            def late(block):
+                return min(((now - begin) for begin in begun if (now := block.send_ns * 1e-9) >= begin), default=0.0) > 0.1
+
+            return [each for number, each in enumerate(super().polls()) if not late(each) or number % 9 == 0]
+
+    truth = [replace(stop, seconds=0.5) for stop in diagonal("ppp", n=2)]
+    stops, findings, _ = run(HeldUp(truth, late_s={"position": 0.1, "count": 0.1}, poll_hz=100.0, move_s=0.3), n=2)
+    assert [stop.stop for stop in stops] == list(range(7))
+    assert [stop.position_mm for stop in stops] == [pytest.approx(true.position, abs=1e-4) for true in truth]
+    assert findings == []
+
+
 @pytest.mark.parametrize("signals", ["", STOPPED_ONLY])
 def test_the_longest_steady_part_of_a_flickering_dwell_counts(signals):
     """The stop signal is there for 0.1 s, away for 50 ms, then there to the end: the long part is measured, nothing is doubted."""
