@@ -10,8 +10,7 @@ from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
 from stepdiag.daq.capture.place.walk import ANEW, BREAKS_COUNT, Walk, begun_anew
-from stepdiag.daq.capture.standing.approach import came_along
-from stepdiag.daq.capture.standing.certain_window import Placing, Taken, certain_windows
+from stepdiag.daq.capture.standing.certain_window import Placing, Taken, came_along, certain_windows
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.stop import make_head_stop, make_stop, plateau_window
 from stepdiag.daq.formats.signals import SignalMap, Signals, resolution

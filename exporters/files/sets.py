@@ -5,10 +5,12 @@ what brings the control back before what changes it, put on the disk, and rename
 """
 
 import hashlib
+import io
 import os
 import re
 import shutil
 import tempfile
+import zipfile
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
@@ -18,6 +20,8 @@ from stepdiag.exporters.files.naming import is_restore
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 
 SUMS = "SHA256SUMS"
+EPOCH = (1980, 1, 1, 0, 0, 0)
+"""The oldest date that a zip can hold: the same files give the same bytes."""
 _LINE = re.compile(r"(?P<digest>[0-9a-f]{64})  (?P<name>[^/\\\x00-\x1f]{1,200})")
 
 
@@ -82,6 +86,20 @@ def read_given(paths: Iterable[Path]) -> tuple[ControlFile, ...]:
             _refuse_altered(path.parent, _listed(path.parent), (file,))
         read.append(file)
     return tuple(read)
+
+
+def zip_of(folder: Path, *, restore: bool) -> bytes:
+    """Return a set as one zip without the files that restore the control, or these alone; its ``SHA256SUMS`` holds for what is in it.
+
+    What is packed is what was compared with the list: a set that is altered while somebody fetches it is refused, with the SafetyError of
+    `read_set`.
+    """
+    files = [file for file in read_set(folder) if file.name != SUMS and is_restore(file.name) == restore]
+    packed = io.BytesIO()
+    with zipfile.ZipFile(packed, "w", zipfile.ZIP_DEFLATED) as archive:
+        for file in (*sorted(files, key=lambda file: file.name), sums_of(files)):
+            archive.writestr(zipfile.ZipInfo(file.name, EPOCH), file.data, zipfile.ZIP_DEFLATED)
+    return packed.getvalue()
 
 
 def whole(folder: Path) -> bool:

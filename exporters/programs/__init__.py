@@ -6,7 +6,7 @@ A program is a flat list of blocks: no loop, no subprogram and no calculated pos
 and searched. It states the setup and the stop to the PLC, which puts them into the Modbus block of contract 2.
 """
 
-from stepdiag.exporters.programs.companions import companion_files
+from stepdiag.exporters.programs.linuxcnc import companion_files
 from stepdiag.exporters.programs.programs import CONTROLS, Program, default_decimals, default_signals, nc_programs, program_name
 from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number
 from stepdiag.exporters.programs.signals import Signals

@@ -5,9 +5,13 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
-from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector, Volume, diagonal_direction, travel_signs
 from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
+
+BEYOND_MM = 1.0
+"""So far may a target lie outside of the measured volume: functions are held there."""
 
 
 class Tabulated(NamedTuple):
@@ -152,3 +156,25 @@ def rigid_motions(volume: Volume, points_mm: Vector) -> Vector:
     left, size, _ = np.linalg.svd(design, full_matrices=False)
     basis: Vector = left[:, size > 1e-9 * size[0]]
     return basis
+
+
+def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vector:
+    """Return the error along a straight body diagonal (ISO 230-6) at distances (N,) from the corner where it starts.
+
+    In um, less that of the first, shape (N,). No result used it: it is a check.
+    Raises UsageError for a name that is no diagonal, or distances that leave the measured volume.
+    """
+    if diagonal not in BODY_DIAGONALS:
+        raise UsageError("diagonal", expected=f"one of {', '.join(BODY_DIAGONALS)}", found=repr(diagonal))
+    size, origin = np.asarray(result.volume.size_mm), np.asarray(result.volume.origin_mm)
+    length = float(np.linalg.norm(size))
+    if distance_mm.min() < -BEYOND_MM or distance_mm.max() > length + BEYOND_MM:
+        found = f"{distance_mm.min():g} to {distance_mm.max():g} mm"
+        remedy = "targets of a straight body diagonal count from the corner where it starts"
+        raise UsageError(diagonal, expected=f"targets from 0 to {length:.3f} mm", found=found, remedy=remedy)
+    along = diagonal_direction(result.volume, diagonal)
+    corner = np.where(travel_signs(diagonal) > 0, origin, origin + size)
+    points = corner + distance_mm[:, None] * along
+    predicted: Vector = error_field_um(result, points) @ along
+    relative: Vector = predicted - predicted[0]
+    return relative

@@ -254,7 +254,7 @@ def _stage(text: str) -> "tuple[DetectorName, AxisName, Path]":
 
 def _draw(path: Path, charts: list[str], title: str) -> None:
     from stepdiag.exporters.files.files import write_atomically
-    from stepdiag.report.drawings.sheet import SUFFIXES, sheet
+    from stepdiag.report.drawings.effect import SUFFIXES, sheet
 
     suffix = path.suffix.lower()
     if suffix not in SUFFIXES:

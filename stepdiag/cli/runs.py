@@ -86,7 +86,7 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
 
     from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.readings.rtl import parse_rtl
-    from stepdiag.solver.result.along import along_diagonal_um
+    from stepdiag.solver.result.field import along_diagonal_um
 
     found = []
     for said in diagonals:

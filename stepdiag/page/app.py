@@ -24,8 +24,8 @@ from starlette.types import Receive, Scope, Send
 
 from stepdiag.daq.records.status import CommandName, Download
 from stepdiag.daq.service.downloads import downloads_of
+from stepdiag.exporters.files.sets import zip_of
 from stepdiag.page.broadcast import Broadcaster
-from stepdiag.page.bundle import bundle_of
 from stepdiag.page.messages import PageSettings, Picture
 from stepdiag.page.security import REPORT_POLICY, SEND_S, Access, Guard, address_of, refused
 from stepdiag.solver.errors import DeviceError, StepdiagError
@@ -203,7 +203,7 @@ async def _silent(_request: Request, why: Exception) -> Response:
 
 def _packed(found: Download) -> Response:
     try:
-        data = bundle_of(found.path, restore=found.kind == "restore")
+        data = zip_of(found.path, restore=found.kind == "restore")
     except StepdiagError as why:
         return refused(409, str(why).replace(f"{found.path.parent}/", ""))  # where the service keeps its files is nobody's business
     except OSError as why:  # moved away, or its disk is, while it was packed

@@ -1,16 +1,19 @@
-"""What compensation files do to the volume, as one picture: the error before and after, drawn to one scale."""
+"""Drawings that are files of their own, SVG or HTML: the volume before and after compensation to one scale, and charts on one sheet."""
 
+from collections.abc import Sequence
 from importlib.resources import files
 
 import numpy as np
 
 from stepdiag.conclusion import Reach
 from stepdiag.exporters.safety.verify import Prediction
-from stepdiag.report.drawings import space, svg
+from stepdiag.report.drawings import charts, space, svg
 
 SUFFIXES = (".svg", ".html")
 _GAP = 20.0
 _HEAD = 46.0
+_BELOW = 10.0
+_TITLE = 24.0
 
 
 def effect_drawing(prediction: Prediction, reach: Reach) -> str:
@@ -40,6 +43,19 @@ def effect_drawing(prediction: Prediction, reach: Reach) -> str:
         )
     )
     return svg.drawing(2 * space.WIDTH + _GAP, space.HEIGHT + _HEAD, "volumetric error before and after", *parts)
+
+
+def sheet(drawings: Sequence[str], title: str, suffix: str) -> str:
+    """Return the drawings of `stepdiag.report.drawings.charts` one below the other under a title; ``suffix`` is one of `SUFFIXES`."""
+    parts = [
+        svg.element("rect", width="100%", height="100%", style="fill: var(--paper); stroke: none"),
+        svg.text(title, charts.LEFT, 16, class_="strong"),
+    ]
+    for place, drawing in enumerate(drawings):
+        top = _TITLE + place * (charts.HEIGHT + _BELOW)
+        parts.append(svg.element("svg", drawing, y=top, width=charts.WIDTH, height=charts.HEIGHT))
+    height = _TITLE + len(drawings) * (charts.HEIGHT + _BELOW)
+    return effect_file(svg.drawing(charts.WIDTH, height, title, *parts), suffix, title)
 
 
 def effect_file(drawing: str, suffix: str, title: str = "volumetric error before and after") -> str:

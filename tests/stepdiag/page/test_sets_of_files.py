@@ -131,7 +131,7 @@ def test_a_set_whose_disk_goes_away_is_refused_and_no_folder_of_the_service_is_t
         raise OSError(errno.ESTALE, os.strerror(errno.ESTALE), str(exported))
 
     with monkeypatch.context() as patched:
-        patched.setattr(page_app, "bundle_of", away)
+        patched.setattr(page_app, "zip_of", away)
         status, told = asked(place)
         assert (status, os.strerror(errno.ESTALE).encode() in told) == (409, True)
         assert str(tmp_path).encode() not in told
@@ -139,6 +139,6 @@ def test_a_set_whose_disk_goes_away_is_refused_and_no_folder_of_the_service_is_t
     def altered(*_: object, **__: object) -> bytes:
         raise SafetyError(str(exported), code="set-altered", expected="the bytes", found="others")
 
-    monkeypatch.setattr(page_app, "bundle_of", altered)
+    monkeypatch.setattr(page_app, "zip_of", altered)
     status, told = asked(place)
     assert (status, exported.name.encode() in told, str(tmp_path).encode() in told) == (409, True, False)

@@ -5,8 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from stepdiag.daq.capture.standing.approach import came_along
-from stepdiag.daq.capture.standing.certain_window import Taken
+from stepdiag.daq.capture.standing.certain_window import Taken, came_along
 from stepdiag.daq.capture.standing.window import summarise
 from stepdiag.daq.timing.stream import Break, Span
 

@@ -1,6 +1,6 @@
 """A line's own counts of what it lost, said as they grow."""
 
-from stepdiag.daq.links.ports.losses import EVERY_S, Losses
+from stepdiag.daq.links.ports.port_thread import EVERY_S, Losses
 
 FRAMING, PARITY = "framing was wrong {times}", "parity was wrong {times}"
 

@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stepdiag.exporters.programs import CONTROLS, companion_files
-from stepdiag.exporters.programs import companions as made
+from stepdiag.exporters.programs import linuxcnc as made
 from stepdiag.solver.errors import UsageError
 
 
