@@ -4,7 +4,7 @@
     python tools/mutants --count 400 --seed 10  a sample, spread over the files by their share; the same for the same seed
     ... --keep                               the map of who reaches what and what was killed stay; the survivors are asked again
 
-Everything stands in .mutants/: reach-FLOOR-ROOM.json, results.jsonl, and the output of the last trial of each. docs/testing.md has a reason
+Everything stands in .mutants/: reach-FLOOR-ROOM.json of the tests, results.jsonl. docs/testing.md has a reason
 for each survivor that stays. Exits 1 where less than 92 % is killed.
 """
 
@@ -16,7 +16,6 @@ import os
 import shutil
 import time
 from pathlib import Path
-from typing import TextIO
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
@@ -26,9 +25,10 @@ from reach import QUICK, Map, record
 from trial import Question, ask, question
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-ROOMS = {"solver": ["solver"], "exporters": ["exporters"], "daq": ["daq/capture", "daq/formats"]}
-# who is asked: the tests of the same floor; of the recording the rooms around the seam
-TESTS = {"solver": "tests/solver/*", "exporters": "tests/exporters/*", "daq": "tests/daq/[cfp]*"}
+ROOMS = ["solver", "exporters", "daq/capture", "daq/formats"]
+# who is asked: every unit test but those of the links, which wait for ports
+TESTS = ["tests/solver/*", "tests/exporters/*", "tests/daq/*", "tests/stepdiag/*"]
+LEFT_OUT = {"links"}
 FLOOR = 0.92
 WORK = ROOT / ".mutants"
 PAGE = ROOT / "docs/testing.md"
@@ -36,7 +36,7 @@ PAGE = ROOT / "docs/testing.md"
 
 def files(words: list[str]) -> list[str]:
     """Return the files whose sharpness is asked, those that begin with one of the words where there are any."""
-    found = [path for rooms in ROOMS.values() for room in rooms for path in sorted((ROOT / room).rglob("*.py"))]
+    found = [path for room in ROOMS for path in sorted((ROOT / room).rglob("*.py"))]
     names = [str(path.relative_to(ROOT)) for path in found]
     return [name for name in names if not words or any(name.startswith(word) for word in words)]
 
@@ -48,10 +48,15 @@ def warm() -> None:
     pytest.main(["--version", *QUICK])
 
 
-def reach(floors: list[str], keep: bool, jobs: int) -> dict[str, Map]:
-    """Return who reaches what on each floor, from children that run its tests, a folder each."""
-    maps: dict[str, list[Path]] = {floor: [] for floor in floors}
-    children, failed = {}, []
+def folders() -> list[str]:
+    """Return the folders of tests that are asked."""
+    found = [path for pattern in TESTS for path in sorted(ROOT.glob(pattern)) if path.is_dir() and any(path.rglob("test_*.py"))]
+    return [str(path.relative_to(ROOT)) for path in found if path.name not in LEFT_OUT]
+
+
+def reach(keep: bool, jobs: int) -> Map:
+    """Return who reaches what, from children that run the tests, a folder each."""
+    children, failed, targets = {}, [], []
 
     def ended() -> None:
         child, status = os.wait()
@@ -59,22 +64,20 @@ def reach(floors: list[str], keep: bool, jobs: int) -> dict[str, Map]:
         if status:
             failed.append(folder)
 
-    for floor in floors:
-        for folder in sorted(path for path in ROOT.glob(TESTS[floor]) if path.is_dir() and any(path.glob("test_*.py"))):
-            target = WORK / f"reach-{floor}-{folder.name}.json"
-            maps[floor].append(target)
-            if keep and target.exists():
-                continue
-            if not (child := os.fork()):
-                os._exit(record(ROOT, [str(folder.relative_to(ROOT))], [str(ROOT / room) for room in ROOMS[floor]], target))
-            children[child] = str(folder)
-            if len(children) >= jobs:
-                ended()
+    for folder in folders():
+        targets.append(WORK / f"reach-{'-'.join(Path(folder).parts[1:])}.json")
+        if keep and targets[-1].exists():
+            continue
+        if not (child := os.fork()):
+            os._exit(record(ROOT, [folder], [str(ROOT / room) for room in ROOMS], targets[-1]))
+        children[child] = folder
+        if len(children) >= jobs:
+            ended()
     while children:
         ended()
     if failed:
         raise SystemExit(f"{' and '.join(failed)} fail as they are: nothing can be said of changes")
-    return {floor: Map(targets) for floor, targets in maps.items()}
+    return Map(targets)
 
 
 def known() -> set[tuple[str, str, str]]:
@@ -100,25 +103,21 @@ def judged(keep: bool) -> dict[str, str]:
     return {one["name"]: one["outcome"] for one in told if one["outcome"] in {"killed", "timeout"}}
 
 
-def run(todo: list[Mutation], maps: dict[str, Map], jobs: int) -> None:
-    """Try each, floor by floor; every outcome is written as it comes."""
-    for floor, reached in maps.items():
-        questions = [question(ROOT, one, reached) for one in todo if one.path.startswith(f"{floor}/")]
-        folders = [str(path.relative_to(ROOT)) for path in sorted(ROOT.glob(TESTS[floor])) if path.is_dir()]
-        with (WORK / "results.jsonl").open("a", encoding="utf-8") as results:
+def run(todo: list[Mutation], reached: Map, jobs: int) -> None:
+    """Try each; every outcome is written as it comes."""
+    questions = [question(ROOT, one, reached) for one in todo]
+    with (WORK / "results.jsonl").open("a", encoding="utf-8") as results:
 
-            def told(asked: Question, outcome: str, seconds: float, results: TextIO = results) -> None:
-                one = asked.mutation
-                results.write(
-                    json.dumps({**one._asdict(), "outcome": outcome, "seconds": round(seconds, 1), "tests": len(asked.tests)}) + "\n"
-                )
-                results.flush()
-                print(f"{outcome} {one.path}:{one.line} {one.operator} {seconds:.1f} s", flush=True)
+        def told(asked: Question, outcome: str, seconds: float) -> None:
+            one = asked.mutation
+            results.write(json.dumps({**one._asdict(), "outcome": outcome, "seconds": round(seconds, 1), "tests": len(asked.tests)}) + "\n")
+            results.flush()
+            print(f"{outcome} {one.path}:{one.line} {one.operator} {seconds:.1f} s", flush=True)
 
-            for asked in questions:
-                if not asked.tests:
-                    told(asked, "survived", 0.0)
-            ask(ROOT, folders, [asked for asked in questions if asked.tests], jobs, told)
+        for asked in questions:
+            if not asked.tests:
+                told(asked, "survived", 0.0)
+        ask(ROOT, folders(), [asked for asked in questions if asked.tests], jobs, told)
 
 
 def main() -> int:
@@ -142,10 +141,9 @@ def main() -> int:
         return 0
     outcomes = judged(told.keep)
     warm()
-    floors = {one.path.partition("/")[0] for one in drawn}
-    maps = reach(sorted(floors), told.keep, told.jobs)
+    reached = reach(told.keep, told.jobs)
     began = time.monotonic()
-    run(sorted((one for one in drawn if one.name not in outcomes), key=lambda one: one.rank(told.seed)), maps, told.jobs)
+    run(sorted((one for one in drawn if one.name not in outcomes), key=lambda one: one.rank(told.seed)), reached, told.jobs)
     outcomes = judged(keep=True)
     survivors, reasons = [one for one in drawn if one.name not in outcomes], known()
     for one in survivors:

@@ -1,4 +1,4 @@
-"""Which test reaches which line, and how long it takes: the tests of a floor, run once with coverage that knows the test."""
+"""Which test reaches which line, and how long it takes: the tests, run once with coverage that knows the test."""
 
 import json
 import os
@@ -81,11 +81,14 @@ class Map:
                     self._users.setdefault(fixture, []).append(test)
 
     def tests(self, path: str, lines: range | None) -> list[str]:
-        """Return the tests that run one of these lines (None: any line of the file, and all of its room): the room's first, quick first."""
+        """Return the tests that run one of these lines (None: any line of the file, and all of its room).
+
+        Those of the room first, then those of the floor, each quick first.
+        """
         told = self._files.get(path, {})
         contexts = {context for line, those in told.items() if lines is None or int(line) in lines for context in those}
         reached = {test for context in contexts for test in self._users.get(context, [context])} & self.seconds.keys()
-        room = f"tests/{Path(path).parent}/"
+        room, floor = f"tests/{Path(path).parent}/", f"tests/{Path(path).parts[0]}/"
         if lines is None:
             reached |= {test for test in self.seconds if test.startswith(room)}
-        return sorted(reached, key=lambda test: (not test.startswith(room), self.seconds[test], test))
+        return sorted(reached, key=lambda test: (not test.startswith(room), not test.startswith(floor), self.seconds[test], test))
