@@ -93,9 +93,15 @@ async def listen(port: str, baud: int, seconds: float) -> Heard:
 async def probe(host: str, tcp_port: int) -> list[Answered]:
     """Ask a host for the signals of every control that is known, one protocol after the other; ``tcp_port`` 0 stands for the usual ports.
 
-    (Not at once: loading a library holds up the loop, and an answer that came meanwhile would count as late.)
+    (Not at once: loading a library holds up the loop, and an answer that came meanwhile would count as late.) A port that is named speaks
+    one protocol: who answers there is the last that is asked.
     """
-    return [await _asked(control, host, tcp_port) for control in PROBED]
+    answered: list[Answered] = []
+    for control in PROBED:
+        answered.append(await _asked(control, host, tcp_port))
+        if tcp_port and answered[-1].signals is not None:
+            break
+    return answered
 
 
 def _ways(port: str, baud: int) -> Iterator[tuple[str, int]]:

@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import pytest
 
-from stepdiag.demo import files
+from stepdiag.demo import files, operator
 from stepdiag.demo.keys import Keyboard
 from stepdiag.demo.live import END, GO, KEYS, live
 
@@ -101,13 +101,14 @@ class Watching:
         self.codes |= {one["code"] for one in now["findings"]}
         if now["phase"] == "waiting-program":
             os.write(self._hand, GO.encode())
-        elif now["phase"] in ("waiting-stop", "dwelling") and now["expects_stop"] >= 2 and now["expects_setup"] in left:
+        elif now["phase"] in ("waiting-stop", "dwelling") and now["expects_stop"] >= 1 and now["expects_setup"] in left:
             os.write(self._hand, left.pop(now["expects_setup"])[0].encode())
 
 
 def test_every_key_is_told_and_the_survey_comes_to_its_end(tmp_path, monkeypatch):
     """Each fault is on the page, what is broken is driven again, and the files and the conclusion are there at the end."""
-    monkeypatch.setattr(files, "INCREMENTS", 2)
+    monkeypatch.setattr(files, "INCREMENTS", 1)
+    monkeypatch.setattr(operator, "SETTLED_S", 1.0)  # six times what is missing is asked for
     for key, seconds in (("u", 1.5), ("p", 3.0)):  # as long as five and eight for the watched machine, which is five times as slow
         monkeypatch.setitem(KEYS, key, replace(KEYS[key], duration_s=seconds))
     hand, terminal = os.openpty()

@@ -16,8 +16,10 @@ from contextlib import contextmanager
 import click
 import pytest
 
+from stepdiag.checking import hearing
 from stepdiag.checking.hearing import Heard
 from stepdiag.cli.setup import setup
+from stepdiag.daq.links.controls import s7
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.solver.errors import UsageError
 from stepdiag.virtual.base.reserved import reserved_port
@@ -100,6 +102,19 @@ def laser_port(place):
     return re.search(r'^port = "(.+)"', place.survey.read_text(), re.MULTILINE)[1]
 
 
+def gives_up_soon_on(monkeypatch, *controls):
+    """Have `setup` wait half a second for these controls, which nobody speaks there; who does answer has the usual time."""
+    asked, usual_s = hearing._asked, hearing.ANSWER_S
+
+    async def hurried(control, host, tcp_port):
+        monkeypatch.setattr(hearing, "ANSWER_S", 0.5 if control in controls else usual_s)
+        return await asked(control, host, tcp_port)
+
+    monkeypatch.setattr(hearing, "_asked", hurried)
+    if "siemens-828d" in controls:
+        monkeypatch.setattr(s7, "CONNECT_S", 0.5)
+
+
 def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
     """The laser is recognised, the control found by its protocol, a slip of the tongue is asked again."""
     file = tmp_path / "mill.toml"
@@ -116,6 +131,7 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         person.answers("compensation while measuring", "off")
         assert person.leaves() == 0, person.seen
         assert "it is umd" in person.seen
+        assert "siemens-828d: S7" not in person.seen, "a port speaks one protocol"
         assert "stop_count" in person.seen
         survey = load_survey(file)
         assert (survey.plc.transport, survey.box.size_mm, survey.identity.name) == ("tcp", (300.0, 200.0, 100.0), "mill")
@@ -123,8 +139,9 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         assert code == 0, out + said
 
 
-def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_path):
-    """Somebody who does not know what his control speaks: the other two say why they do not. Nothing is overwritten."""
+def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_path, monkeypatch):
+    """Somebody who does not know what his control speaks: the first says why it is not the one. Nothing is overwritten."""
+    gives_up_soon_on(monkeypatch, "modbus")
     file = tmp_path / "mill.toml"
     with hall(tmp_path) as place, s7_control(modbus_port(place)) as there:
         options = ("--laser-port", laser_port(place), "--laser-format", "umd", "--host", "127.0.0.1", "--port", there.port)
@@ -133,7 +150,7 @@ def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_pa
         survey = load_survey(file)
         assert (survey.plc.transport, survey.plc.tcp_port, survey.environment.source) == ("s7", there.port, "fixed")
         assert re.search(r"modbus: .*expected", out)
-        assert re.search(r"heidenhain: .*expected", out)
+        assert "heidenhain: " not in out, "a port speaks one protocol"
         written = file.read_bytes()
         done = stepdiag("setup", file, *options, *VOLUME)
         assert (done.code, file.read_bytes()) == (2, written)
@@ -154,7 +171,8 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
     for wrong in (("--size", "1,2"), ("--chain", "XYZ"), ("--increments", "0"), ("--control", "fanuc"), ("--compensation", "on")):
         done = stepdiag("setup", file, "--laser-port", "/dev/x", "--laser-format", "umd", "--host", "none", *VOLUME, *wrong)
         assert (done.code, file.exists()) == (2, False), done
-    code, out, _ = stepdiag("setup", file, "--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--host", "none", *VOLUME)
+    absent = ("--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--host", "none", "--seconds", 1)
+    code, out, _ = stepdiag("setup", file, *absent, *VOLUME)
     assert code == 4
     survey = load_survey(file)
     assert (survey.plc.silent, survey.environment.source) == (True, "fixed"), "the answers are kept, and what is missing is said"
@@ -223,11 +241,15 @@ def test_ctrl_c_ends_it_without_a_traceback_and_without_a_file(tmp_path, while_i
     assert [*tmp_path.iterdir()] == []
 
 
-def test_a_tnc_is_found_by_its_protocol_among_the_three(tmp_path):
+def test_a_tnc_is_found_by_its_protocol_among_the_three(tmp_path, monkeypatch):
+    """The other two say why they are not the ones."""
+    gives_up_soon_on(monkeypatch, "modbus", "siemens-828d")
     file = tmp_path / "mill.toml"
     with hall(tmp_path) as place, tnc_control(modbus_port(place)) as there:
         options = ("--laser-port", laser_port(place), "--laser-format", "umd", "--host", "127.0.0.1", "--port", there.port)
         code, out, said = stepdiag("setup", file, *options, *VOLUME)
     assert code == 0, out + said
     assert load_survey(file).plc.transport == "lsv2"
+    assert re.search(r"modbus: .*expected", out)
+    assert re.search(r"siemens-828d: .*expected", out)
     assert re.search(r"heidenhain: .*setup 0", out)
