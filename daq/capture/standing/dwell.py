@@ -64,14 +64,13 @@ class Dwell:
 
     The machine stood for certain from ``from_ns`` to ``to_ns`` (equal after a single poll); it cannot have stopped before
     ``not_before_ns`` (the request of the last poll that saw it moving). ``signals`` are those of the position told
-    longest, ``told_ns`` how long the part lasts that tells them; ``blind`` tells that polls failed in between.
+    longest; ``blind`` tells that polls failed in between.
     """
 
     from_ns: int
     to_ns: int
     not_before_ns: int | None
     signals: Signals
-    told_ns: int = 0
     blind: bool = False
 
 
@@ -109,7 +108,7 @@ class DwellTracker:
         """
         self._told_ns[signals.commanded_mm] += to_ns - dwell.to_ns
         longer = self._told_ns[signals.commanded_mm] > self._told_ns[dwell.signals.commanded_mm]
-        return replace(dwell, to_ns=to_ns, told_ns=to_ns - dwell.from_ns, signals=signals if longer else dwell.signals)
+        return replace(dwell, to_ns=to_ns, signals=signals if longer else dwell.signals)
 
     def silent(self) -> None:
         """Take note that a poll brought no answer."""

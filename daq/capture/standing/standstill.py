@@ -32,8 +32,11 @@ MS = 1_000_000
 
 @dataclass(slots=True)
 class _Waiting:
+    """A standstill: the dwell that it became, the end of its last part, and how long the part lasts that tells its signals."""
+
     dwell: Dwell
     end_ns: int
+    told_ns: int
 
 
 class Standstills:
@@ -48,7 +51,7 @@ class Standstills:
 
     def add(self, dwell: Dwell) -> None:
         """Take a dwell that was closed."""
-        self._waiting.append(_Waiting(dwell, dwell.to_ns))
+        self._waiting.append(_alone(dwell))
 
     def first(self) -> Dwell:
         """Return the dwell that waits longest."""
@@ -94,7 +97,7 @@ class Standstills:
 
     def taken_early(self, dwell: Dwell) -> None:
         """Take note that a standstill was taken while it lasts; all that wait are shorter parts of it."""
-        self._waiting, self._taken = [], _Waiting(dwell, dwell.to_ns)
+        self._waiting, self._taken = [], _alone(dwell)
 
 
 def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None:
@@ -128,9 +131,14 @@ def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:
 
 def _joined(before: _Waiting, after: Dwell) -> _Waiting:
     """Return two dwells as one: all of both where no move was seen, else the longer part; the signals are those told longest."""
-    longer = max(before.dwell, after, key=lambda each: (each.to_ns - each.from_ns, each.from_ns))
+    lasts_ns = after.to_ns - after.from_ns
     if after.not_before_ns is not None and after.not_before_ns > before.dwell.from_ns:
-        return _Waiting(longer, after.to_ns)
-    told = max(before.dwell, after, key=lambda each: (each.told_ns, each.from_ns))
-    whole = replace(before.dwell, to_ns=after.to_ns, signals=told.signals, told_ns=told.told_ns)
-    return _Waiting(replace(whole, blind=before.dwell.blind or after.blind), after.to_ns)
+        longer = after if lasts_ns >= before.dwell.to_ns - before.dwell.from_ns else before.dwell
+        return replace(_alone(longer), end_ns=after.to_ns)
+    told = _alone(after) if lasts_ns >= before.told_ns else before
+    whole = replace(before.dwell, to_ns=after.to_ns, signals=told.dwell.signals, blind=before.dwell.blind or after.blind)
+    return _Waiting(whole, after.to_ns, told.told_ns)
+
+
+def _alone(dwell: Dwell) -> _Waiting:
+    return _Waiting(dwell, dwell.to_ns, dwell.to_ns - dwell.from_ns)
