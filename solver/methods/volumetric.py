@@ -19,7 +19,7 @@ from stepdiag.solver.model.reported import POSITIONING
 from stepdiag.solver.planning.foresight import CURVED
 from stepdiag.solver.result.field import Smoothed, error_field_um, evenly
 from stepdiag.solver.result.posterior import Posterior
-from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted, volumetric_u_um
+from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted_with_u
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.solver.uncertainty.machine import (
     Machine,
@@ -277,8 +277,8 @@ def drawn_surveys(spread: Spread, quantities: Quantities, known: Mapping[str, bo
 def volume_report(result: Result) -> dict[str, Any]:
     """Return the volumetric uncertainty (rms, k = 1), and what is to be expected as the machine stands and after an ideal compensation."""
     points = anywhere_mm(result.volume)
-    told = predicted(result, points, -error_field_um(result, points))
-    return {"volumetric_u_um": volumetric_u_um(result, points), "predicted": told.as_json()}
+    told, u_um = predicted_with_u(result, points, -error_field_um(result, points))
+    return {"volumetric_u_um": u_um, "predicted": told.as_json()}
 
 
 def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[str, float]:

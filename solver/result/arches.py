@@ -1,5 +1,6 @@
 """What functions do between their targets beside the curve through the values: in predictions, an arch from each value to the next."""
 
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -30,7 +31,7 @@ class Between(NamedTuple):
         if not self.size_um.size:
             return None
         waves = np.sqrt(self.square_um(slice(draws)))
-        waves *= np.random.default_rng(2).standard_normal(waves.shape)
+        waves *= _drawn(*waves.shape)
         return waves
 
     def met(self, fields_um: Vector) -> Vector:
@@ -52,6 +53,13 @@ class Between(NamedTuple):
         """
         found: Vector = 2.0 * np.sqrt(self.size_um**2 @ met) * np.random.default_rng(3).standard_normal(len(self.size_um))
         return found
+
+
+@lru_cache(maxsize=2)
+def _drawn(*shape: int) -> Vector:
+    drawn = np.random.default_rng(2).standard_normal(shape)
+    drawn.setflags(write=False)
+    return drawn
 
 
 def arches_of(result: Result, points_mm: Vector, draws: int) -> Between:

@@ -22,14 +22,12 @@ class Tabulated(NamedTuple):
 
     def at(self, points_mm: Vector) -> Vector:
         """Return the values at positions, shape (machines, N)."""
+        if len(self.value) > len(self.position_mm):
+            return _of_many(self, points_mm)
         place = np.clip(np.searchsorted(self.position_mm, points_mm, side="right") - 1, 0, len(self.position_mm) - 2)
         low, high = self.position_mm[place], self.position_mm[place + 1]
         share = np.clip((points_mm - low) / (high - low), 0.0, 1.0)
-        values = np.zeros((len(self.value), len(share)))
-        # a deviation moves few of the functions: most rows are nothing
-        rows = np.flatnonzero(np.any(self.value, axis=1))
-        moving = self.value[rows]
-        values[rows] = moving[:, place] * (1.0 - share) + moving[:, place + 1] * share
+        values: Vector = self.value[:, place] * (1.0 - share) + self.value[:, place + 1] * share
         return values
 
 
@@ -44,6 +42,8 @@ class Smoothed(NamedTuple):
 
     def at(self, points_mm: Vector) -> Vector:
         """Return the values at positions, shape (machines, N)."""
+        if len(self.value) > len(self.position_mm):
+            return _of_many(self, points_mm)
         straight = Tabulated(self.position_mm, self.value).at(points_mm)
         place = np.clip(np.searchsorted(self.position_mm, points_mm, side="right") - 1, 0, len(self.position_mm) - 2)
         length = self.position_mm[place + 1] - self.position_mm[place]
@@ -66,6 +66,12 @@ class Smoothed(NamedTuple):
         system[0, 1] = system[-1, -2] = -4.0
         target = np.pad(6.0 * inner, ((0, 0), (1, 1)))
         return Tabulated(even_mm, np.linalg.solve(system, target.T).T).at(self.position_mm)
+
+
+def _of_many(functions: Tabulated | Smoothed, points_mm: Vector) -> Vector:
+    """Return what `at` does for more machines than positions: what one unit at each position does, times the values."""
+    values: Vector = functions.value @ functions._replace(value=np.eye(len(functions.position_mm))).at(points_mm)
+    return values
 
 
 def evenly(position_mm: Vector) -> Vector:

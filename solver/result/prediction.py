@@ -57,14 +57,27 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
 
     ``beside_um`` (N, 3) is known to have been there while it was measured, and is not in the result: steps between its targets.
     """
-    machines = _machines(result, points_mm, beside_um, DRAWS)
     motions = rigid_motions(result.volume, points_mm)
+    return _predicted(_machines(result, points_mm, beside_um, DRAWS), motions, correction_um)
+
+
+def predicted_with_u(result: Result, points_mm: Vector, correction_um: Vector) -> tuple[Predicted, float | None]:
+    """Return what `predicted` does, and the root mean square over the volume of the error vector's standard uncertainty, rigid motion
+    removed; None without one."""
+    machines, motions = _machines(result, points_mm, 0.0, DRAWS), rigid_motions(result.volume, points_mm)
+    u_um = None if result.posterior is None else _volumetric_u_um(result.posterior, machines.moved, motions)
+    return _predicted(machines, motions, correction_um), u_um
+
+
+def _predicted(machines: "_Machines", motions: Vector, correction_um: Vector) -> Predicted:
     moved_um2, rigid_um2 = machines.moved_um2(motions)
     waves_um = machines.between.drawn_um(FOR_LARGEST)
-    parts = {
-        name: {when: machines.figures(drawn, square_um2, waves_um) for when, drawn in machines.drawn(correction_um, free).items()}
-        for name, free, square_um2 in (("as_it_is", None, moved_um2), ("without_rigid_motion", motions, moved_um2 - rigid_um2))
-    }
+    parts = {}
+    for name, free, square_um2 in (("as_it_is", None, moved_um2), ("without_rigid_motion", motions, moved_um2 - rigid_um2)):
+        fields = machines.drawn(correction_um, free)
+        # the same before and after: only the field that they are drawn around differs
+        beside_um = machines.beside_um(fields["before"], waves_um)
+        parts[name] = {when: machines.figures(drawn, square_um2, beside_um) for when, drawn in fields.items()}
     return Predicted(**parts)
 
 
@@ -84,8 +97,8 @@ def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside
 
 
 class _Drawn(NamedTuple):
-    """The error field of drawn machines as rows (deviations, 3 N), times the amounts of each; ``likely`` is drawn around what is left of
-    the field without its noise. The square sum over all points of ``whole`` is too large by ``over_um2`` (draws,)."""
+    """The error field of drawn machines as rows (deviations, 3 N), times the amounts of each; ``likely`` (3 N,) is the field drawn around
+    without its noise. The square sum over all points of ``whole`` is too large by ``over_um2`` (draws,)."""
 
     whole: Vector
     likely: Vector
@@ -118,9 +131,8 @@ class _Machines(NamedTuple):
             field = found + change
             # of what tables take out, its noise is taken out with it; how noise bends the curve between the values stays in either
             over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
-            whole, likely = (
-                np.vstack([centre + flat[:1], flat[1:]]) for centre in (field, field - min(over_um2 / square_um2, 1.0) * found)
-            )
+            whole = np.vstack([field + flat[:1], flat[1:]])
+            likely = (field - min(over_um2 / square_um2, 1.0) * found + flat[:1])[0]
             across_um2 = self.between.across_um2(met + self.between.met(whole[:1]))
             fields[when] = _Drawn(whole, likely, 2.0 * over_um2 + bent_um2 - across_um2)
         return fields
@@ -133,11 +145,18 @@ class _Machines(NamedTuple):
         flat, amount = _flat(self.moved, None)[1:], self.amount[:, 1:]
         return np.sum((amount @ (flat @ flat.T)) * amount, axis=1), np.sum((amount @ (flat @ motions)) ** 2, axis=1)
 
-    def figures(self, drawn: _Drawn, moved_um2: Vector, waves_um: Vector | None) -> FieldFigures:
+    def beside_um(self, drawn: _Drawn, waves_um: Vector | None) -> Vector:
+        """Return what all deviations but the offset move in `FOR_LARGEST` draws, with what is drawn between the targets
+        (`Between.drawn_um`), shape (draws, N, 3)."""
+        amount = self.amount[:FOR_LARGEST, 1:]
+        moved: Vector = (amount @ drawn.whole[1:]).reshape(len(amount), -1, 3)
+        return moved if waves_um is None else moved + waves_um
+
+    def figures(self, drawn: _Drawn, moved_um2: Vector, beside_um: Vector) -> FieldFigures:
         """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of what all deviations but the offset move,
-        ``waves_um`` what is drawn between the targets (`Between.drawn_um`), the same for all fields."""
+        ``beside_um`` what `beside_um` says."""
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
-        largest_um = _largest_um(drawn.likely, self.amount[:FOR_LARGEST], waves_um)
+        largest_um = _largest_um(drawn.likely, beside_um)
         return FieldFigures(rms_um=told(rms_um, self.known), largest_um=told(largest_um, self.known))
 
     def squares_um2(self, drawn: _Drawn) -> Vector:
@@ -234,30 +253,26 @@ def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) 
     adds its mean square.
     """
     centre, moved = drawn.whole[0], drawn.whole[1:]
-    square = moved_um2 + 2.0 * amount[:, 1:] @ (moved @ centre) + centre @ centre
+    square = moved_um2 + 2.0 * (amount[:, 1:] @ (moved @ centre)) + centre @ centre
     square = square + between.size_um**2 @ np.sum(between.arch**2, axis=1)
     found: Vector = np.sqrt(np.maximum(square - drawn.over_um2, 0.0) / (len(centre) // 3))
     return found
 
 
-def _largest_um(whole: Vector, amount: Vector, waves_um: Vector | None) -> Vector:
-    """Return the largest length of the error vector of every draw, shape (draws,), with what is drawn between the targets."""
-    drawn = (amount @ whole).reshape(len(amount), -1, 3)
-    if waves_um is not None:
-        drawn += waves_um
+def _largest_um(likely_um: Vector, beside_um: Vector) -> Vector:
+    """Return the largest length of the error vector of every draw, shape (draws,)."""
+    drawn = beside_um + likely_um.reshape(-1, 3)
     drawn *= drawn
     largest: Vector = np.sqrt(np.max(drawn[:, :, 0] + drawn[:, :, 1] + drawn[:, :, 2], axis=1))
     return largest
 
 
-def volumetric_u_um(result: Result, points_mm: Vector) -> float | None:
-    """Return the root mean square over the volume of the error vector's standard uncertainty, rigid motion removed; None without one."""
-    if result.posterior is None:
-        return None
-    moved = _flat(_moved(result, result.posterior, points_mm), rigid_motions(result.volume, points_mm))
-    between = sum(float(np.mean(sizes**2)) for sizes in result.posterior.between_um.values())
-    sized = result.posterior.sized
-    own = moved[1 + result.posterior.count - sized.scale.shape[1] : 1 + result.posterior.count]
+def _volumetric_u_um(posterior: Posterior, fields_um: Vector, motions: Vector) -> float:
+    """Return the figure of `predicted_with_u` from what each deviation does to the error at the points, (deviations, N, 3)."""
+    moved = _flat(fields_um, motions)
+    between = sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
+    sized = posterior.sized
+    own = moved[1 + posterior.count - sized.scale.shape[1] : 1 + posterior.count]
     # what the modes of unknown size do together at one size beside what each of them does by itself
     together = np.sum((sized.shift @ own) ** 2) / len(sized.shift) - np.sum(np.mean(sized.shift**2, axis=0) @ own**2)
-    return float(np.sqrt((np.sum(moved[1:] ** 2) + together) / len(points_mm) + BETWEEN_SHARE * between))
+    return float(np.sqrt((np.sum(moved[1:] ** 2) + together) / fields_um.shape[1] + BETWEEN_SHARE * between))

@@ -6,6 +6,7 @@ about the volume must not pretend that it is nil.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
@@ -137,7 +138,7 @@ def posterior_of(
     The causes of the group ``of_unknown_size`` have modes of their own: how far these reach depends on a size that is not known either.
     ``unmeasured`` is the covariance (k, k) of what the readings do not see (`told_apart`): how usual the machine is, nobody knows.
     """
-    fields = fields_um(machine, volume, chain).reshape(len(machine.names), -1)
+    fields = fields_um(machine, volume, chain)
     found = covariance(spread, machine)
     family = spread.families.get(spread.names.index(of_unknown_size)) if of_unknown_size in spread.names else None
     own = BySize.nothing(len(found))
@@ -169,16 +170,22 @@ def _told(values: Vector) -> bool:
 
 
 def _by_name(machine: Machine, names: Sequence[str], volume: Volume, values: Vector) -> list[tuple[str, Vector]]:
-    """Return rows of values (r, k) by name at the nodes of the modes, zero where a function is zero by definition."""
-    nodes, found = mode_nodes(volume), []
+    """Return rows of values (r, k) by name at the nodes of the modes."""
+    found, name_of = [], np.array(machine.names)
     for name in names:
-        mine = np.flatnonzero(np.array(machine.names) == name)
-        table = np.zeros((len(values), 1 if name in SQUARENESS else len(nodes)))
-        table[:, 0 if name in SQUARENESS else np.searchsorted(nodes, machine.node[mine])] = values[:, mine].reshape(
-            len(values), *([] if name in SQUARENESS else [len(mine)])
-        )
-        found.append((name, table))
+        mine = np.flatnonzero(name_of == name)
+        found.append((name, _table(name, machine.node[mine], volume, values[:, mine])))
     return found
+
+
+def _table(name: str, node: NDArray[np.int64], volume: Volume, values: Vector) -> Vector:
+    """Return rows of values (r, k) of one function at all nodes of the modes, zero where that is its definition; of a squareness (r, 1)."""
+    if name in SQUARENESS:
+        return values
+    nodes = mode_nodes(volume)
+    table = np.zeros((len(values), len(nodes)))
+    table[:, np.searchsorted(nodes, node)] = values
+    return table
 
 
 def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
@@ -191,26 +198,38 @@ def over_volume(found: Vector, fields_um: Vector) -> tuple[float, float]:
 
 def free_fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
     """Return what one unit of each value does to the error over the volume, rigid motion removed, shape (k, 3 points)."""
-    flat = fields_um(machine, volume, chain).reshape(len(machine.names), -1)
-    motions = rigid_motions(volume, anywhere_mm(volume))
-    free: Vector = flat - (flat @ motions) @ motions.T
-    return free
+    return _free_fields_um(machine.names, tuple(machine.node.tolist()), volume, chain)
 
 
 def fields_um(machine: Machine, volume: Volume, chain: str) -> Vector:
-    """Return what one unit of each value does to the error over the volume, shape (k, points, 3)."""
+    """Return what one unit of each value does to the error over the volume, shape (k, 3 points)."""
+    return _fields_um(machine.names, tuple(machine.node.tolist()), volume, chain)
+
+
+# every solve asks for these twice, and the next solve of the same volume for the same ones again
+@lru_cache(maxsize=4)
+def _free_fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str) -> Vector:
+    flat, motions = _fields_um(names, node, volume, chain), rigid_motions(volume, anywhere_mm(volume))
+    free: Vector = flat - (flat @ motions) @ motions.T
+    free.setflags(write=False)
+    return free
+
+
+@lru_cache(maxsize=4)
+def _fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, chain: str) -> Vector:
     points = anywhere_mm(volume)
-    field = np.zeros((len(machine.names), len(points), 3))
-    for name in dict.fromkeys(machine.names):
-        mine = np.flatnonzero(np.array(machine.names) == name)
-        own = replace(machine, names=(name,) * len(mine), node=machine.node[mine])
-        table = _by_name(own, (name,), volume, np.eye(len(mine)))[0][1]
+    field = np.zeros((len(names), len(points), 3))
+    for name in dict.fromkeys(names):
+        mine = np.flatnonzero(np.array(names) == name)
+        table = _table(name, np.array(node)[mine], volume, np.eye(len(mine)))
         if name in SQUARENESS:
             field[mine] = field_of_um(volume, chain, {}, {name: table[:, 0]}, points)
         else:
             nodes = volume.nodes_mm(AXIS_LETTERS.index(name[2]))[mode_nodes(volume)]
             field[mine] = field_of_um(volume, chain, {name: Tabulated(nodes, table)}, {}, points)
-    return field
+    flat: Vector = field.reshape(len(names), -1)
+    flat.setflags(write=False)
+    return flat
 
 
 def usual_sizes(groups: int) -> Sizes:
