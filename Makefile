@@ -13,7 +13,7 @@ RELEASE ?= release
 MINUTES ?= 10
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test matrix explore mutants soak faults bench honesty format rooms release deb docs clean
+.PHONY: help demo test matrix explore mutants soak faults references bench honesty format rooms release deb docs clean
 
 help: ## this list
 	@grep -E '^[a-z-]+:.*## ' $(MAKEFILE_LIST) | sed -E 's/^([a-z-]+):.*## /\1\t/' | expand -t 12
@@ -44,6 +44,10 @@ soak: $(TEST_VENV)/.ready ## two hundred kills in one survey
 
 faults: $(VENV)/.ready ## every fault from the wires to the files in the control: the table of docs/faults.md
 	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python tools/faults
+
+# recorded inputs and what the program makes of them: tests/data/reference/README.md
+references: $(VENV)/.ready ## the reference data of the tests, after a change that was to change figures
+	OPENBLAS_NUM_THREADS=1 $(VENV)/bin/python tools/references
 
 bench: $(VENV)/.ready ## every figure of speed beside its floor or its peer
 	$(VENV)/bin/python -m benchmarks

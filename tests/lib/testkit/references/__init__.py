@@ -1,0 +1,95 @@
+"""Reference data: recorded inputs with everything that the program made of them (tests/data/reference/README.md).
+
+A file is one case: ``about``, the name of its ``call``, ``input`` and ``output``. A floor names its calls: functions of the input, as JSON.
+"""
+
+import dataclasses
+import json
+import math
+import re
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+
+import numpy as np
+
+from stepdiag.solver.errors import StepdiagError
+
+FOLDER = Path(__file__).parents[3] / "data" / "reference"
+RELATIVE, ABSOLUTE = 1e-6, 1e-9
+"""Numbers are the same within one of these: another processor rounds otherwise, a change of the program is larger."""
+DIGITS = 10
+MOST_NAMED = 20
+_SCALARS = re.compile(r"\[[^][{}\"]*\]")
+"""A list of numbers: it stands in one line."""
+
+Call = Callable[[dict], object]
+
+
+def plain(value: object) -> object:
+    """Return JSON of anything that the program returns: a NaN as text, a number to `DIGITS`, a dataclass as its fields."""
+    if dataclasses.is_dataclass(value):
+        return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, Mapping):
+        return {str(key): plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return plain(value.tolist())
+    if isinstance(value, list | tuple | set | frozenset):
+        return [plain(item) for item in (sorted(value) if isinstance(value, set | frozenset) else value)]
+    if isinstance(value, np.generic):
+        return plain(value.item())
+    if isinstance(value, float):
+        return float(f"{value:.{DIGITS}g}") + 0.0 if math.isfinite(value) else str(value)
+    return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def refused(call: Call, given: object) -> object:
+    """Return what a call makes of one input: its refusal in every part, or what it returned."""
+    try:
+        return plain(call(given))
+    except StepdiagError as error:
+        parts = {name: getattr(error, name) for name in ("where", "expected", "found", "remedy")}
+        return {"refusal": type(error).__name__, **parts, "says": str(error)}
+
+
+def rendered(case: Mapping) -> str:
+    """Return the text of a case: lists of numbers in one line, the same bytes for the same case."""
+    text = json.dumps(case, indent=1, ensure_ascii=False, allow_nan=False)
+    return _SCALARS.sub(lambda found: re.sub(r"\s+", "", found.group()), text) + "\n"
+
+
+def same(was: float, now: float) -> bool:
+    """Tell whether two numbers are the same but for rounding; whole numbers are only where they are equal."""
+    if isinstance(was, int) and isinstance(now, int):
+        return was == now
+    return math.isclose(was, now, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
+
+
+def differences(was: object, now: object, place: str = "output") -> Iterator[str]:
+    """Yield every place where two trees differ, with what it was and what it is."""
+    if isinstance(was, dict) and isinstance(now, dict):
+        for name in [*was, *(name for name in now if name not in was)]:
+            yield from differences(was.get(name, "(not there)"), now.get(name, "(not there)"), f"{place}.{name}")
+        if list(was) != list(now) and sorted(was) == sorted(now):
+            yield f"{place}: was in the order {list(was)}, is in the order {list(now)}"
+    elif isinstance(was, list) and isinstance(now, list) and len(was) == len(now):
+        for index, (before, after) in enumerate(zip(was, now, strict=True)):
+            yield from differences(before, after, f"{place}[{index}]")
+    elif isinstance(was, bool) or isinstance(now, bool) or not (isinstance(was, int | float) and isinstance(now, int | float)):
+        if was != now or type(was) is not type(now):
+            yield f"{place}: was {was!r}, is {now!r}"
+    elif not same(was, now):
+        yield f"{place}: was {was!r}, is {now!r}"
+
+
+def files(floor: str) -> list[Path]:
+    """Return the cases of a floor."""
+    return sorted((FOLDER / floor).glob("*.json"))
+
+
+def check(path: Path, calls: Mapping[str, Call]) -> None:
+    """Fail with every place where the program makes something else of a recorded input than it did."""
+    case = json.loads(path.read_text(encoding="utf-8"))
+    now = json.loads(rendered({"output": plain(calls[case["call"]](case["input"]))}))["output"]
+    found = list(differences(case["output"], now))
+    shown = "\n".join(found[:MOST_NAMED])
+    assert not found, f"{path.name} ({case['about']}): {len(found)} differences\n{shown}"
