@@ -99,7 +99,7 @@ $(VENV)/.ready: pyproject.toml uv.lock | $(UV)
 	touch $@
 
 $(MUTANTS_VENV)/.ready: pyproject.toml uv.lock | $(UV)
-	UV_PROJECT_ENVIRONMENT=$(MUTANTS_VENV) $(UV) sync --frozen --quiet --compile-bytecode --group mutants --python $(PYTHON)
+	UV_PROJECT_ENVIRONMENT=$(MUTANTS_VENV) $(UV) sync --frozen --quiet --all-extras --compile-bytecode --group mutants --python $(PYTHON)
 	touch $@
 
 # the same libraries, but stepdiag as the built wheel: what is tested is what is installed
