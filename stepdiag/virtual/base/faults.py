@@ -8,6 +8,7 @@
               plc-reboot (value other than 0: its counter is kept), plc-sensor (text name, value), stop-flicker, plc-alarm
     program   stop-skipped, stop-unsignalled, count-missed, count-doubled, count-stuck (to the end of its pass),
               axis-order (text such as "yxz"), feed-hold (half way to the stop, its duration in machine seconds),
+              dwell-longer (so much longer at the stop, in machine seconds),
               program-aborted (value: stops to go back before it is restarted; its duration in machine seconds)
 
 Garbage of a value below 0 is so many bytes that are lost instead.
@@ -26,6 +27,7 @@ ProgramFault = Literal[
     "count-doubled",
     "count-stuck",
     "feed-hold",
+    "dwell-longer",
     "axis-order",
     "program-aborted",
 ]

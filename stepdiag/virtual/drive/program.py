@@ -133,4 +133,6 @@ def _stop_steps(plan: Plan, driven: DrivenPass, stop: int, faults: FaultBoard, *
     yield move
     counts = 0 if stuck or faults.take("count-missed", *place) else 2 if faults.take("count-doubled", *place) else 1
     silent = faults.take("stop-unsignalled", *place) is not None
-    yield replace(move, kind="dwell", duration_s=plan.dwell_s, counts=0 if silent else counts, signalled=not silent)
+    longer = faults.take("dwell-longer", *place)
+    dwell_s = plan.dwell_s + (longer.duration_s if longer else 0.0)
+    yield replace(move, kind="dwell", duration_s=dwell_s, counts=0 if silent else counts, signalled=not silent)

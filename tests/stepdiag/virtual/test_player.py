@@ -179,6 +179,12 @@ def test_an_aborted_program_stands_with_an_alarm_and_sees_its_beam():
     assert (alarm.setup, alarm.duration_s, alarm.beam) == ("npp", 4.0, True)
 
 
+def test_a_stop_dwells_longer_once():
+    usual, longer = dwells(), dwells(Fault(kind="dwell-longer", setup="npp", stop=2, duration_s=3.5))
+    more_s = [after.duration_s - before.duration_s for before, after in zip(usual, longer, strict=True)]
+    assert [(number, each) for number, each in enumerate(more_s) if each] == [(2, 3.5)]
+
+
 def test_a_setup_is_driven_again_where_the_program_waits():
     """Named at a start it comes before the next one, after the last one too; while something is driven it is not remembered."""
     plan = Plan(box=BOX, setups=("npp", "linear-x"), passes=1, pause_s=None)

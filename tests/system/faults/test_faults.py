@@ -22,6 +22,8 @@ COMPENSATED = "compensated = true\n"
 
 
 SETUPS = ("ppp", "npp", "pnp", "ppn")
+LONGER_S = 3.5
+"""In seconds of the machine, ten to one of ours: six of dwell leave room for a fault and for a window beside it."""
 
 
 def at(setup, stop, kind, **more):
@@ -30,12 +32,17 @@ def at(setup, stop, kind, **more):
 
 
 def run_with(tmp_path, faults, *, ends=None, **options):
-    """Drive setups with faults; return the passes by setup, what the daemon said, and what ``status`` says afterwards."""
-    tables = [
-        "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in each.items() if value is not None) for each in faults
-    ]
+    """Drive setups with faults; return the passes by setup, what the daemon said, and what ``status`` says afterwards.
+
+    Where no dwell is given, those stops dwell longer to which a fault comes.
+    """
     setups = tuple(name for name in SETUPS if name in {each["setup"] for each in faults})
-    settings = {"laser_bench": COMPENSATED, "laser_survey": COMPENSATED, "setups": setups, "dwell": 6.0, **options}
+    longer = [] if "dwell" in options else [at(each["setup"], each["stop"], "dwell-longer", duration_s=LONGER_S) for each in faults]
+    tables = [
+        "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in each.items() if value is not None)
+        for each in (*longer, *faults)
+    ]
+    settings = {"laser_bench": COMPENSATED, "laser_survey": COMPENSATED, "setups": setups, **options}
     with hall(tmp_path, faults="\n".join(tables), **settings) as place:
         with daemon(place.survey) as process:
             place.start_setups()
@@ -82,7 +89,7 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
 @pytest.mark.parametrize("options", [{}, {"transport": "rtu", "poll_hz": 40.0}], ids=["TCP", "RTU"])
 def test_a_plc_that_answers_after_its_time_out(tmp_path, options):
     """A late answer is never taken for the one to the next poll; a stop that was not seen meanwhile is taken from the laser and doubted."""
-    book, said, _ = run_with(tmp_path, [at("ppp", 2, "plc-late", duration_s=0.3, value=0.4)], **options)
+    book, said, _ = run_with(tmp_path, [at("ppp", 2, "plc-late", duration_s=0.3, value=0.4)], dwell=6.0, **options)
     assert all(each.whole for each in book.passes), [each.why_incomplete() for each in book.passes]
     assert "link-silent" in codes_of(said)
     late = [each["detail"] for each in said if each["event"] == "answers-late"]
@@ -92,7 +99,7 @@ def test_a_plc_that_answers_after_its_time_out(tmp_path, options):
 @on_a_steady_computer
 def test_a_line_read_at_a_wrong_baud_rate_for_a_second(tmp_path):
     """What was not read is not made up: the stop without a reading is asked for, or the count that nobody watched is doubted."""
-    book, said, told = run_with(tmp_path, [at("ppp", 3, "laser-baud", phase="move", duration_s=1.0)])
+    book, said, told = run_with(tmp_path, [at("ppp", 3, "laser-baud", phase="move", duration_s=1.0)], dwell=6.0)
     assert "laser-garbage" in codes_of(said)
     assert not book.complete() or "may be off" in told
     assert "drive again from stop" in told

@@ -19,8 +19,14 @@ QUICK = {
     "laser_survey": "compensated = true\n",
     "exports": '[[export]]\ncontroller = "neutral"\nprofile = "neutral.toml"\n',
 }
-UNSIGNALLED = '[[fault]]\nkind = "stop-unsignalled"\nsetup = "npp"\nstop = 2\n'
-"""Modbus does not show the stop; it is taken from the laser's plateau, and doubted."""
+
+
+def fault(**fields):
+    return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
+
+
+UNSIGNALLED = fault(kind="stop-unsignalled", setup="npp", stop=2) + fault(kind="dwell-longer", setup="npp", stop=2, duration_s=2.5)
+"""Modbus does not show the stop; it is taken from the laser's plateau, half a second long, and doubted."""
 
 
 def drive_all(place, process):
@@ -31,7 +37,7 @@ def drive_all(place, process):
 @on_a_steady_computer
 def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
     """Readings, no result before; the same words in journal and status, before and after a restart; accepted by name, shown, replayed."""
-    options = {**QUICK, "exports": "", "handshake": False, "dwell": 5.0}
+    options = {**QUICK, "exports": "", "handshake": False, "dwell": 2.5}
     with hall(tmp_path, faults=UNSIGNALLED, **options) as place:
         with daemon(place.survey) as process:
             opened = drive_all(place, process)
@@ -62,10 +68,6 @@ def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
     nothing_silently_wrong(place)
 
 
-def fault(**fields):
-    return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
-
-
 def drive_again(place):
     """Write the survey file of a hall whose machine drives some setups twice: the plan names each once."""
     text = place.survey.read_text()
@@ -78,7 +80,7 @@ def drive_again(place):
 def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again(tmp_path):
     """Afterwards nothing of them hinders: result and files are there, what happened stands in the annex."""
     faults = UNSIGNALLED + fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.05)
-    options = {**QUICK, "exports": "", "handshake": False, "dwell": 5.0, "setups": ("ppp", "npp", "pnp", "ppn", "ppp", "npp")}
+    options = {**QUICK, "exports": "", "handshake": False, "dwell": 2.5, "setups": ("ppp", "npp", "pnp", "ppn", "ppp", "npp")}
     with hall(tmp_path, faults=faults, **options) as place:
         drive_again(place)
         with daemon(place.survey) as process:

@@ -60,6 +60,11 @@ def fault(**fields):
     return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
 
 
+def longer(stop, seconds, setup="ppp"):
+    """Return the fault by which a stop dwells longer, in seconds of the machine, ten to one of ours: room for what happens there."""
+    return fault(kind="dwell-longer", setup=setup, stop=stop, duration_s=seconds)
+
+
 THERE_AND_BACK = [{"kind": "laser-jump", "value": size, "delay_s": at} for size, at in ((30.0, 0.3), (-30.0, 0.36))]
 """Ten per cent of the samples lie far from the others: more than noise explains, and no step."""
 
@@ -76,8 +81,8 @@ THERE_AND_BACK = [{"kind": "laser-jump", "value": size, "delay_s": at} for size,
 )
 def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, words, troubles):
     """A step inside the dwell, a reading that jumps and comes back, a frozen value: named on the stop; the pass is to be driven again."""
-    faults = "".join(fault(setup="ppp", stop=2, **each) for each in troubles)
-    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=faults, **COMPENSATED) as place:
+    faults = longer(2, 3.5) + "".join(fault(setup="ppp", stop=2, **each) for each in troubles)
+    with hall(tmp_path, n=1, setups=("ppp",), faults=faults, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended")
@@ -127,10 +132,10 @@ def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, ba
 @on_a_steady_computer
 def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_is_right(tmp_path):
     """A cube by `stopped` alone, left at the last stop but one, the beam cut, begun anew: its first stop reads as the last one would."""
-    troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=2, duration_s=20.0)
+    troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=2, duration_s=20.0) + longer(2, 3.5)
     troubles += fault(kind="beam-lost", setup="ppp", stop=2, delay_s=1.5, duration_s=0.2)
     unplaced = {"setups": ("ppp",), "signals": STOPPED, "size": CUBE, "faults": troubles}
-    with hall(tmp_path, n=1, dwell=6.0, **unplaced, **COMPENSATED) as place:
+    with hall(tmp_path, n=1, **unplaced, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
             said = until(process, "pass-ended", kind="complete")
@@ -201,9 +206,9 @@ def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_p
 @on_a_steady_computer
 def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
     """The program goes two stops back after the mirror was touched: three stops measured on both sides join the count."""
-    troubles = fault(kind="program-aborted", setup="ppp", stop=4, value=2.0, duration_s=10.0)
+    troubles = fault(kind="program-aborted", setup="ppp", stop=4, value=2.0, duration_s=10.0) + longer(4, 3.5)
     troubles += fault(kind="laser-jump", setup="ppp", stop=4, value=55.0, delay_s=0.9)
-    with hall(tmp_path, dwell=6.0, setups=("ppp",), faults=troubles, **COMPENSATED) as place:
+    with hall(tmp_path, setups=("ppp",), faults=troubles, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended", kind="complete")
@@ -216,9 +221,9 @@ def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
 @on_a_steady_computer
 def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_stays_open(tmp_path):
     """Whether the mirror moved or turned nobody knows: the pass is asked for again from two stops before, and a person hears why."""
-    troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=0.0, duration_s=15.0)
+    troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=0.0, duration_s=15.0) + longer(2, 3.5)
     troubles += fault(kind="laser-jump", setup="ppp", stop=2, value=55.0, delay_s=1.4)
-    with hall(tmp_path, n=1, dwell=6.0, setups=("ppp",), faults=troubles, **COMPENSATED) as place:
+    with hall(tmp_path, n=1, setups=("ppp",), faults=troubles, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "survey-open")
@@ -284,8 +289,8 @@ def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
 @on_a_steady_computer
 def test_a_stop_signal_that_flickers(tmp_path):
     """Away for 40 ms, 0.1 s into the dwell: the long part is measured, once; the journal says each stop and what is awaited."""
-    trouble = fault(kind="stop-flicker", setup="ppp", stop=2, delay_s=0.1, duration_s=0.04)
-    with hall(tmp_path, n=1, dwell=12.0, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
+    trouble = longer(2, 9.5) + fault(kind="stop-flicker", setup="ppp", stop=2, delay_s=0.1, duration_s=0.04)
+    with hall(tmp_path, n=1, setups=("ppp",), faults=trouble, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             said = until(process, "pass-ended", kind="complete")
