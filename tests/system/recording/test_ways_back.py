@@ -18,6 +18,11 @@ COMPENSATED = {"laser_bench": "compensated = true\n", "laser_survey": "compensat
 UNCOUNTED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n[plc.signals.setup]\naddress = 3\n' + "".join(
     f'[plc.signals.{name}]\naddress = {at}\ntype = "int32"\nscale = 1e-4\n' for name, at in (("x_mm", 4), ("y_mm", 6), ("z_mm", 8))
 )
+UNSIGNALLED = "".join(
+    f'[[fault]]\nkind = "{kind}"\nsetup = "ppp"\npass_number = 2\nstop = 0\nduration_s = 3.5\n'
+    for kind in ("stop-unsignalled", "dwell-longer")
+)
+"""The first stop of the way back, longer than the others: nobody looks at it."""
 GLANCE_S = 0.4
 """So seldom does somebody look who does not see the whole of a dwell."""
 READ_BLOCK = struct.pack(">HHHBBHH", 1, 0, 6, 1, 3, 0, 14)
@@ -33,13 +38,13 @@ def findings_of(said, code):
     ("drive", "code", "doubts"),
     [
         ({"overrun": 0.0}, "turned-round", []),
-        ({"faults": '[[fault]]\nkind = "stop-unsignalled"\nsetup = "ppp"\npass_number = 2\nstop = 0\n'}, "stop-recovered", ["ppp/2/0"]),
+        ({"faults": UNSIGNALLED}, "stop-recovered", ["ppp/2/0"]),
     ],
     ids=["turned round", "not signalled"],
 )
 def test_the_first_stop_of_the_way_back_is_told_from_the_last_one_out(tmp_path, drive, code, doubts):
     """Who turns round has one reading for both; who went beyond has a stop of its own there, though Modbus did not show it."""
-    with hall(tmp_path, n=1, back=True, dwell=6.0, setups=("ppp",), **drive, **COMPENSATED) as place:
+    with hall(tmp_path, n=1, back=True, setups=("ppp",), **drive, **COMPENSATED) as place:
         with daemon(place.survey) as process:
             place.start_setups()
             until(process, "pass-ended", kind="complete")
