@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+from _figures import FIGURES
 
 from stepdiag.solver.model.angles import render_angles
 from stepdiag.solver.readings.readings import Readings, render_readings
@@ -38,7 +39,7 @@ def _back():
     return SMALL.survey(passes=(1, 2))
 
 
-CASES = {
+CASES = FIGURES | {
     "usual": ("four diagonals, three runs, all angles known", "solve", lambda: survey(SMALL.survey(), angles=angles(SMALL))),
     "usual-no-angles": ("four diagonals, three runs, no angles", "solve", lambda: survey(SMALL.survey())),
     "diagonals-alone": (

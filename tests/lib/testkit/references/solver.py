@@ -9,11 +9,12 @@ from stepdiag.solver.model.angles import parse_angles, render_angles
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.straightness_file import parse_straightness
-from stepdiag.solver.readings.readings import parse_readings, render_readings
+from stepdiag.solver.readings.readings import make_readings, parse_readings, render_readings
+from stepdiag.solver.readings.rtl import parse_rtl, render_rtl, rtl_readings
 from stepdiag.solver.result.json_tree import load_json
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.result import Result, parse_result
-from testkit.references import refused
+from testkit.references import figures, refused
 
 
 def joined(lines):
@@ -79,7 +80,19 @@ def _tree(lines):
     return load_json(joined(lines), "tree.json").plain()
 
 
+def _rtl(lines):
+    file = parse_rtl(joined(lines), "file.rtl")
+    rows, setup = rtl_readings(file, "", (0.0, 20.0, 30.0), "file.rtl")
+    readings = make_readings(
+        setup=[setup] * len(rows), pass_number=[row[0] for row in rows], stop=[row[1] for row in rows],
+        position_mm=[row[2] for row in rows], reading_mm=[row[3] for row in rows],
+    )  # fmt: skip
+    return {"file": file, "axis": file.axis, "rows": rows, "again": render_rtl(readings, setup, {"Machine": "mill  1"}).splitlines()}
+
+
 CALLS = {
+    **figures.CALLS,
+    "rtl": lambda given: [refused(_rtl, one) for one in given["texts"]],
     "solve": lambda given: of_result(solved(given)),
     "refused-surveys": lambda given: [refused(solved, one) for one in given["surveys"]],
     "readings": lambda given: [
