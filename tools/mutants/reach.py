@@ -83,7 +83,7 @@ class Map:
     def tests(self, path: str, lines: range | None) -> list[str]:
         """Return the tests that run one of these lines (None: any line of the file, and all of its room).
 
-        Those of the room first, then those of the floor, each quick first.
+        The reference data first, which are quick and compare everything, then those of the room, then those of the floor, each quick first.
         """
         told = self._files.get(path, {})
         contexts = {context for line, those in told.items() if lines is None or int(line) in lines for context in those}
@@ -91,4 +91,8 @@ class Map:
         room, floor = f"tests/{Path(path).parent}/", f"tests/{Path(path).parts[0]}/"
         if lines is None:
             reached |= {test for test in self.seconds if test.startswith(room)}
-        return sorted(reached, key=lambda test: (not test.startswith(room), not test.startswith(floor), self.seconds[test], test))
+        whole = f"{floor}references/"
+        return sorted(
+            reached,
+            key=lambda test: (not test.startswith(whole), not test.startswith(room), not test.startswith(floor), self.seconds[test], test),
+        )
