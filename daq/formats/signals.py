@@ -95,16 +95,12 @@ SWITCHED = ("stopped", "running", "alarm")
 """Signals that are yes or no."""
 
 
-def _state_bit(bit: int) -> SignalSpec:
-    return SignalSpec(address=2, type="bit", bit=bit)
-
-
 CONTRACT_SIGNALS: SignalMap = {
     "heartbeat": SignalSpec(address=0),
     "stop_count": SignalSpec(address=1),
-    "stopped": _state_bit(0),
-    "running": _state_bit(1),
-    "alarm": _state_bit(2),
+    "stopped": SignalSpec(address=2, type="bit"),
+    "running": SignalSpec(address=2, type="bit", bit=1),
+    "alarm": SignalSpec(address=2, type="bit", bit=2),
     "setup": SignalSpec(address=3),
     "x_mm": SignalSpec(address=4, type="int32", scale=1e-4),
     "y_mm": SignalSpec(address=6, type="int32", scale=1e-4),

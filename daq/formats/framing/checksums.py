@@ -48,7 +48,8 @@ def _table(crc: Crc) -> tuple[int, ...]:
     )
 
 
-def _checksum(crc: Crc) -> Checksum:
+def checksum(crc: Crc) -> Checksum:
+    """Return the checksum that a CRC describes."""
     table, start, mask, shift = _table(crc), crc.start, (1 << crc.width) - 1, crc.width - 8
 
     def reflected(data: bytes) -> int:
@@ -70,6 +71,6 @@ CHECKSUMS: Mapping[str, Checksum] = {
     "none": Checksum(0, lambda _: 0),
     "sum-8": Checksum(1, lambda data: sum(data) % 256),
     "xor-8": Checksum(1, lambda data: reduce(xor, data, 0)),
-    **{name: _checksum(crc) for name, crc in _CRCS.items()},
+    **{name: checksum(crc) for name, crc in _CRCS.items()},
 }
 """Every checksum that a frame may name."""

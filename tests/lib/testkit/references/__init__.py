@@ -10,6 +10,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
+import msgspec
 import numpy as np
 
 from stepdiag.solver.errors import StepdiagError
@@ -19,16 +20,20 @@ RELATIVE, ABSOLUTE = 1e-6, 1e-9
 """Numbers are the same within one of these: another processor rounds otherwise, a change of the program is larger."""
 DIGITS = 10
 MOST_NAMED = 20
-_SCALARS = re.compile(r"\[[^][{}\"]*\]")
-"""A list of numbers: it stands in one line."""
+_SCALARS = re.compile(r'"(?:[^"\\]|\\.)*"|(\[[^][{}"]*\])')
+"""A text, in which brackets mean nothing, or a list of numbers: it stands in one line."""
 
 Call = Callable[[dict], object]
 
 
 def plain(value: object) -> object:
-    """Return JSON of anything that the program returns: a NaN as text, a number to `DIGITS`, a dataclass as its fields."""
+    """Return JSON of anything that the program returns: a NaN as text, a number to `DIGITS`, fields by name, bytes in hexadecimal."""
     if dataclasses.is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
+    if isinstance(value, msgspec.Struct):
+        return {name: plain(getattr(value, name)) for name in value.__struct_fields__}
+    if isinstance(value, bytes):
+        return value.hex()
     if isinstance(value, Mapping):
         return {str(key): plain(item) for key, item in value.items()}
     if isinstance(value, np.ndarray):
@@ -54,7 +59,7 @@ def refused(call: Call, given: object) -> object:
 def rendered(case: Mapping) -> str:
     """Return the text of a case: lists of numbers in one line, the same bytes for the same case."""
     text = json.dumps(case, indent=1, ensure_ascii=False, allow_nan=False)
-    return _SCALARS.sub(lambda found: re.sub(r"\s+", "", found.group()), text) + "\n"
+    return _SCALARS.sub(lambda found: re.sub(r"\s+", "", found[1]) if found[1] else found[0], text) + "\n"
 
 
 def same(was: float, now: float) -> bool:
