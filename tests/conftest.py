@@ -4,6 +4,7 @@ And what one process does, one after the other, where several share the tests: p
 with pytest 9.2, without a word.
 """
 
+import gc
 import os
 
 import pytest
@@ -16,7 +17,9 @@ os.environ["PYTHONSAFEPATH"] = "1"
 
 # A change is judged by what it did, not by the luck of the draw nor by how busy the machine is; `make explore` looks for new examples.
 BUSY = [HealthCheck.too_slow]
-settings.register_profile("steady", derandomize=True, deadline=None, database=None, print_blob=True, suppress_health_check=BUSY)
+settings.register_profile(
+    "steady", max_examples=40, derandomize=True, deadline=None, database=None, print_blob=True, suppress_health_check=BUSY
+)
 settings.register_profile("explore", derandomize=False, deadline=None, print_blob=True, suppress_health_check=BUSY)
 # of a changed program only whether a test notices it is asked (tools/mutants): few examples, and none made smaller
 settings.register_profile("mutants", settings.get_profile("steady"), max_examples=25, phases=[Phase.explicit, Phase.generate])
@@ -72,6 +75,12 @@ class Together(LoadScopeScheduling):
 @pytest.hookimpl(tryfirst=True, optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
     return Together(config, log) if config.getvalue("dist") == "loadgroup" else None
+
+
+def pytest_collection_finish():
+    """Six thousand tests and all that they import stay until the end: nobody looks through them for what could be freed."""
+    gc.collect()
+    gc.freeze()
 
 
 def pytest_collection_modifyitems(items):

@@ -10,7 +10,7 @@ from testkit.hostile.changes import CHANGES, changed
 from testkit.hostile.foreign import targets
 
 TARGETS = targets()
-EXAMPLES = int(os.environ.get("STEPDIAG_FUZZ_EXAMPLES", "60"))
+EXAMPLES = int(os.environ.get("STEPDIAG_FUZZ_EXAMPLES", "30"))
 """For each target; docs/security.md says how an hour is spent."""
 
 

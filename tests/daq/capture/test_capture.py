@@ -5,7 +5,7 @@ from random import Random
 
 import msgspec
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.daq.capture.capture import Capture
@@ -15,6 +15,7 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.findings import Finding
+from testkit.examples import few
 from testkit.timeline import STOPPED_ONLY, Timeline, arrival, diagonal, skipped, survey_text
 
 
@@ -38,7 +39,7 @@ def assert_right(stops, truth, *, within_um=0.6):
         assert stop.position_mm == pytest.approx(true.position, abs=1e-4)
 
 
-@settings(max_examples=8)
+@few(4)
 @given(seed=st.integers(0, 10_000), setup=st.sampled_from(["ppp", "npp", "pnp", "ppn"]), signals=st.sampled_from(["", STOPPED_ONLY]))
 def test_a_clean_pass_is_captured_whole(seed, setup, signals):
     """Seven stops in order, each within its noise, over the wrap of the stop counter; with `stopped` alone as well."""
@@ -50,7 +51,7 @@ def test_a_clean_pass_is_captured_whole(seed, setup, signals):
     assert all(0 < stop.u_um < 0.2 and not stop.doubtful and not stop.broken for stop in stops)
 
 
-@settings(max_examples=8)
+@few(4)
 @given(seed=st.integers(0, 1000), cuts=st.integers(0, 1000))
 def test_the_result_does_not_depend_on_how_the_bytes_were_cut(seed, cuts):
     """The same bytes in other chunks with the same last arrival give the same stops to the last bit."""

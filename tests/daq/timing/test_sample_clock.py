@@ -1,10 +1,11 @@
 """Sample times from arrivals that are late by chance."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.daq.timing.sample_clock import SampleClock, lower_line
+from testkit.examples import few
 
 START_NS = 5_000_000_000_000
 
@@ -41,7 +42,7 @@ def test_reference_case_usb_timer():
     assert abs(error.mean() - 1.21) < 0.25
 
 
-@settings(max_examples=25)
+@few(15)
 @given(seed=st.integers(0, 2**32 - 1), ppm=st.floats(-100, 100), fixed=st.floats(0, 5), known=st.booleans())
 def test_never_early_and_soon_right(seed, ppm, fixed, known):
     """A sample is never placed before it was taken by more than the rate's error over ten seconds, nor long after it arrived."""

@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.daq.formats.instruments.line import LineDecoder, LineSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.stream import HOLD_NS, MEMORY_NS, MEMORY_SAMPLES, StreamBuffer
+from testkit.examples import few
 
 MS = 1_000_000
 START = [b"20000 20000 0 0 0 1 8 100000\r\n", b"20000 20000 0 0 0 2 10 6000\r\n"]
@@ -71,7 +72,7 @@ def seen(buffer, to_ns):
     return columns, span.unusable, buffer.flags(0, to_ns).tolist(), buffer.breaks, buffer.samples, buffer.garbage, buffer.newest_ns()
 
 
-@settings(max_examples=150)
+@few(50)
 @given(st.lists(PIECES, min_size=1, max_size=12), st.lists(st.integers(1, 400), min_size=1, max_size=5), st.integers(2, 40))
 def test_looking_changes_nothing(pieces, sizes, every):
     """One buffer is looked at after every chunk, one now and then, one only at the end."""

@@ -18,7 +18,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from stepdiag.exporters.export.export import export
@@ -34,6 +34,7 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.errors import SafetyError, UsageError
 from testkit.exact.machines import profile_text
 from testkit.exact.results import VOLUME, made_result
+from testkit.examples import few
 
 RESULT = made_result(
     {"EXX": [0, 3, 8, 12, 20], "EYX": [0, 1.5, 2, 1, 0]},
@@ -143,7 +144,7 @@ far = st.floats(-400.0, 500.0)
 
 
 class TestComponent:
-    @settings(max_examples=200, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @few(60, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(point=st.tuples(far, far, far))
     def test_moves_the_joints_as_the_lattice_says(self, loaded: tuple[Kins, lattice.Lattice], point: tuple[float, float, float]) -> None:
         """Inside and outside: joint = command + lattice, and back again, to a picometre."""
@@ -269,7 +270,7 @@ class TestDamage:
         (folder / "damaged.csv").write_bytes(data)
         return kins.load(folder / "damaged.csv", rows, letters) != 0
 
-    @settings(max_examples=60, suppress_health_check=[HealthCheck.function_scoped_fixture])
+    @few(30, suppress_health_check=[HealthCheck.function_scoped_fixture])
     @given(cut=st.floats(0.0, 1.0, exclude_max=True))
     def test_cut_off_anywhere(self, kins: Kins, tmp_path: Path, whole: bytes, cut: float) -> None:
         assert self.refused(kins, tmp_path, whole[: int(len(whole) * cut)], whole.count(b"\n") - 1)

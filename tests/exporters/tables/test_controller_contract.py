@@ -17,6 +17,7 @@ from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.errors import DataError, UsageError
 from testkit.exact.machines import MACHINES, profile_of
 from testkit.exact.results import VOLUME, made_result
+from testkit.examples import few
 
 ROUNDING_UM = 1e-6
 HALF_A_TENTH_UM_MM = 0.5001e-4
@@ -30,7 +31,7 @@ reversals = st.fixed_dictionaries(dict.fromkeys(POSITIONING, values_um))
 class TestEveryController:
     """Runs over the registry: a new controller needs an entry in ``testkit.exact.machines`` and nothing here."""
 
-    @settings(max_examples=12)
+    @few(6)
     @given(errors=machine_errors, reversal=reversals, squareness=st.floats(-60, 60), sections=st.integers(3, 9), data=st.data())
     def test_residual_is_at_most_half_a_unit_at_every_point(self, name, errors, reversal, squareness, sections, data):
         """controllers.md 14: apply(parse(render(curve))) leaves half a unit at most, and no accumulated error at the far end."""
@@ -99,7 +100,7 @@ class TestEveryController:
                 np.testing.assert_allclose(table.value_um, whole[table.label].value_um[: len(table.value_um)])
 
     @given(data=st.data())
-    @settings(max_examples=40)
+    @few(20)
     def test_a_damaged_file_is_read_or_refused_and_nothing_else(self, name, data):
         """Whatever stands in a file, ``parse`` gives finite tables on ascending positions or a refusal of ours."""
         profile = profile_of(name, VOLUME)

@@ -113,10 +113,9 @@ CHAINS = {
 
 @pytest.mark.parametrize("chain", CHAINS)
 def test_angular_errors_are_known_as_well_on_every_chain(chain):
-    """As well as twelve machines of the usual chain, on three of each other one: a wrong arm costs micrometres (next test)."""
-    benches = [Bench(seed=seed, angle_urad=10.0, chain=chain) for seed in range(3)]
-    pairs = [left_um(bench, solve(bench.survey(), chain=CHAINS[chain], angles=bench.angles(1.0, seed=bench.seed))) for bench in benches]
-    after, before = np.sqrt(np.mean(pairs, axis=0))
+    """As well as twelve machines of the usual chain, on one of each other one: a wrong arm costs micrometres (next test)."""
+    bench = Bench(seed=1, angle_urad=10.0, chain=chain)
+    after, before = np.sqrt(left_um(bench, solve(bench.survey(), chain=CHAINS[chain], angles=bench.angles(1.0, seed=1))))
     assert before > 10.0
     assert after < 0.95
 
@@ -160,9 +159,9 @@ def assert_held(found):
 @pytest.mark.parametrize(
     ("setups", "options"),
     [
-        (DIAGONALS, {}),
-        ((*DIAGONALS, *LINEAR), {"size_mm": (2000.0, 300.0, 600.0), "increments": 7, "origin_mm": (-900.0, 0.0, 100.0)}),
-        ((*DIAGONALS, *LINEAR), {"states_u": False}),
+        (DIAGONALS, {"increments": 5}),
+        ((*DIAGONALS, *LINEAR), {"size_mm": (2000.0, 300.0, 600.0), "increments": 4, "origin_mm": (-900.0, 0.0, 100.0)}),
+        ((*DIAGONALS, *LINEAR), {"states_u": False, "increments": 5}),
     ],
 )
 def test_stated_uncertainties_hold_the_truth(setups, options):
@@ -172,7 +171,7 @@ def test_stated_uncertainties_hold_the_truth(setups, options):
 
 def test_estimates_reach_the_cramer_rao_bound():
     """For a linear model with normal noise the bound is (A^T W A)^-1, here from a dense decomposition; the scatter is within 5 % of it."""
-    clean = Bench(diagonal_noise_um=0.0, linear_noise_um=0.0, increments=6)
+    clean = Bench(diagonal_noise_um=0.0, linear_noise_um=0.0, increments=3)
     base = clean.survey()
     layout = lay_out(base)
     linear = np.char.startswith(np.array(base.setup), "linear")

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.solver.errors import DataError, UsageError
@@ -16,6 +16,7 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.result.result import same_result
 from testkit.exact.surveys import DIAGONALS, Bench
+from testkit.examples import few
 
 DATA = Path(__file__).parents[2] / "data"
 SURVEY = Bench(increments=4).survey()
@@ -32,7 +33,7 @@ def test_every_method_gives_a_complete_result(method):
 
 @pytest.mark.parametrize("method", METHODS)
 @given(st.randoms())
-@settings(max_examples=5)
+@few(3)
 def test_the_order_of_rows_does_not_change_a_byte(method, random):
     rows = list(range(len(SURVEY)))
     random.shuffle(rows)

@@ -69,12 +69,12 @@ def test_four_diagonals_alone_promise_what_comes_true():
 
     It was counted whole once more: "5.3 to 8.6 um" were promised where 2.4 came true, and 12.8 to 14.9 found where 10.2 were.
     """
-    assert sum(held for seed in range(6000, 6006) for held in promises_held(Bench(seed=seed), DIAGONALS)) >= 11
+    assert sum(held for seed in range(6000, 6004) for held in promises_held(Bench(seed=seed, increments=6), DIAGONALS)) >= 7
 
 
 @pytest.mark.parametrize(
     ("setups", "increments"),
-    [(LINEAR, 10), (DIAGONALS[:1], 10), ((*DIAGONALS, *LINEAR), 4)],
+    [(LINEAR, 6), (DIAGONALS[:1], 6), ((*DIAGONALS, *LINEAR), 4)],
     ids=["linear runs alone", "one diagonal", "four increments"],
 )
 def test_what_hardly_anything_was_measured_of_is_promised_no_better_than_it_is_known(setups, increments):
@@ -105,7 +105,7 @@ def promises_held(bench, setups):
         yield low is not None and high is not None and low <= rms_um <= high
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
+@pytest.mark.parametrize("seed", [1, 2])
 def test_what_another_processor_rounds_otherwise_draws_the_same_machines(seed, monkeypatch):
     """Names of which only rounding is left took random numbers: the drawn figures differed by up to 4 % from one processor to the next."""
 
@@ -165,7 +165,7 @@ def test_what_few_targets_leave_of_a_smooth_function_is_no_wave_that_hides(incre
     """Five half waves between four increments are what is expected there anyway: the intervals hold it, and would hold it twice."""
     rng, shown_um = np.random.default_rng(3), []
     coarse, fine = np.linspace(0.0, 500.0, increments + 1), np.linspace(0.0, 500.0, 41 if increments != 3 else 31)
-    for _ in range(40):
+    for _ in range(20):
         errors = {name: _measured(coarse if name[1] != name[2] else fine, smooth(rng, 0.0, 500.0, 9.0), rng) for name in DISPLACEMENTS}
         shown_um.append(max(shown_finer_um(errors).values()))
     assert np.mean(np.array(shown_um) > 0.5) <= 0.2

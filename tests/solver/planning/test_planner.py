@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.solver.errors import UsageError
@@ -16,6 +16,7 @@ from stepdiag.solver.planning.runs import Plan, Run, plan_minutes
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import ROTATIONS
 from testkit.exact.surveys import Bench
+from testkit.examples import few
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=3)
 BARE = bare_survey(Plan(volume=BOX, runs=()))
@@ -147,7 +148,7 @@ def test_what_is_planned_to_be_left_is_what_surveys_of_few_increments_leave(incr
     assert ahead.left_um.low_um < low < ahead.left_um.value_um < high < ahead.left_um.high_um
 
 
-@settings(max_examples=6, deadline=None)
+@few(3)
 @given(
     st.lists(st.sampled_from(("npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")), max_size=4, unique=True),
     st.sampled_from((*BODY_DIAGONALS, "linear-x", "linear-y", "linear-z", "fourdof-x")),

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.solver.adjustment.diagnostics import setup_findings, setup_reports
@@ -17,6 +17,7 @@ from stepdiag.solver.model.effects import ANGLES, LONG_WAVES, SHORT_ANGLES, Angl
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.foresight import foresee
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.examples import few
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +66,7 @@ def test_shares_add_up_to_the_combined_uncertainty(done):
 SIZES = ("angles_urad", "drift_um", "wander_um", "repeatability_um", "setup_c", "index", "index_setup", "alignment_mrad", "shape_um")
 
 
-@settings(max_examples=15, deadline=None)
+@few(5)
 @given(larger=st.dictionaries(st.sampled_from(SIZES), st.floats(1.0, 20.0), min_size=1), runs=st.integers(0, 3))
 def test_a_source_never_shrinks_u_and_a_run_never_grows_it(larger, runs):
     """A theorem for sizes that are given (a larger covariance of the readings, and fewer rows, leave more of everything unknown): no u of
@@ -81,7 +82,7 @@ def test_a_source_never_shrinks_u_and_a_run_never_grows_it(larger, runs):
     assert run.volumetric_um <= base.volumetric_um * (1 + 1e-9)
 
 
-@settings(max_examples=15, deadline=None)
+@few(8)
 @given(larger=st.lists(st.floats(1.0, 30.0), min_size=4, max_size=4))
 def test_of_a_survey_that_was_driven_no_larger_size_shrinks_u(done, larger):
     """The same of the fit itself, around the sizes that were found: only finding the others anew can make a u smaller."""

@@ -12,9 +12,9 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.field import without_rigid_motion
 from testkit.exact.surveys import Bench
 
-MACHINES = [seed for seed in range(21) if seed != 6]
+MACHINES = [seed for seed in range(13) if seed != 6]
 """The survey of machine 6 is refused: its diagonals and linear runs differ by three standard uncertainties."""
-INSIDE = 15
+INSIDE = 10
 """Points along each axis at which the truth is asked, none on a face: a mean over the volume."""
 
 
@@ -39,7 +39,7 @@ def promised_and_true(one: Bench, folder: Path) -> tuple[Reach, float]:
 
 
 def test_the_true_value_after_compensation_lies_in_the_interval_promised(tmp_path: Path) -> None:
-    """Over twenty machines 19 intervals at least hold it: k = 2, in 93 to 99 % (58 of 59 in a longer run, docs/performance.md).
+    """Over twelve machines 11 intervals at least hold it: k = 2, in 93 to 99 % (58 of 59 in a longer run, docs/performance.md).
 
     And they are no excuse: the upper end is on average less than twice the lower.
     """
@@ -52,5 +52,5 @@ def test_the_true_value_after_compensation_lies_in_the_interval_promised(tmp_pat
         assert promise.high_um is not None
         held.append(promise.low_um <= left_um <= promise.high_um)
         wide.append(promise.high_um / promise.low_um)
-    assert sum(held) >= 19, held
+    assert sum(held) >= 11, held
     assert float(np.mean(wide)) < 2.0

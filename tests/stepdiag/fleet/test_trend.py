@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.fleet.history import Point, Series, series_in
@@ -23,6 +23,7 @@ from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.fleet.terminal import as_csv, leaves
 from stepdiag.fleet.trend import YEAR, already_perhaps, trend_of
 from testkit.cli import stepdiag
+from testkit.examples import few
 from testkit.fleets import FIRST, About, whole_result_rows, write_history
 
 QUARTER = timedelta(days=91)
@@ -40,7 +41,7 @@ def series(values: list[float], u: float = 0.5, events: dict[int, str] | None = 
 
 
 class TestChanges:
-    @settings(max_examples=200)
+    @few(60)
     @given(st.integers(0, 2**32))
     def test_noise_alone_is_seldom_a_change(self, seed: int) -> None:
         """All comparisons of a series together err as seldom as one at k = 2 would: here nothing is beyond 4 sigma, and never called so."""
@@ -112,7 +113,7 @@ class TestLine:
         """A slope within its uncertainty, too few surveys, residuals that nothing explains."""
         assert trend_of(series(values, u=1.5), 100.0).line is None
 
-    @settings(max_examples=60)
+    @few(30)
     @given(st.lists(st.floats(-1e6, 1e6), min_size=1, max_size=12), st.floats(1e-6, 1e6))
     def test_whatever_the_figures_there_is_an_answer(self, values: list[float], tolerance: float) -> None:
         found = trend_of(series(values), tolerance)

@@ -17,7 +17,8 @@ from testkit.timeline import STOPPED_ONLY, Timeline, diagonal, survey_text
 COUNTED = STOPPED_ONLY + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
 SETUP_TOLD = STOPPED_ONLY + "[plc.signals.setup]\naddress = 3\n"
 SIGNALS = pytest.mark.parametrize("signals", [STOPPED_ONLY, COUNTED], ids=["stopped", "stopped, setup, stop_count"])
-SIZES = pytest.mark.parametrize("size", [(300.0, 200.0, 100.0), (200.0, 200.0, 200.0)], ids=["box", "cube"])
+BOX, CUBE = (300.0, 200.0, 100.0), (200.0, 200.0, 200.0)
+SIZES = pytest.mark.parametrize("size", [BOX, CUBE], ids=["box", "cube"])
 
 
 def drive(stops, *, signals, size=(300.0, 200.0, 100.0), back=False, n=3, **more):
@@ -44,9 +45,11 @@ def assert_as_driven(each, truth, within_um=0.6):
         assert abs(readings[k] - readings[0] - true.reading + truth[0].reading) * 1e3 < within_um, k
 
 
-@SIGNALS
-@SIZES
-@pytest.mark.parametrize(("left_at", "again_at"), [(4, 0), (4, 3), (5, 0), (6, 0), (6, 4)])
+@pytest.mark.parametrize(
+    ("signals", "size", "left_at", "again_at"),
+    [(STOPPED_ONLY, size, *ends) for size in (BOX, CUBE) for ends in ((4, 0), (4, 3), (5, 0), (6, 0), (6, 4))]
+    + [(COUNTED, BOX, 4, 0), (COUNTED, CUBE, 4, 3), (COUNTED, BOX, 5, 0), (COUNTED, CUBE, 6, 0), (COUNTED, BOX, 6, 4)],
+)
 def test_an_aborted_pass_is_driven_again_whole_or_from_a_stop(signals, size, left_at, again_at):
     truth = diagonal("ppp", size)
     book, codes = drive([*truth[: left_at + 1], *truth[again_at:]], signals=signals, size=size)
