@@ -28,7 +28,7 @@ test: $(TEST_VENV)/.ready .setup/debian .setup/node ## style, types, layers and 
 matrix: $(TEST_VENV)/.ready ## the unit tests on Python 3.11, 3.12 and 3.13
 	tools/matrix dist
 
-# the property tests with examples that nobody has seen, ten times the changed files of somebody else, every file door of the command line
+# the property tests with examples that nobody has seen, twenty times the changed files of somebody else, every file door of the command line
 # with files that are right but for one field, and then these doors by turns for so many minutes: `make explore MINUTES=60`
 explore: $(TEST_VENV)/.ready ## property tests and fuzzing with examples nobody has seen
 	STEPDIAG_FUZZ_EXAMPLES=600 $(TEST_VENV)/bin/pytest --hypothesis-profile explore -n auto -m "not system and not page and not control" tests

@@ -1,6 +1,7 @@
 """A budget is kept by packing finished surveys, the oldest first; nothing is lost by it."""
 
 import threading
+from functools import cache
 
 import mcap.writer
 import pytest
@@ -12,11 +13,16 @@ from stepdiag.daq.records.survey_folder import RESULT
 from testkit.recording import recording, with_notes, write_log
 
 
+@cache
+def _recorded():
+    return with_notes(recording(20.0, lines_per_chunk=20))
+
+
 def finished_round(folder, number, *, result=True):
     """Write a round with one log; return it."""
     made = folder / f"{number:04d}"
     made.mkdir()
-    write_log(made / "0001.mcap", with_notes(recording(20.0, lines_per_chunk=20)))
+    write_log(made / "0001.mcap", _recorded())
     if result:
         (made / RESULT).write_text("{}")
     return made

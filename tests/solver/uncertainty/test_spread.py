@@ -149,7 +149,7 @@ def test_five_ppm_on_one_diagonal_are_named_or_within_u():
     """The four diagonals share one length to check them: what hides there is in U (78 % of these squarenesses lay within it with 0.1 C from
     setup to setup, 23 % with 0.02 C). What shows is named, for what contradicts is looked for with less than U holds."""
     named, within = 0, []
-    for seed in range(200, 232):
+    for seed in range(200, 216):
         bench = Bench(seed=seed, chain=("FXYZ", "XYFZ")[seed // 2 % 2], angle_urad=10.0 * (seed % 2))
         readings, drawn = bench.survey(), np.random.default_rng(seed)
         setup = drawn.choice(DIAGONALS)
@@ -164,5 +164,5 @@ def test_five_ppm_on_one_diagonal_are_named_or_within_u():
         for name, true in bench.truth.squareness_urad.items():
             value, u, _ = done.number(name)
             within.append(abs(value - true) <= 2 * u)
-    assert named >= 14
+    assert named >= 7
     assert np.mean(within) >= 0.85, f"{sum(within)} of {len(within)}"
