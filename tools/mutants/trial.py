@@ -76,6 +76,7 @@ def exchange(path: Path, source: str) -> int:
         (before.co_qualname, before.co_firstlineno): after for before, after in zip(old, new, strict=True) if not _same(before, after)
     }
     count = 0
+    gc.unfreeze()  # what is frozen (tests/conftest.py) is not among the objects
     for live in gc.get_objects():
         if isinstance(live, FunctionType) and live.__code__.co_filename.endswith(path.name):
             after = changed.get((live.__code__.co_qualname, live.__code__.co_firstlineno))
