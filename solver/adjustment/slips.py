@@ -115,7 +115,8 @@ def hidden_in_volume_um(fit: MixedFit, layout: Layout, design: Design, unseen: U
     """Return what a slip that is seen in half of the surveys makes of the errors over the volume, as far as they are identified (rms)."""
     if not np.isfinite(unseen.u_um):
         return float(np.inf)
-    return unseen.half_um * _Field.of(fit, layout, design).made_um(unseen.rows)
+    made_um = _Field.of(fit, layout, design).made_um(unseen.rows)
+    return unseen.half_um * made_um if made_um > NOTHING_UM else 0.0
 
 
 def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[Unseen, float]]:

@@ -148,14 +148,6 @@ class MixedFit:
         """Return the square sum of the residuals, weighted with noise and causes together."""
         return float(self.fixed.chi_square - self.causes.shown @ self.amount)
 
-    def moved_by(self, rows: NDArray[np.int64]) -> Vector:
-        """Return how the unknowns move per unit of target in the given rows, shape (count, rows)."""
-        unit = np.zeros((len(self.rows), len(rows)))
-        unit[rows, np.arange(len(rows))] = self.weight[rows]
-        direct: Vector = self.inverse.solve(self.fixed.packed.transposed_times(unit))
-        moved: Vector = direct - self.causes.taken @ (self.amount_covariance @ self.causes.left[rows].T)
-        return moved
-
     def told(self, pattern: Vector) -> tuple[Vector, Vector]:
         """Return for each pattern (m, k), were it a further unknown by itself, how large it is and its standard uncertainty, shapes (k,).
 

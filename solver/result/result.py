@@ -135,7 +135,7 @@ def same_result(one: bytes, other: bytes) -> bool:
     try:
         first, second = json.loads(one), json.loads(other)
         shape, other_shape = first.pop("posterior", None), second.pop("posterior", None)
-    except (ValueError, AttributeError, RecursionError):
+    except (ValueError, AttributeError, TypeError, RecursionError):
         return False
     return same_but_for_rounding(first, second, DECIMALS) and same_but_for_rounding(shape, other_shape, POSTERIOR_DECIMALS)
 

@@ -2,44 +2,20 @@
 
 from dataclasses import replace
 
-import numpy as np
 from _figures import FIGURES
+from _files import FILES
+from _outlook import OUTLOOK
+from _rules import RULES
+from _surveys import SMALL, SURVEYS, angles, moved, survey
 
-from stepdiag.solver.model.angles import render_angles
-from stepdiag.solver.readings.readings import Readings, render_readings
-from testkit.exact.surveys import DATA, DIAGONALS, LINEAR, Bench
-
-SMALL = Bench(seed=3, size_mm=(300.0, 200.0, 100.0), increments=4, angle_urad=6.0)
-
-
-def survey(readings: Readings, **further):
-    """Return the JSON of a survey: the lines of its table and what else the solver is told."""
-    return {"readings": render_readings(readings).splitlines(), **further}
-
-
-def angles(bench: Bench, *names: str, u_urad: float = 1.0):
-    """Return the lines of an angles file with these functions, all where none is named."""
-    known = bench.angles(u_urad)
-    return render_angles({name: known[name] for name in names or known}).splitlines()
-
-
-def moved(readings: Readings, setup: str, pass_number: int, by_um) -> Readings:
-    """Return readings of which those of one pass are changed by ``by_um``, a function of the stop."""
-    mine = np.array([name == setup for name in readings.setup]) & (readings.pass_number == pass_number)
-    added = np.where(mine, 1e-3 * by_um(readings.stop.astype(float)), 0.0)
-    return replace(readings, reading_mm=readings.reading_mm + added)
-
-
-def golden(name: str):
-    """Return the readings of a golden file as they stand."""
-    return {"readings": (DATA / f"golden_stepdiag_{name}.csv").read_text(encoding="utf-8").splitlines()}
+from testkit.exact.surveys import DIAGONALS, LINEAR
 
 
 def _back():
     return SMALL.survey(passes=(1, 2))
 
 
-CASES = FIGURES | {
+CASES = FIGURES | FILES | OUTLOOK | RULES | SURVEYS | {
     "usual": ("four diagonals, three runs, all angles known", "solve", lambda: survey(SMALL.survey(), angles=angles(SMALL))),
     "usual-no-angles": ("four diagonals, three runs, no angles", "solve", lambda: survey(SMALL.survey())),
     "diagonals-alone": (

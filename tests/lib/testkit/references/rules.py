@@ -1,0 +1,131 @@
+"""Rules that say something of a survey, asked with recorded numbers from both sides of their limits."""
+
+from dataclasses import replace
+
+import numpy as np
+
+from stepdiag.solver.adjustment.diagnostics import chi_square_limit, setup_findings, setup_reports
+from stepdiag.solver.errors import shortened
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.linear.families import class_factors, likely_factors, normal_points
+from stepdiag.solver.methods.contradictions import contradictions
+from stepdiag.solver.methods.coverage import coverage_findings, t_factor
+from stepdiag.solver.methods.estimate import estimate
+from stepdiag.solver.methods.head_report import head_findings
+from stepdiag.solver.methods.lengths import lengths_report, temperature_findings, tool_report
+from stepdiag.solver.methods.volumetric import arch_um, between_um, coarse_findings, hiding_functions, shown_finer_um
+from stepdiag.solver.model.angles import parse_angles
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.model.noise import assumed_noise, repeatability_factor
+from stepdiag.solver.planning.runs import Plan, Run
+from stepdiag.solver.readings.readings import parse_readings
+from stepdiag.solver.result.result import Function, Scale, same_result
+from stepdiag.solver.result.rounding import same_but_for_rounding, steady
+from stepdiag.solver.uncertainty.monte_carlo import shortest_interval
+
+
+def assumptions(given):
+    """Return assumptions from their JSON: what is left out stays as usual, a list is a tuple."""
+    return Assumptions(**{name: tuple(value) if isinstance(value, list) else value for name, value in given.items()})
+
+
+def limits(given):
+    """Return what is said where one figure of a report, or chi-square, is another."""
+    readings, angles = ("\n".join(given[name]) + "\n" for name in ("readings", "angles"))
+    found = estimate(lay_out(parse_readings(readings)), "FXYZ", angles=parse_angles(angles)).adjustment
+    reports = setup_reports(found)
+    changed = [{**reports, "npp": {**reports["npp"], **one}} for one in given["reports"]]
+    worse = [replace(found, chi_square=share * found.fit.freedom, enlarged=enlarged) for share, enlarged in given["chi_square"]]
+    return {
+        "reports": [[setup_findings(found, one), contradictions(found, one)] for one in changed],
+        "chi_square": [[setup_findings(one, reports), contradictions(one, reports)] for one in worse],
+    }
+
+
+def noise(given):
+    """Return factors of the repeatability, of coverage, and the shortest intervals of samples."""
+    samples = np.array(given["samples"])
+    return {
+        "repeatability": [[repeatability_factor(np.array(stated), *told) for told in given["told"]] for stated in given["stated_um"]],
+        "t": [t_factor(freedom) for freedom in given["freedom"]],
+        "chi_square": [chi_square_limit(freedom) for freedom in given["limits"]],
+        "coverage": [coverage_findings(one) for one in given["coverage"]],
+        "assumed": [assumed_noise(names) for names in given["classes"]],
+        "intervals": [shortest_interval(samples, share) for share in given["shares"]],
+        "normal": [normal_points(count) for count in given["points"]],
+        "likely": likely_factors(),
+        "class": class_factors(),
+    }
+
+
+def _function(one, unit="um"):
+    value, u = one["value"], one["u_readings"]
+    at = np.array(one["position_mm"])
+    return Function(
+        position_mm=at,
+        value=None if value is None else np.array(value),
+        u=np.full(len(at), 0.3),
+        unit=unit,
+        u_readings=None if u is None else np.full(len(at), u),
+    )
+
+
+def curves(given):
+    """Return how far functions leave the curve through their values, and what is said of that."""
+    machines = [{name: _function(one) for name, one in machine.items()} for machine in given["machines"]]
+    return {
+        "arch_um": [[arch_um(np.array(value), noise_um) for noise_um in given["noise_um"]] for value in given["curves"]],
+        "between_um": [between_um(one, assumptions(given["assumed"][place % len(given["assumed"])])) for place, one in enumerate(machines)],
+        "shown_um": [shown_finer_um(machine) for machine in machines],
+        "hiding": [hiding_functions(machine) for machine in machines],
+        "findings": [coarse_findings(machine) for machine in machines],
+    }
+
+
+def warmth(given):
+    """Return what is said of temperatures, lengths and the tool under every assumption."""
+    told = []
+    for assumed in map(assumptions, given["assumed"]):
+        scales = [{axis: Scale(identified=one["value"] is not None, **one) for axis, one in some.items()} for some in given["scales"]]
+        functions = [{name: _angle(*columns) for name, columns in some.items()} for some in given["found"]]
+        told.append(
+            {
+                "findings": [temperature_findings(np.array(some, dtype=float), assumed) for some in given["temperature_c"]],
+                "lengths": [lengths_report(some, assumed, known=known) for some in scales for known in (True, False)],
+                "tool": [
+                    tool_report(some, other, assumed)
+                    for some, other in ((functions[0], functions[1]), (functions[1], functions[2]), (functions[2], {}))
+                ],
+                "u_grown_um_m": assumed.u_grown_um_m(),
+                "json": assumed.as_json(),
+            }
+        )
+    return told
+
+
+def _angle(value, u):
+    known = None if value is None else np.array(value)
+    return Function(position_mm=np.array([0.0, 1.0]), value=known, u=None if u is None else np.array(u), unit="urad")
+
+
+def words(given):
+    """Return numbers, texts and remarks as they are written."""
+    volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(1.0, 1.0, 1.0), increments=1)
+    plans = [Plan(volume=volume, runs=()).with_runs(*(Run(setup=name) for name in names)) for names in given["runs"]]
+    return {
+        "steady": [steady(*one) for one in given["steady"]],
+        "same": [same_but_for_rounding(*one) for one in given["same"]],
+        "results": [same_result(one.encode(), other.encode()) for one, other in given["results"]],
+        "long": [shortened(*one) for one in given["long"]],
+        "findings": [
+            Finding(**{name: tuple(value) if isinstance(value, list) else value for name, value in one.items()}).as_json()
+            for one in given["findings"]
+        ],
+        "runs": [[run.setup for run in plan.runs] for plan in plans],
+        "head": [head_findings(one) for one in given["head"]],
+    }
+
+
+CALLS = {function.__name__: function for function in (limits, noise, curves, warmth, words)}

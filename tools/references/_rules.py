@@ -1,0 +1,154 @@
+"""Made-up numbers for rules that say something of a survey: limits from both sides, noise, curves between targets, temperatures."""
+
+# ruff: noqa: E501 - tables
+
+import numpy as np
+from _surveys import THREE, angles, survey
+
+RNG = np.random.default_rng(20261125)
+
+
+def limits():
+    """Return a survey, and what its reports and its chi-square might be."""
+    drift = {"pair": 1, "rate": 1.0, "unit": "um/h", "u_um": 0.1}
+    reports = [{"tilt_mrad": 2.0}, {"tilt_mrad": 2.002}, {"tilt_mrad": None}, {"noise_um": 1.0}, {"noise_um": 1.004}, {"noise_um": None}, {"noise_um": 10.0}, {"noise_um": 10.04}, {"repeatability_um": 1.0}, {"repeatability_um": 1.01},
+               {"repeatability_um": 10.0}, {"repeatability_um": 12.345}]  # fmt: skip
+    reports += [
+        {"drift": [drift | {"total_um": total, "u_um": u}]}
+        for total, u in ((2.0, 0.1), (2.01, 0.1), (-2.5, 0.1), (2.9, 1.0), (3.0, 1.0), (3.01, 1.0), (-7.0, 2.0))
+    ]
+    return {
+        **survey(THREE.survey(passes=(1, 2)), angles=angles(THREE)),
+        "reports": reports,
+        "chi_square": [[share, enlarged] for share in (0.9, 1.2, 1.8, 2.99, 3.01, 5.0, 40.0) for enlarged in (1.0, 1.7)],
+    }  # fmt: skip
+
+
+def noise():
+    """Return how noisy readings say they are, and how much they contradict each other."""
+    return {
+        "stated_um": [[0.2] * 5, [0.05, 0.3, 1.0], [1e-3], []],
+        "told": [[usual, chi, freedom] for usual in (0.1, 0.4, 0.0) for chi, freedom in ((0.0, 0), (3.0, 4), (12.0, 4), (900.0, 30), (1e6, 100), (1.0, 50), (5.0, 1))],
+        "freedom": [0.5, 1.0, 2.0, 3.0, 7.5, 20.0, 1e3, 1e6],
+        "limits": [1, 2, 3, 10, 200],
+        "coverage": [{}, {"EXX": {"degrees_of_freedom": 4.2, "k": 2.9}, "EYX": {"degrees_of_freedom": 3.4, "k": 3.3}}],
+        "classes": [[], ["diagonals"], ["diagonals", "linear runs"]],
+        "samples": np.round(RNG.normal(0, 2, (3, 41)) ** 3, 4).tolist(),
+        "shares": [0.95, 0.5, 0.1],
+        "points": [1, 4, 15],
+    }  # fmt: skip
+
+
+def _curves(count, waves, noise):
+    at = np.linspace(0.0, 1.0, count)
+    return [
+        np.round(size * np.sin(2 * np.pi * wave * at + 0.4) + RNG.normal(0, noise, count) + 3.0 * at, 4).tolist()
+        for wave in waves
+        for size in (1.0, 6.0)
+    ]
+
+
+def curves():
+    """Return functions of few values and of many, smooth and waved, with their noise, and finer ones among them."""
+    every = [
+        one
+        for count, waves in (
+            (3, (0.5,)),
+            (4, (0.5, 1)),
+            (5, (1, 2)),
+            (6, (1, 2)),
+            (7, (1, 2, 3)),
+            (8, (1, 3)),
+            (9, (1, 2, 3, 3.8)),
+            (11, (1, 2, 3, 3.6, 4, 4.6)),
+            (16, (2, 6)),
+        )
+        for one in _curves(count, waves, 0.1)
+    ]
+    machines = []
+    for count, waves in ((3, 1), (4, 1), (6, 2), (7, 2), (9, 2), (9, 3.6), (11, 4.4)):
+        at = np.linspace(0.0, 300.0, count)
+        machines.append(
+            {
+                name: {
+                    "position_mm": np.round(at, 4).tolist(),
+                    "value": _curves(count, (waves * (1 if name[1] == name[2] else 0.4),), 0.1)[1],
+                    "u_readings": 0.1,
+                }
+                for name in ("EXX", "EYX", "EZX", "EXY", "EYY", "EZY", "EXZ", "EYZ", "EZZ")
+            }
+        )
+    fine = np.linspace(0.0, 300.0, 17)
+    for machine in (machines[1], machines[4]):
+        waved = {name: dict(one) for name, one in machine.items()}
+        value = np.interp(fine, machine["EYY"]["position_mm"], machine["EYY"]["value"]) + 2.0 * np.sin(fine / 11.0)
+        waved["EYY"] = {"position_mm": fine.tolist(), "value": np.round(value, 4).tolist(), "u_readings": 0.05}
+        machines.append(waved)
+        machines.append(
+            waved
+            | {
+                "EZZ": waved["EYY"] | {"value": np.round(0.3 * value + 1.0 * np.cos(fine / 7.0), 4).tolist(), "u_readings": None},
+                "EXY": machine["EXY"] | {"value": None},
+            }
+        )
+        machines.append(
+            waved
+            | {
+                "EYY": {
+                    "position_mm": [0.0, 37.5, 100.0, 110.0, 190.0, 200.0, 300.0],
+                    "value": [0.0, 4.0, 1.0, 3.0, -2.0, 0.5, 0.0],
+                    "u_readings": 0.2,
+                }
+            }
+        )
+    return {
+        "curves": every,
+        "noise_um": [0.0, 0.05, 1.0],
+        "machines": machines,
+        "assumed": [{}, {"shape_um": 20.0, "between_um": 1.0}, {"between_um": 0.0}],
+    }
+
+
+def warmth():
+    """Return what is known of the temperature of the machine and its scales."""
+    scales = [
+        {"value": 12.0, "u": 1.5, "u_readings": 0.4},
+        {"value": None, "u": None, "u_readings": None},
+        {"value": -3.0, "u": 0.2, "u_readings": None},
+    ]
+    return {
+        "temperature_c": [[], [20.0, 21.0], [20.0, None, 21.0], [None, None], [None]],
+        "assumed": [
+            {}, {"reduced_to_20_c": True}, {"reduced_to_20_c": True, "material_stated": True, "u_material_c": 0.75}, {"expansion_um_m_c": [11.7, 9.0, 11.7], "material_c": [22.0, 23.5, 18.0], "u_expansion_um_m_c": 2.0, "index": 3e-7},
+            {"reduced_to_20_c": True, "material_c": [25.0, 26.0, 15.0], "angle_urad": {"EAX": 33.0}, "index_setup": 2.5e-7},
+        ],
+        "scales": [dict(zip("XYZ", some, strict=True)) for some in (scales, scales[::-1], [scales[0]] * 3)],
+        "found": [{}, {"EAX": [[1.0, -4.0], [0.5, 1.0]], "ECZ": [[2.0, 2.0], None], "EBY": [None, None]}, {name: [[1.0, 3.0], [0.1, 0.2]] for name in ("EAX", "EBX", "ECX", "EAY", "EBY", "ECY", "EAZ", "EBZ", "ECZ")}],
+    }  # fmt: skip
+
+
+def words():
+    """Return numbers, texts and remarks as they are rounded, shortened and written."""
+    return {
+        "steady": [[0.0000005, 6], [1.00000049999999, 6], [-0.0000001, 6], [2.5, 0], [0.00005, 4], [1.23456789, 4], [-1.5, 0], [1e9 + 0.4, 0]],
+        "same": [
+            [{"a": [1.0, 2]}, {"a": [1.00009, 2]}, 6], [{"a": [1.0]}, {"a": [1.00011]}, 6], [1.0, 1.014, 2], [1.0, 1.016, 2], [{"a": 1, "b": 2}, {"b": 2, "a": 1}, 6], [[1.0], [1.0, 2.0], 6], [1, 1.0, 6], [1, 2, 6], ["a", "a", 6], [None, 0, 6], [[1.0], {"a": 1.0}, 6],
+        ],
+        "results": [['{"a": 1.0}', '{"a": 1.00001}'], ['{"a": 1.0}', '{"a": 1.1}'], ['{"posterior": {"x": 1.0}}', '{"posterior": {"x": 1.00012}}'], ['{"posterior": {"x": 1.0}}', '{"posterior": {"x": 1.0002}}'], ['{"posterior": 1}', "{}"], ["[]", "{}"], ["{", "{"], ["[1]", "[1]"]],
+        "long": [["x" * 2000], ["y" * 2001], ["z" * 30, 10], ["short", 5]],
+        "findings": [{"code": "a", "severity": "info", "text": "t"}, {"code": "a", "severity": "error", "text": "t", "setup": "ppp", "pass_number": 0, "stop": 0, "size_um": 0.0, "among": ["ppp/1"]}],
+        "runs": [["ppp", "npp", "ppp", "ppp+1"], ["linear-x"], ["ppp+3", "ppp"]],
+        "head": [
+            {}, {"EYX": {"misclosure": 0.9}, "EZX": {"misclosure": None}}, {"EYX": {"misclosure": 1.0}}, {"EYX": {"misclosure": 1.01}},
+            {"EYX": {"misclosure": 1.5}, "EZX": {"misclosure": 3.25, "difference_um": {"value": [1.0, -4.56]}}, "EYZ": {"misclosure": 0.2}},
+        ],
+    }  # fmt: skip
+
+
+RULES = {
+    "limits": ("what is said of a survey at each limit", "limits", limits),
+    "noise": ("noise, coverage and drawn intervals", "noise", noise),
+    "curves": ("what functions do between their targets", "curves", curves),
+    "warmth": ("temperatures, lengths and the tool", "warmth", warmth),
+    "words": ("what is rounded, shortened and written", "words", words),
+}

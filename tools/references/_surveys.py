@@ -1,0 +1,433 @@
+"""Surveys of the virtual machine, each with something of its own: instruments, directions, temperatures, faults."""
+
+from dataclasses import asdict, replace
+
+import numpy as np
+
+from stepdiag.solver.geometry.setups import setup_of
+from stepdiag.solver.geometry.volume import Volume
+from stepdiag.solver.model.angles import render_angles
+from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
+from stepdiag.solver.readings.readings import Readings, make_readings, parse_readings, render_readings
+from testkit.exact.straightness import straightness
+from testkit.exact.surveys import DATA, DIAGONALS, LINEAR, Bench
+
+SMALL = Bench(seed=3, size_mm=(300.0, 200.0, 100.0), increments=4, angle_urad=6.0)
+THREE = replace(SMALL, increments=3, origin_mm=(-100.0, 50.0, 20.0), seed=11)
+PLAY = {"EXX": lambda at: 3.0 + 0.004 * at, "EYX": lambda at: 1.0 - 0.003 * at, "EZZ": lambda at: -2.0 + 0.0 * at}
+RUNS = tuple(Readings.__dataclass_fields__)
+
+
+def survey(readings: Readings, **further):
+    """Return the JSON of a survey: the lines of its table, to a nanometre, and what else the solver is told.
+
+    A beam line that runs through the first stop is left out, as it usually is.
+    """
+    shifted = any("+" in name for name in readings.setup)
+    beam_mm = readings.beam_mm if shifted else np.full(readings.beam_mm.shape, np.nan)
+    short = replace(readings, reading_mm=np.round(readings.reading_mm, 6), time_s=np.round(readings.time_s), beam_mm=beam_mm)
+    return {"readings": render_readings(short).splitlines(), **further}
+
+
+def angles(bench: Bench, *names: str, u_urad: float = 1.0, stated: bool = True):
+    """Return the lines of an angles file with these functions, all where none is named."""
+    known = bench.angles(u_urad, stated=stated)
+    return render_angles({name: known[name] for name in names or known}).splitlines()
+
+
+def of(readings: Readings, setup: str, *numbers: int):
+    """Return which rows belong to a setup, and to some of its passes where these are given."""
+    mine = np.array([name == setup for name in readings.setup])
+    return mine & np.isin(readings.pass_number, numbers) if numbers else mine
+
+
+def moved(readings: Readings, setup: str, numbers, by_um) -> Readings:
+    """Return readings of which those of some passes are changed by ``by_um``, a function of the stop."""
+    added = np.where(of(readings, setup, *np.atleast_1d(numbers)), 1e-3 * by_um(readings.stop.astype(float)), 0.0)
+    return replace(readings, reading_mm=readings.reading_mm + added)
+
+
+def scaled(readings: Readings, setup: str, um_m: float) -> Readings:
+    """Return readings of which those of a setup are longer."""
+    return replace(readings, reading_mm=readings.reading_mm * np.where(of(readings, setup), 1.0 + 1e-6 * um_m, 1.0))
+
+
+def without(readings: Readings, *places) -> Readings:
+    """Return readings without some stops (setup, pass, stop)."""
+    kept = [row for row in range(len(readings)) if (readings.setup[row], readings.pass_number[row], readings.stop[row]) not in places]
+    return readings.select(kept)
+
+
+def warm(readings: Readings, temperature_c, **changes) -> Readings:
+    """Return readings with temperatures, a function of the row's share of the survey."""
+    return replace(readings, temperature_c=temperature_c(np.linspace(0.0, 1.0, len(readings))), **changes)
+
+
+def walked(readings: Readings, setup: str, numbers, size_um: float, seed: int = 5) -> Readings:
+    """Return readings of which a pass wanders."""
+    walk = np.cumsum(np.random.default_rng(seed).normal(0.0, size_um, 60))
+    return moved(readings, setup, numbers, lambda stop: walk[stop.astype(int)] - walk[0])
+
+
+def joined(*parts: Readings) -> Readings:
+    """Return readings one after the other."""
+    names = [name for name in RUNS if name != "setup"]
+    columns = {name: np.concatenate([getattr(part, name) for part in parts]) for name in names}
+    return make_readings(setup=[name for part in parts for name in part.setup], **columns)
+
+
+def planned(bench: Bench, runs, axis_order="xyz", noise_um=0.2, seed=17) -> Readings:
+    """Return what a machine with a bench's errors shows on any setups: perfect readings with the errors along the setup."""
+    volume = Volume(origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments)
+    readings = perfect_readings(Plan(volume=volume, runs=tuple(runs), axis_order=axis_order), noise_um)
+    signs = np.array([setup_of(name).signs for name in readings.setup]) * np.array(bench.size_mm)
+    direction = signs / np.linalg.norm(signs, axis=1, keepdims=True)
+    error = np.sum(bench.machine.error_at(readings.position_mm) * direction, axis=1)
+    error = error + np.random.default_rng(seed).normal(0.0, noise_um, len(readings))
+    first = np.array([row for row in range(len(readings)) for _ in [0] if readings.stop[row] == 0])
+    start = {(readings.setup[row], readings.pass_number[row]): error[row] for row in first}
+    since = error - [start[readings.setup[row], readings.pass_number[row]] for row in range(len(readings))]
+    return replace(readings, reading_mm=readings.reading_mm + 1e-3 * since)
+
+
+def runs(*names: str, **how):
+    """Return runs of some setups."""
+    return tuple(Run(setup=name, **how) for name in names)
+
+
+def golden(name: str):
+    """Return the readings of a golden file to a tenth of a micrometre: chi-square of none at all would be rounding."""
+    readings = parse_readings((DATA / f"golden_stepdiag_{name}.csv").read_text(encoding="utf-8"))
+    return render_readings(replace(readings, reading_mm=np.round(readings.reading_mm, 4))).splitlines()
+
+
+def head(bench: Bench, names=("EYX", "EZX", "EXY", "EYZ"), by_um=None, approaches=(1, -1), u_um=0.5):
+    """Return what a head says of some functions as JSON, one of them off by ``by_um`` of the share of its travel."""
+    found = []
+    for one in straightness(bench, 4, u_um, approaches):
+        if one.name in names:
+            share = np.linspace(0.0, 1.0, len(one.position_mm))
+            off = by_um(share) if by_um and one.name == "EYX" else 0.0
+            found.append(
+                {name: np.round(value, 6).tolist() if isinstance(value, np.ndarray) else value for name, value in asdict(one).items()}
+                | {"value_um": np.round(one.value_um + off, 6).tolist()}
+            )
+    return found
+
+
+def _back(bench=SMALL, **how):
+    return bench.survey(passes=(1, 2), **how)
+
+
+def _cut(readings: Readings, setup: str, number: int, at: int) -> Readings:
+    """Return readings in which the count was lost within a pass: two stretches, the second of which begins at zero."""
+    zero, mine = np.array(readings.zero), of(readings, setup, number)
+    late = mine & (readings.stop >= at)
+    zero[mine], zero[late] = 1, 2
+    first = readings.reading_mm[late & (readings.stop == at)][0]
+    return replace(readings, zero=zero, reading_mm=readings.reading_mm - np.where(late, first, 0.0))
+
+
+def _untimed(readings: Readings) -> Readings:
+    return replace(readings, time_s=np.full(len(readings), np.nan))
+
+
+def _finer(increments=8, wave_um=2.0):
+    """Return diagonals of four increments and runs of more, on a machine whose axes have waves."""
+    bench = replace(SMALL, waves=5, wave_um=wave_um)
+    return joined(
+        bench.survey(DIAGONALS), replace(bench, increments=increments).survey(("linear-x", "linear-y")), bench.survey(("linear-z",))
+    )
+
+
+def _faces():
+    names = [f"face-{plane}-{way}" for plane in ("xy", "xz", "yz") for way in ("pp", "np")]
+    return survey(planned(THREE, runs(*names, *LINEAR, return_pass=False)))
+
+
+def _bodies():
+    continuous = runs("body-ppp", "body-npp", "body-pnp", "body-ppn", repeats=2)
+    return survey(planned(THREE, (*continuous, *runs(*DIAGONALS, return_pass=False))), angles=angles(THREE))
+
+
+def _shifted():
+    offsets = {"ppp+1": (0.0, 50.0, 0.0), "npp+1": (0.0, 0.0, 50.0), "pnp+1": (50.0, 0.0, 0.0), "ppn+1": (0.0, 50.0, 0.0),
+               "ppp+2": (0.0, 0.0, 50.0), "npp+2": (0.0, 50.0, 0.0), "pnp+2": (0.0, 0.0, 50.0), "ppn+2": (50.0, 0.0, 0.0)}  # fmt: skip
+    return replace(THREE, beam_offset_mm=offsets), (*DIAGONALS, *offsets, *LINEAR)
+
+
+def _turned(readings: Readings) -> Readings:
+    return replace(readings, turned=(readings.stop == 0) & (readings.pass_number == 2))
+
+
+WARM = {"expansion_um_m_c": [11.7, 10.0, 9.0], "u_expansion_um_m_c": 1.5, "u_material_c": 0.4}
+NOTHING = {"angles_urad": 0.0, "drift_um": 0.0, "wander_um": 0.0, "setup_c": 0.0, "repeatability_um": 0.0, "index": 0.0, "index_setup": 0.0,
+           "alignment_mrad": 0.0, "between_um": 0.0}  # fmt: skip
+QUIET = replace(SMALL, angle_urad=0.0)
+
+SURVEYS = {
+    "golden-separable": (
+        "the golden survey without angular errors",
+        "solve",
+        lambda: {"readings": golden("separable"), "assumed": NOTHING},
+    ),
+    "golden-printed": (
+        "the golden survey by Wang's formulas",
+        "solve",
+        lambda: {"readings": golden("rigidbody_FXYZ"), "method": "wang2000"},
+    ),
+    "golden-closed": (
+        "the golden survey by the corrected closed form",
+        "solve",
+        lambda: {"readings": golden("rigidbody_FXYZ"), "method": "least-squares"},
+    ),
+    "head-lines": (
+        "four functions by a head beside diagonals and runs, out and back",
+        "solve",
+        lambda: survey(_back(THREE), straightness=head(THREE), angles=angles(THREE, "EAX", "ECX", "EBZ")),
+    ),
+    "head-contradicts": (
+        "a head that is wrong in one function",
+        "solve",
+        lambda: survey(_back(), straightness=head(SMALL, ("EYX", "EZY"), lambda share: 25.0 * np.sin(np.pi * share))),
+    ),
+    "wanders": (
+        "one pass of a diagonal wanders, another was driven",
+        "solve",
+        lambda: survey(walked(SMALL.survey(passes=(1, 3)), "pnp", 3, 8.0), angles=angles(SMALL)),
+    ),
+    "wanders-alone": (
+        "the only pass of a diagonal wanders",
+        "solve",
+        lambda: survey(walked(_back(QUIET), "npp", 2, 6.0), angles=angles(QUIET)),
+    ),
+    "run-scale": (
+        "a run along an axis is too long",
+        "solve",
+        lambda: survey(scaled(SMALL.survey(), "linear-y", 60.0), angles=angles(SMALL)),
+    ),
+    "diagonal-scale": (
+        "a diagonal is too long, with runs out and back",
+        "solve",
+        lambda: survey(scaled(_back(), "ppn", -45.0), angles=angles(SMALL)),
+    ),
+    "scale-little": ("scales that differ a little", "solve", lambda: survey(scaled(QUIET.survey(), "ppp", 9.0), angles=angles(QUIET))),
+    "grows": (
+        "the machine grows while it is measured",
+        "solve",
+        lambda: survey(_back(replace(QUIET, drift_um_h=(40.0, 30.0, 12.0), increments=3)), angles=angles(replace(QUIET, increments=3))),
+    ),
+    "warm": (
+        "the machine became warmer and somebody measured that",
+        "solve",
+        lambda: survey(warm(_back(THREE), lambda share: 21.0 + 1.3 * share), assumed=WARM, angles=angles(THREE)),
+    ),
+    "warm-little": (
+        "temperatures that hardly differ, of which some are missing",
+        "solve",
+        lambda: survey(warm(THREE.survey(), lambda share: np.where(share > 0.9, np.nan, 22.0 + 0.01 * share)), assumed=WARM),
+    ),
+    "at-20": (
+        "readings that were brought to 20 C",
+        "solve",
+        lambda: survey(warm(THREE.survey(), lambda share: 24.0 + share, at_20_c=np.ones(len(THREE.survey()), bool)), assumed=WARM),
+    ),
+    "at-20-blind": (
+        "readings brought to 20 C from a temperature that nobody measured",
+        "solve",
+        lambda: survey(replace(THREE.survey(), at_20_c=np.ones(len(THREE.survey()), bool)), angles=angles(THREE)),
+    ),
+    "at-20-stated": (
+        "the same where a person states how well it was known",
+        "solve",
+        lambda: survey(
+            replace(THREE.survey(DIAGONALS), at_20_c=np.ones(len(THREE.survey(DIAGONALS)), bool)),
+            assumed=WARM | {"material_stated": True, "u_material_c": 0.9, "material_c": [22.0, 22.5, 23.0]},
+        ),
+    ),
+    "missing": (
+        "stops are missing within passes",
+        "solve",
+        lambda: survey(
+            without(_back(), ("ppp", 1, 5), ("ppp", 2, 7), ("pnp", 1, 1), ("linear-x", 1, 2), ("ppn", 2, 11)),
+            angles=angles(SMALL),
+        ),
+    ),
+    "three-diagonals": ("three diagonals and runs", "solve", lambda: survey(SMALL.survey((*DIAGONALS[:3], *LINEAR)), angles=angles(SMALL))),
+    "three-diagonals-alone": ("three diagonals alone, nothing known", "solve", lambda: survey(THREE.survey(DIAGONALS[:3]))),
+    "two-diagonals": ("two diagonals and one run, out and back", "solve", lambda: survey(_back(THREE, setups=("npp", "ppn", "linear-z")))),
+    "waves": (
+        "four waves over every axis",
+        "solve",
+        lambda: survey(replace(SMALL, increments=7, waves=4, wave_um=3.0, angle_urad=0.0).survey(), assumed={"angles_urad": 0.0}),
+    ),
+    "one-increment": (
+        "a single increment",
+        "solve",
+        lambda: survey(_back(replace(THREE, increments=1)), angles=angles(replace(THREE, increments=1))),
+    ),
+    "two-increments": (
+        "two increments, order zyx, another chain",
+        "solve",
+        lambda: survey(replace(THREE, increments=2, chain="XFYZ").survey(axis_order="zyx"), chain="XFYZ"),
+    ),
+    "iso-chain": (
+        "the chain as ISO writes it, order yxz",
+        "solve",
+        lambda: survey(replace(THREE, chain="XYFZ").survey(axis_order="yxz"), chain="[w Y' X' b Z t]", angles=angles(THREE, "EAX", "ECY")),
+    ),
+    "play": (
+        "backlash on one count, five runs each way",
+        "solve",
+        lambda: survey(
+            replace(SMALL, reversal=PLAY, angle_urad=0.0).survey(passes=(1, 2), linear_passes=range(1, 11), joined=True),
+            angles=angles(QUIET),
+        ),
+    ),
+    "play-turned": (
+        "backlash on one count, the turn counted at the end of the pass before",
+        "solve",
+        lambda: survey(_turned(replace(THREE, reversal=PLAY).survey(passes=(1, 2, 3), joined=True)), angles=angles(THREE)),
+    ),
+    "unstated": (
+        "nobody states the noise",
+        "solve",
+        lambda: survey(replace(SMALL, states_u=False).survey(passes=(1, 2, 3, 4)), angles=angles(SMALL)),
+    ),
+    "unstated-once": ("nobody states the noise, and nothing repeats", "solve", lambda: survey(replace(THREE, states_u=False).survey())),
+    "unstated-half": (
+        "the noise of the runs is not stated, angles without u",
+        "solve",
+        lambda: survey(
+            joined(SMALL.survey(DIAGONALS), replace(SMALL, states_u=False).survey(LINEAR, passes=(1, 2))),
+            angles=angles(SMALL, stated=False),
+        ),
+    ),
+    "noisy": (
+        "readings that are far noisier than they say",
+        "solve",
+        lambda: survey(
+            replace(
+                (noisy := replace(THREE, diagonal_noise_um=6.0, linear_noise_um=2.0).survey(passes=(1, 2, 3))),
+                u_um=np.full(len(noisy), 0.2),
+            ),
+            angles=angles(THREE),
+        ),
+    ),
+    "noise-far": (
+        "readings that repeat to 25 um",
+        "solve",
+        lambda: survey(replace(THREE, diagonal_noise_um=25.0, linear_noise_um=0.5).survey(passes=(1, 3)), angles=angles(THREE)),
+    ),
+    "outliers": (
+        "many stops are wrong",
+        "solve",
+        lambda: survey(
+            moved(
+                moved(moved(_back(QUIET), "ppp", 1, lambda stop: 25.0 * (stop % 3 == 1)), "npp", 2, lambda stop: -19.0 * (stop % 4 == 2)),
+                "pnp",
+                1,
+                lambda stop: 14.0 * (stop % 5 == 3),
+            ),
+            angles=angles(QUIET),
+        ),
+    ),
+    "outlier-once": (
+        "a stop is wrong that nothing repeats",
+        "solve",
+        lambda: survey(moved(THREE.survey(), "pnp", 1, lambda stop: 9.0 * (stop == 4)), angles=angles(THREE)),
+    ),
+    "outlier-small": (
+        "a stop that is off a little",
+        "solve",
+        lambda: survey(moved(SMALL.survey(passes=(1, 3)), "npp", 3, lambda stop: 3.0 * (stop == 7)), angles=angles(SMALL)),
+    ),
+    "slip-run": (
+        "the count of a run slips",
+        "solve",
+        lambda: survey(moved(SMALL.survey(linear_passes=(1, 2, 3)), "linear-x", 2, lambda stop: 5.0 * (stop <= 2)), angles=angles(SMALL)),
+    ),
+    "slips": (
+        "two counts slip",
+        "solve",
+        lambda: survey(
+            moved(moved(SMALL.survey(passes=(1, 3)), "ppp", 3, lambda stop: 6.0 * (stop >= 4)), "ppn", 1, lambda stop: -7.0 * (stop >= 9)),
+            angles=angles(SMALL),
+        ),
+    ),
+    "cut": (
+        "the count was lost within two passes, without times",
+        "solve",
+        lambda: survey(_untimed(_cut(_cut(_back(), "npp", 1, 6), "linear-y", 1, 3)), angles=angles(SMALL)),
+    ),
+    "leans": (
+        "mirrors that lean by 4 mrad, drawn surveys",
+        "solve",
+        lambda: survey(replace(THREE, tilt_mrad=4.0).survey(), angles=angles(THREE), monte_carlo=300),
+    ),
+    "turns": (
+        "a machine that turns by 35 urad, nothing known",
+        "solve",
+        lambda: survey(replace(SMALL, angle_urad=35.0).survey(passes=(1, 2))),
+    ),
+    "assumed": (
+        "other assumptions than usual",
+        "solve",
+        lambda: survey(
+            replace(THREE, states_u=False).survey((*DIAGONALS, "linear-z")),
+            assumed={
+                "angles_urad": 14.0,
+                "angle_urad": {"EAX": 5.0, "ECZ": 40.0},
+                "drift_um": 0.4,
+                "wander_um": 0.3,
+                "repeatability_um": 0.3,
+                "setup_c": 0.4,
+                "index": 5e-7,
+                "index_setup": 3e-7,
+                "alignment_mrad": 2.0,
+                "between_um": 0.8,
+                "reading_um": 0.6,
+                "shape_um": 9.0,
+                "squareness_urad": 50.0,
+                "scale_um_m": 35.0,
+            },
+        ),
+    ),
+    "finer": ("runs that are finer than the diagonals", "solve", lambda: survey(_finer(), angles=angles(SMALL))),
+    "finer-smooth": (
+        "runs at other targets than the diagonals",
+        "solve",
+        lambda: survey(
+            joined(THREE.survey(DIAGONALS, passes=(1, 2)), replace(THREE, increments=5).survey(LINEAR, passes=(1, 2))),
+            angles=angles(THREE, "EAX"),
+        ),
+    ),
+    "shifted": (
+        "beams shifted to resolve the angles",
+        "solve",
+        lambda: survey((pair := _shifted())[0].survey(pair[1])),
+    ),
+    "faces": ("face diagonals and runs", "solve", _faces),
+    "bodies": ("continuous and step diagonals beside each other, repeated", "solve", _bodies),
+    "outside": (
+        "a run that leaves the volume",
+        "solve",
+        lambda: survey(
+            joined(THREE.survey((*DIAGONALS, "linear-x", "linear-y")), replace(THREE, size_mm=(300.0, 200.0, 130.0)).survey(("linear-z",))),
+            angles=angles(THREE),
+        ),
+    ),
+}
+
+WHOLE = ("head-lines", "play", "warm", "two-diagonals", "unstated", "noisy", "assumed", "finer", "shifted", "bodies", "outside")
+"""Those of which the whole budget and the standards' figures are recorded."""
+
+
+def _brief(made):
+    return lambda: made() | {"brief": True}
+
+
+SURVEYS = {
+    name: (about, call, made if name in WHOLE or name.startswith("golden") else _brief(made))
+    for name, (about, call, made) in SURVEYS.items()
+}
