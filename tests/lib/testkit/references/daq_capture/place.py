@@ -1,0 +1,157 @@
+"""The rooms of daq/capture/place, played from reference files."""
+
+from typing import Any
+
+import msgspec
+
+from stepdiag.daq.capture.log_start import CaptureStart, PassHint
+from stepdiag.daq.capture.place.laser_place import LaserPlaces
+from stepdiag.daq.capture.place.pass_start import PassFinder
+from stepdiag.daq.capture.place.route import Route, agrees, base_setup, judge_step, make_route
+from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
+from stepdiag.daq.capture.place.walk import Walk, begun_anew
+from stepdiag.daq.capture.stop_capture import PositionCheck
+from stepdiag.daq.formats.signals import CONTRACT_SIGNALS
+from stepdiag.solver.findings import Finding
+from stepdiag.solver.geometry.volume import Volume
+from testkit.references import plain
+from testkit.references.daq_capture.told import MS, Told, brief, hint_of, signals_of, stop_of, survey_of
+
+
+def route_of(told: dict[str, Any]) -> Route:
+    """Return a route."""
+    volume = Volume(origin_mm=tuple(told.get("origin_mm", (0.0, 0.0, 0.0))), size_mm=tuple(told["size_mm"]), increments=told["n"])
+    return make_route(volume, told["setup"], told.get("order", "xyz"), outward=told["outward"])
+
+
+def routes(told: dict[str, Any]) -> Any:
+    """Return a route and what it says of places and steps."""
+    route = route_of(told)
+    last = len(route) - 1
+    pairs = ([0, 1], [1, 2], [2, 4], [last - 1, last], [0, 0])
+    steps = [
+        " ".join(
+            map(
+                str,
+                (
+                    pair,
+                    number,
+                    *judge_step(route, *pair, _measured(route, pair, share), told["absolutes"][number % len(told["absolutes"])]),
+                ),
+            )
+        )
+        for pair in pairs[: told.get("pairs", 5)]
+        for number, share in enumerate(told["shares"])
+    ]
+    runs = (route.nominal_mm[:1], route.nominal_mm[:2], route.nominal_mm, [0, *route.nominal_mm], route.nominal_mm[1:3])
+    return {
+        "route": list(plain(route).values()),
+        "axes": [route.axis_to(stop) for stop in range(len(route))],
+        "planned": plain([route.planned_mm(stop) for stop in range(len(route))]),
+        "at": plain([route.nominal_at_mm(tuple(place)) for place in told["places"]]),
+        "found": [[route.find(tuple(place), expected) for expected in (0, 3, last)] for place in told["places"]],
+        "backward": plain([route.backward_mm(stop, stop + 1) for stop in range(last)]),
+        "steps": steps,
+        "base": base_setup(told["setup"]),
+        "anew": [begun_anew(route, list(readings)) for readings in runs],
+    }
+
+
+def _measured(route: Any, pair: list[int], share: Any) -> float:
+    """Return a step: a share of the nominal one and so many mm more, or that of another pair of stops."""
+    factor, more_mm, *other = share
+    return float(factor * route.step_mm(*(other[0] if other else pair)) + more_mm)
+
+
+def agreeing(told: list[list[float]]) -> Any:
+    """Tell of pairs whether they agree."""
+    return [agrees(measured, nominal) for measured, nominal in told]
+
+
+def laser_places(told: dict[str, Any]) -> Any:
+    """Play readings into what is known of a route."""
+    places = LaserPlaces(route_of(told["route"]), {int(stop): reading for stop, reading in told["known"].items()})
+    found = []
+    for act, *rest in told["steps"]:
+        said = places.take(rest[0], rest[1], anew=rest[2]) if act == "take" else getattr(places, act)(*rest)
+        known = "" if act == "stop_at" else " ".join(f"{stop}:{reading:.4f}" for stop, reading in places.known.items())
+        found.append([act, plain(said), known])
+    return found
+
+
+STATE = ("expected", "unsure", "nowhere", "retreated", "apart", "started", "ended")
+
+
+def walk(told: dict[str, Any]) -> Any:
+    """Play stops and standstills into a walk; its state after each, where it is another one."""
+    route = route_of(told["route"])
+    known = {int(stop): reading for stop, reading in told.get("known", {}).items()}
+    if "believed" in told:
+        follows = Walk.begun_before(route, told["believed"], told["last_count"])
+    else:
+        follows = Walk(route, told.get("expected", 0), told.get("last_count"), told.get("last_mm"), known)
+    found, before = [], {"name": follows.name} | _state(follows)
+    begins = dict(before)
+    for act, *rest in told["steps"]:
+        if act == "advance":
+            said: Any = follows.advance(stop_of(rest[0]))
+        elif act in ("locate", "is_bounce", "counts_on"):
+            said = getattr(follows, act)(signals_of(rest[0]))
+        elif act == "by_laser":
+            said = follows.locate_by_laser(signals_of(rest[0]), rest[1], lost=rest[2])
+        else:
+            said = getattr(follows, act)(*rest)
+        now = _state(follows)
+        found.append([act, brief(said), {name: value for name, value in now.items() if value != before[name]}])
+        before |= now
+    return {"begins": begins, "steps": found}
+
+
+def _state(follows: Walk) -> dict[str, Any]:
+    known = " ".join(f"{stop}:{reading:.4f}" for stop, reading in follows.laser.known.items())
+    return {name: getattr(follows, name) for name in STATE} | {"known": known}
+
+
+def finder(told: dict[str, Any]) -> Any:
+    """Play first dwells ``[place, setup, count, reading]`` into the finder of a pass, with each count before."""
+    survey, found, spots = survey_of(told), [], told["spots"]
+    hints = {setup: msgspec.convert(hint_of(said), PassHint) for setup, said in told["hints"].items()}
+    for last_count, rows in told["asked"]:
+        finds = PassFinder(survey, CaptureStart(hints=hints, last_count=last_count))
+        for place, setup, count, reading_mm in rows:
+            signals = signals_of({"setup": setup, "stop_count": count} | ({} if place is None else {"at": spots[place]}))
+            answer = finds.follow(signals, reading_mm)
+            said: list[Any] = [finds.is_head_run(signals)]
+            if isinstance(answer, Walk):
+                turn = None if finds.turn is None else finds.turn.stop
+                state = [answer.name, answer.expected, answer.started, answer.apart, turn, answer.counts_on(signals)]
+                said += [*state, " ".join(f"{stop}:{reading:.4f}" for stop, reading in answer.laser.known.items())]
+            else:
+                said += [brief(answer) if isinstance(answer, Finding) else plain(answer)]
+            found.append(" | ".join(map(str, plain(said))))
+    return found
+
+
+def turned(told: dict[str, Any]) -> Any:
+    """Return what the laser saw beyond a last stop: of each reading, end of its window, direction and time."""
+    stream, found = Told(told["stream"]), []
+    for reading_mm in told["readings"]:
+        for end_ms in told["ends"]:
+            last = stop_of({"reading_mm": reading_mm, "window_to_ns": end_ms * MS})
+            row: list[Any] = []
+            for until in told["untils"]:
+                row += [int(watched_closely(stream, last, until * MS))]
+                row += [last_beyond_ns(stream, last, towards, until * MS) for towards in (1.0, -1.0)]
+            found.append(row)
+    return plain(found)
+
+
+def positions(told: dict[str, Any]) -> Any:
+    """Compare commanded positions with a plan, stop by stop."""
+    found, route = [], route_of(told["route"])
+    check = PositionCheck({} if told.get("bare") else CONTRACT_SIGNALS)
+    follows = Walk(route, 0, None, None)
+    for stop, off_mm in told["stops"]:
+        at = [plan + off for plan, off in zip(route.planned_mm(stop), off_mm, strict=True)] if off_mm else []
+        found.append(brief(check.judge(follows, stop, signals_of({"at": at}))))
+    return found
