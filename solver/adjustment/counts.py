@@ -102,7 +102,7 @@ class _Known:
 
     def __init__(self, fixed: Fit) -> None:
         self.fixed = fixed
-        self._before: tuple[bytes, Vector, Vector] = (b"", np.zeros((0, 0)), np.zeros((0, 0)))
+        self._before: tuple[bytes, Vector, Vector] | None = None
 
     def among(self, rows: NDArray[np.int64]) -> _Among:
         """Return A C A' among some rows."""
@@ -117,7 +117,7 @@ class _Known:
 
     def _of(self, rest: Rows) -> tuple[Vector, Vector]:
         key = rest.column.tobytes() + rest.value.tobytes()
-        if key != self._before[0]:
+        if self._before is None or key != self._before[0]:
             found = self.fixed.inverse.among(rest)
             self._before = key, found, np.triu(found, 1)
         return self._before[1:]

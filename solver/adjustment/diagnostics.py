@@ -82,7 +82,7 @@ def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
     added = np.zeros(len(kinds))
     for number in np.unique(found.layout.offset_index[rows]):
         of_count = rows[found.layout.offset_index[rows] == number]
-        added += found.fit.causes.pattern[of_count[-1]] - found.fit.causes.pattern[of_count[0]]
+        added += found.fit.causes.pattern[of_count[-1]]  # all that goes with time is nothing at the first
     return np.where(kinds, added, 0.0)
 
 
@@ -145,11 +145,11 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     if not linear.any() or linear.all():
         return None
     told = tell(fit, used, np.where(linear, 0.0, along_the_way_m(layout)[used])[:, None])
-    seen = float(told.seen[0, 0])
-    if seen <= HIDDEN * told.whole[0]:
+    seen = float(told.seen.item())
+    if seen <= HIDDEN * told.whole.item():
         return None
     length_m = 1e-3 * float(np.linalg.norm(layout.volume.size_mm))
-    return float(told.shown[0]) / seen * length_m, float(1.0 / np.sqrt(seen)) * length_m
+    return told.shown.item() / seen * length_m, float(1.0 / np.sqrt(seen)) * length_m
 
 
 def scale_findings(found: Adjustment) -> list[Finding]:

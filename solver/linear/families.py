@@ -90,7 +90,7 @@ def _points(seen: Vector, shown: Vector, log_found: float) -> Vector:
     likely = 0.5 * np.sum(square * shown**2 / (1.0 + square * seen) - np.log1p(square * seen), axis=1) + log_prior(log + log_found)
     share = np.cumsum(np.exp(likely - np.max(likely)))
     middle = (np.arange(POINTS) + 0.5) / POINTS
-    found: Vector = np.exp(np.interp(middle, share / share[-1], log))
+    found: Vector = np.exp(np.interp(middle, share / np.max(share), log))
     return found
 
 

@@ -148,19 +148,6 @@ class MixedFit:
         """Return the square sum of the residuals, weighted with noise and causes together."""
         return float(self.fixed.chi_square - self.causes.shown @ self.amount)
 
-    def told(self, pattern: Vector) -> tuple[Vector, Vector]:
-        """Return for each pattern (m, k), were it a further unknown by itself, how large it is and its standard uncertainty, shapes (k,).
-
-        Infinite uncertainty where the rows cannot tell it from what is unknown already.
-        """
-        alone = Causes.of(self.fixed, pattern)
-        mixed = self.root @ (self.causes.pattern.T @ alone.left)
-        seen = np.diag(alone.seen) - np.sum(mixed**2, axis=0)
-        shown = pattern.T @ (self.weight * self.residual)
-        hidden = seen <= 1e-9 * np.sum(self.weight[:, None] * pattern**2, axis=0)
-        safe = np.where(hidden, 1.0, seen)
-        return np.where(hidden, 0.0, shown / safe), np.where(hidden, np.inf, 1.0 / np.sqrt(safe))
-
 
 def _inverse_of_lower(lower: Vector) -> Vector:
     """Return the inverse of a lower triangular matrix, half by half: nearly all of it are products of matrices."""

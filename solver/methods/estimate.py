@@ -272,9 +272,9 @@ def backlash_numbers(done: Estimate) -> dict[str, dict[str, object]]:
             continue
         at = np.append(columns.of(REVERSAL_PART, axis, axis), columns.play + 4 * axis)
         mean = Rows(at[None, :], np.append(np.full(columns.nodes, 1.0 / (columns.nodes + 1)), 1.0)[None, :], columns.count)
-        alone = float(mean.times(done.adjustment.fit.inverse.solve(mean.dense()[0]))[0])
-        u = float(np.sqrt(max(alone, 0.0) + done.spread.variance(done.spread.moved(mean))[0]))
-        found[letter] = {"value": float(mean.times(done.adjustment.fit.unknowns)[0]), "u": u, "unit": "um"}
+        alone = mean.times(done.adjustment.fit.inverse.solve(mean.dense().ravel())).item()
+        u = float(np.sqrt(max(alone, 0.0) + done.spread.variance(done.spread.moved(mean)).item()))
+        found[letter] = {"value": mean.times(done.adjustment.fit.unknowns).item(), "u": u, "unit": "um"}
     return found
 
 

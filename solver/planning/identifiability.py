@@ -46,7 +46,7 @@ def cheapest_runs(layout: Layout, chain: str, model: Model, missing: Sequence[st
     One run after the other, each the one that uncovers most per minute, or at least narrows most what stays unknown.
     """
     survey = _coarse(layout)
-    design = build_design(lay_out(perfect_readings(survey, 1.0), layout.source, survey.volume), chain, replace(model, lines=0))
+    design = build_design(lay_out(perfect_readings(survey), layout.source, survey.volume), chain, replace(model, lines=0))
     null = np.linalg.qr(_seen(design).null)[0]
     found = reported(design)
     asked = found.select(np.concatenate([found.of(name) for name in missing]))
@@ -64,7 +64,7 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
     if not names or all(setup.variant == 0 for setup in layout.setups):
         return ()
     survey = _coarse(layout)
-    coarse = lay_out(perfect_readings(survey, 1.0), layout.source, survey.volume)
+    coarse = lay_out(perfect_readings(survey), layout.source, survey.volume)
     design = build_design(coarse, chain, Model(angles=True, reversal=any(run.return_pass for run in survey.runs)))
     found = reported(design)
     seen = _seen(design).sees(found.combination)
@@ -140,7 +140,7 @@ class _Candidate:
     @classmethod
     def of(cls, run: Run, design: Design, model: Model) -> "_Candidate":
         plan = Plan(volume=design.volume, runs=(run,))
-        layout = lay_out(perfect_readings(plan, 1.0), "advice", design.volume)
+        layout = lay_out(perfect_readings(plan), "advice", design.volume)
         own = build_design(layout, design.chain, replace(model, lines=0))
         rows = own.rows.dense()
         machine = np.zeros((len(rows), design.columns.count))

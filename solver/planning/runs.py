@@ -112,7 +112,7 @@ def plan_minutes(plan: Plan) -> float:
     return sum(run_minutes(plan, run) for run in plan.runs)
 
 
-def perfect_readings(plan: Plan, reading_u_um: float) -> Readings:
+def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
     """Return the readings that a perfect machine would give: all that a forecast needs is where the stops are.
 
     Raises ``UsageError`` for a plan without a single run of the laser.

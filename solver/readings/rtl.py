@@ -23,7 +23,6 @@ LARGEST_DEVIATION_UM = 1e5
 _SECTION = re.compile(r"\s*(?P<name>[A-Z][A-Z -]*)::\s*\Z", re.IGNORECASE)
 _PAIR = re.compile(r"\s*(?P<key>[^:]{1,60}?)\s*:\s*(?P<value>.*?)\s*\Z")
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?")
-_LENGTHS = {"", "linear", "linear measurement", "iso", "linear positioning", "positioning"}
 _OTHER = ("angular", "straightness", "squareness", "flatness", "rotary", "dynamic")
 _A_LINE = 5
 

@@ -212,6 +212,13 @@ def drifts():
             "time_s": short(time_s), "seen_urad": short(drift + RNG.normal(0, noise, count), 4), "u_urad": short(np.full(count, told)),
             "spot_um": short(1e-3 * lever * drift + RNG.normal(0, 0.2, count), 4), "lever_mm": short(lever),
         })  # fmt: skip
+    rng = np.random.default_rng(77)
+    for real, noise, told in ((5.0, 0.2, 4.0), (3.0, 1.5, 3.0), (4.0, 4.0, 5.0), (1.0, 6.0, 6.0)):
+        quick, lever = rng.normal(0, real, 24), 350.0 + np.linspace(0, 2000.0, 24)
+        runs.append({
+            "time_s": short(np.arange(24) * 6.0), "seen_urad": short(quick + rng.normal(0, noise, 24), 4), "u_urad": short(np.full(24, told)),
+            "spot_um": short(1e-3 * lever * quick + rng.normal(0, 0.5, 24), 4), "lever_mm": short(lever),
+        })  # fmt: skip
     still = {"time_s": [1.0] * 6, "seen_urad": [2.0] * 6, "u_urad": [0.0] * 6, "spot_um": [0.0] * 6, "lever_mm": [500.0] * 6}
     return {"runs": [*runs, still]}
 
@@ -234,7 +241,8 @@ def statistics():
         ],
         "comparisons": [
             both, both | {"line": "end-point"}, both | {"line": "least-squares"}, both | {"position_mm": short(at + 560.0)},
-            both | {"position_mm": short(at - 550.0)}, both | {"reference_mm": [], "reference": []},
+            both | {"position_mm": short(at - 550.0)}, both | {"position_mm": short(at + 490.0)}, both | {"position_mm": short(at - 540.0)},
+            both | {"position_mm": short(at + 390.0)}, both | {"reference_mm": [], "reference": []},
         ],
     }  # fmt: skip
 

@@ -2,10 +2,23 @@
 
 # ruff: noqa: E501 - tables
 
+from dataclasses import replace
+
 import numpy as np
-from _surveys import THREE, angles, survey
+from _surveys import THREE, angles, moved, survey
 
 RNG = np.random.default_rng(20261125)
+
+
+def _good():
+    return survey(THREE.survey(passes=(1, 2)), angles=angles(THREE))
+
+
+def _noisy_pass():
+    """Return a survey of which one pass is noisier than it says."""
+    quiet = replace(THREE, angle_urad=0.0, diagonal_noise_um=0.05, linear_noise_um=0.05)
+    noise = np.random.default_rng(3).normal(0.0, 0.8, 20)
+    return survey(moved(quiet.survey(passes=(1, 3, 5)), "npp", 3, lambda stop: noise[stop.astype(int)]), angles=angles(quiet))
 
 
 def limits():
@@ -18,7 +31,7 @@ def limits():
         for total, u in ((2.0, 0.1), (2.01, 0.1), (-2.5, 0.1), (2.9, 1.0), (3.0, 1.0), (3.01, 1.0), (-7.0, 2.0))
     ]
     return {
-        **survey(THREE.survey(passes=(1, 2)), angles=angles(THREE)),
+        "surveys": [_good(), _noisy_pass()],
         "reports": reports,
         "chi_square": [[share, enlarged] for share in (0.9, 1.2, 1.8, 2.99, 3.01, 5.0, 40.0) for enlarged in (1.0, 1.7)],
     }  # fmt: skip
@@ -138,6 +151,7 @@ def words():
         "long": [["x" * 2000], ["y" * 2001], ["z" * 30, 10], ["short", 5]],
         "findings": [{"code": "a", "severity": "info", "text": "t"}, {"code": "a", "severity": "error", "text": "t", "setup": "ppp", "pass_number": 0, "stop": 0, "size_um": 0.0, "among": ["ppp/1"]}],
         "runs": [["ppp", "npp", "ppp", "ppp+1"], ["linear-x"], ["ppp+3", "ppp"]],
+        "tables": [["a\n1\n2\n3\n", 3], ["a\n1\n2\n3\n", 2], ["a\n1\n", 1], ["a\n", 5]],
         "head": [
             {}, {"EYX": {"misclosure": 0.9}, "EZX": {"misclosure": None}}, {"EYX": {"misclosure": 1.0}}, {"EYX": {"misclosure": 1.01}},
             {"EYX": {"misclosure": 1.5}, "EZX": {"misclosure": 3.25, "difference_um": {"value": [1.0, -4.56]}}, "EYZ": {"misclosure": 0.2}},

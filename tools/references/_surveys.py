@@ -80,9 +80,7 @@ def planned(bench: Bench, runs, axis_order="xyz", noise_um=0.2, seed=17) -> Read
     """Return what a machine with a bench's errors shows on any setups: perfect readings with the errors along the setup."""
     volume = Volume(origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments)
     readings = perfect_readings(Plan(volume=volume, runs=tuple(runs), axis_order=axis_order), noise_um)
-    signs = np.array([setup_of(name).signs for name in readings.setup]) * np.array(bench.size_mm)
-    direction = signs / np.linalg.norm(signs, axis=1, keepdims=True)
-    error = np.sum(bench.machine.error_at(readings.position_mm) * direction, axis=1)
+    error = np.sum(bench.machine.error_at(readings.position_mm) * _directions(readings, bench), axis=1)
     error = error + np.random.default_rng(seed).normal(0.0, noise_um, len(readings))
     first = np.array([row for row in range(len(readings)) for _ in [0] if readings.stop[row] == 0])
     start = {(readings.setup[row], readings.pass_number[row]): error[row] for row in first}
@@ -138,6 +136,43 @@ def _finer(increments=8, wave_um=2.0):
     return joined(
         bench.survey(DIAGONALS), replace(bench, increments=increments).survey(("linear-x", "linear-y")), bench.survey(("linear-z",))
     )
+
+
+def _grown(bench: Bench, um_m: float, bent: float = 0.0, **how):
+    """Return a survey of a machine that grows while it is measured: by ``um_m`` in all, ``bent`` as much by the square of the time."""
+    taken = _back(replace(bench, angle_urad=0.0), **how)
+    late = taken.time_s / np.max(taken.time_s) - 0.5
+    along = np.sum((taken.position_mm - bench.origin_mm) * _directions(taken, bench), axis=1)
+    grown = 1e-6 * along * (um_m * late + bent * late**2)
+    first = np.flatnonzero(taken.stop == 0)
+    since = grown - grown[first[np.searchsorted(first, np.arange(len(taken)), side="right") - 1]]
+    return survey(replace(taken, reading_mm=taken.reading_mm + since), angles=angles(replace(bench, angle_urad=0.0)))
+
+
+def _directions(readings: Readings, bench: Bench):
+    signs = np.array([setup_of(name).signs for name in readings.setup]) * np.array(bench.size_mm)
+    return signs / np.linalg.norm(signs, axis=1, keepdims=True)
+
+
+def _outliers(readings: Readings, *places):
+    """Return readings of which stops (setup, pass, stop, um) are wrong."""
+    for setup, number, at, um in places:
+        readings = moved(readings, setup, number, lambda stop, at=at, um=um: um * (stop == at))
+    return readings
+
+
+def _play():
+    bench = replace(SMALL, reversal=PLAY, angle_urad=0.0)
+    taken = bench.survey(passes=(1, 2), linear_passes=range(1, 11), joined=True)
+    assumed = {
+        "index": 3e-6,
+        "alignment_mrad": 3.0,
+        "drift_um": 0.4,
+        "wander_um": 0.3,
+        "u_material_c": 0.5,
+        "expansion_um_m_c": [11.7, 10.0, 9.0],
+    }
+    return survey(warm(taken, lambda share: 21.5 + 0.3 * share, at_20_c=np.ones(len(taken), bool)), angles=angles(QUIET), assumed=assumed)
 
 
 def _faces():
@@ -212,10 +247,28 @@ SURVEYS = {
         lambda: survey(scaled(_back(), "ppn", -45.0), angles=angles(SMALL)),
     ),
     "scale-little": ("scales that differ a little", "solve", lambda: survey(scaled(QUIET.survey(), "ppp", 9.0), angles=angles(QUIET))),
-    "grows": (
-        "the machine grows while it is measured",
+    "grows": ("the machine grows while it is measured", "solve", lambda: _grown(SMALL, 60.0)),
+    "grows-bent": ("the machine grows faster and faster", "solve", lambda: _grown(replace(SMALL, increments=3), 20.0, 160.0)),
+    "grows-short": (
+        "the machine grows, and two counts are too short to show a slip",
         "solve",
-        lambda: survey(_back(replace(QUIET, drift_um_h=(40.0, 30.0, 12.0), increments=3)), angles=angles(replace(QUIET, increments=3))),
+        lambda: _grown(replace(SMALL, increments=2), 400.0, setups=("linear-x", *DIAGONALS, "linear-y"), linear_passes=(1,)),
+    ),
+    "ambiguous": (
+        "a stop is wrong that two diagonals could have wrong",
+        "solve",
+        lambda: survey(_outliers(QUIET.survey(DIAGONALS), ("npp", 1, 5, 7.0)), angles=angles(QUIET)),
+    ),
+    "too-many": (
+        "more stops are wrong than a survey may have",
+        "solve",
+        lambda: survey(
+            _outliers(
+                replace(THREE, angle_urad=0.0).survey((*DIAGONALS, *LINEAR), linear_passes=(1,)),
+                *(("ppp", 1, 2, 40.0), ("npp", 1, 4, -90.0), ("pnp", 1, 6, 60.0), ("ppn", 1, 3, -200.0)),
+            ),
+            angles=angles(replace(THREE, angle_urad=0.0)),
+        ),
     ),
     "warm": (
         "the machine became warmer and somebody measured that",
@@ -257,9 +310,9 @@ SURVEYS = {
     "three-diagonals-alone": ("three diagonals alone, nothing known", "solve", lambda: survey(THREE.survey(DIAGONALS[:3]))),
     "two-diagonals": ("two diagonals and one run, out and back", "solve", lambda: survey(_back(THREE, setups=("npp", "ppn", "linear-z")))),
     "waves": (
-        "four waves over every axis",
+        "four waves over every axis, out and back, so many unknowns that they are eliminated block by block",
         "solve",
-        lambda: survey(replace(SMALL, increments=7, waves=4, wave_um=3.0, angle_urad=0.0).survey(), assumed={"angles_urad": 0.0}),
+        lambda: survey(_back(replace(QUIET, increments=7, waves=4, wave_um=3.0)), angles=angles(replace(QUIET, increments=7))),
     ),
     "one-increment": (
         "a single increment",
@@ -276,14 +329,7 @@ SURVEYS = {
         "solve",
         lambda: survey(replace(THREE, chain="XYFZ").survey(axis_order="yxz"), chain="[w Y' X' b Z t]", angles=angles(THREE, "EAX", "ECY")),
     ),
-    "play": (
-        "backlash on one count, five runs each way",
-        "solve",
-        lambda: survey(
-            replace(SMALL, reversal=PLAY, angle_urad=0.0).survey(passes=(1, 2), linear_passes=range(1, 11), joined=True),
-            angles=angles(QUIET),
-        ),
-    ),
+    "play": ("backlash on one count, five runs each way, at 20 C", "solve", _play),
     "play-turned": (
         "backlash on one count, the turn counted at the end of the pass before",
         "solve",
@@ -348,10 +394,15 @@ SURVEYS = {
         lambda: survey(moved(SMALL.survey(linear_passes=(1, 2, 3)), "linear-x", 2, lambda stop: 5.0 * (stop <= 2)), angles=angles(SMALL)),
     ),
     "slips": (
-        "two counts slip",
+        "two counts slip, half a degree warmer at the end",
         "solve",
         lambda: survey(
-            moved(moved(SMALL.survey(passes=(1, 3)), "ppp", 3, lambda stop: 6.0 * (stop >= 4)), "ppn", 1, lambda stop: -7.0 * (stop >= 9)),
+            moved(
+                moved(warm(SMALL.survey(passes=(1, 3)), lambda share: 20.5 + 0.5 * share), "ppp", 3, lambda stop: 6.0 * (stop >= 4)),
+                "ppn",
+                1,
+                lambda stop: -7.0 * (stop >= 9),
+            ),
             angles=angles(SMALL),
         ),
     ),

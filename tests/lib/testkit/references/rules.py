@@ -7,6 +7,8 @@ import numpy as np
 from stepdiag.solver.adjustment.diagnostics import chi_square_limit, setup_findings, setup_reports
 from stepdiag.solver.errors import shortened
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.fourdof.detector import DetectorAxis
+from stepdiag.solver.fourdof.head import Head
 from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.linear.families import class_factors, likely_factors, normal_points
 from stepdiag.solver.methods.contradictions import contradictions
@@ -14,16 +16,20 @@ from stepdiag.solver.methods.coverage import coverage_findings, t_factor
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.head_report import head_findings
 from stepdiag.solver.methods.lengths import lengths_report, temperature_findings, tool_report
+from stepdiag.solver.methods.registry import Options
 from stepdiag.solver.methods.volumetric import arch_um, between_um, coarse_findings, hiding_functions, shown_finer_um
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.noise import assumed_noise, repeatability_factor
-from stepdiag.solver.planning.runs import Plan, Run
+from stepdiag.solver.planning.planner import Circumstances
+from stepdiag.solver.planning.runs import Pace, Plan, Run
+from stepdiag.solver.readings.csv_table import read_table
 from stepdiag.solver.readings.readings import parse_readings
 from stepdiag.solver.result.result import Function, Scale, same_result
 from stepdiag.solver.result.rounding import same_but_for_rounding, steady
 from stepdiag.solver.uncertainty.monte_carlo import shortest_interval
+from testkit.references import refused
 
 
 def assumptions(given):
@@ -32,8 +38,12 @@ def assumptions(given):
 
 
 def limits(given):
-    """Return what is said where one figure of a report, or chi-square, is another."""
-    readings, angles = ("\n".join(given[name]) + "\n" for name in ("readings", "angles"))
+    """Return for every survey what is said where one figure of a report, or chi-square, is another."""
+    return [_limits(one, given) for one in given["surveys"]]
+
+
+def _limits(survey, given):
+    readings, angles = ("\n".join(survey[name]) + "\n" for name in ("readings", "angles"))
     found = estimate(lay_out(parse_readings(readings)), "FXYZ", angles=parse_angles(angles)).adjustment
     reports = setup_reports(found)
     changed = [{**reports, "npp": {**reports["npp"], **one}} for one in given["reports"]]
@@ -110,6 +120,20 @@ def _angle(value, u):
     return Function(position_mm=np.array([0.0, 1.0]), value=known, u=None if u is None else np.array(u), unit="urad")
 
 
+def defaults():
+    """Return what holds where nobody says anything else."""
+    curve = DetectorAxis()
+    return {
+        "assumptions": Assumptions(),
+        "pace": Pace(),
+        "head": Head(psd1_focal_length_mm=300.0, psd2_focal_length_mm=300.0, dead_path_mm=30.0),
+        "axis": [curve, curve.curve.shift_um(0.5)],
+        "circumstances": {name: getattr(Circumstances(), name) for name in ("chain", "head_u_urad", "beam_offset_mm")},
+        "setup": Run(setup="ppp"),
+        "options": {name: getattr(Options(chain="FXYZ"), name) for name in ("straightness", "trials")},
+    }
+
+
 def words(given):
     """Return numbers, texts and remarks as they are written."""
     volume = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(1.0, 1.0, 1.0), increments=1)
@@ -118,6 +142,8 @@ def words(given):
         "steady": [steady(*one) for one in given["steady"]],
         "same": [same_but_for_rounding(*one) for one in given["same"]],
         "results": [same_result(one.encode(), other.encode()) for one, other in given["results"]],
+        "defaults": defaults(),
+        "tables": [refused(lambda one: read_table(one[0], "t.csv", ("a",), most_rows=one[1]), one) for one in given["tables"]],
         "long": [shortened(*one) for one in given["long"]],
         "findings": [
             Finding(**{name: tuple(value) if isinstance(value, list) else value for name, value in one.items()}).as_json()
