@@ -76,6 +76,5 @@ def _head_means(head: StreamBuffer | None, taken: Taken) -> tuple[tuple[float, .
     span = head.span(taken.from_ns, taken.to_ns)
     if span.channels is None or len(span.channels) < MIN_SAMPLES:
         return (), ()
-    seconds = (span.time_ns - span.time_ns[0]) * 1e-9
-    columns = [summarise(seconds, column) for column in span.channels.T]
+    columns = [summarise(span.time_ns * 1e-9, column) for column in span.channels.T]
     return tuple(column.mean_mm for column in columns), tuple(column.u_um * 1e-3 for column in columns)

@@ -23,26 +23,6 @@ calibration = "head-1.json"
 encoding = "ascii"
 rate_hz = 100.0
 """
-SURVEY = """
-[survey]
-name = "q"
-machine = "m"
-[volume]
-size_mm = [300.0, 200.0, 100.0]
-increments = 2
-[plan]
-dwell_s = 1.0
-[laser]
-format = "line"
-port = "/dev/null"
-[laser.line]
-pattern = '(?P<position>[-+0-9.]+) (?P<counter>[0-9]+) (?P<beam>[0-9.]+)'
-counter_modulus = 0
-rate_hz = 100
-[plc]
-transport = "none"
-"""
-"""A machine without signals."""
 SILENT = [["poll_hz = 40\n", 'transport = "none"\n']]
 
 OVERRUN = replace(TRUTH[-1], reading=TRUTH[-1].reading + 3.0, seconds=0.1, shown=False, counts=0)
@@ -54,14 +34,14 @@ OVERRAN = [*TRUTH, OVERRUN, *BACK]
 def _case(
     name: str, stops: list[Any], *, signals: str = "", back: bool = False, machine: dict[str, Any] | None = None, **told: Any
 ) -> Case:
-    lasts = [0.7 if each.seconds == 0.8 else each.seconds for each in stops]
-    rows = [
-        [*each.position, round(each.reading, 4), each.setup, last_s, each.counts, int(each.shown)]
-        for each, last_s in zip(stops, lasts, strict=True)
-    ]
-    machine = {"seed": 3, "rate_hz": 100.0, "poll_hz": 25.0, "move_s": 0.4} | (machine or {})
-    survey = {"n": 2, "setups": told.pop("setups", ["ppp"]), "back": back, "signals": signals, "rate_hz": machine["rate_hz"], "dwell": 0.7}
-    return f"log-{name}", "log", {"survey": survey | told.pop("of_survey", {}), "machine": machine, "stops": rows} | told
+    rows: list[list[Any]] = []
+    for each in stops:
+        rest = [each.setup, 0.7 if each.seconds == 0.8 else each.seconds, each.counts, int(each.shown)]
+        rows.append([*each.position, round(each.reading, 4), *(rest if rest != [1, 0.7, 1, 1] else [])])
+    survey = {"signals": signals} if signals else {}
+    survey |= {"back": True} if back else {}
+    survey |= told.pop("of_survey", {})
+    return f"log-{name}", "log", {"survey": survey, "machine": machine or {}, "stops": rows} | told
 
 
 def _at(stop: int, since_s: float) -> float:
@@ -82,7 +62,7 @@ def _passes() -> Iterator[Case]:
             yield _case(f"twice-{words}", [*TRUTH[:3], TRUTH[2], *TRUTH[3:]], signals=signals, machine={"move_s": 0.3})
             yield _case(f"driven-past-{words}", past, signals=signals)
             yield _case(f"overrun-{words}", OVERRAN, signals=signals, back=True)
-    yield _case("beam-lost", TRUTH[:6], machine={"beam_lost": [[_at(3, 0.8), _at(3, 0.9)]]})
+    yield _case("beam-lost", TRUTH[:6], machine={"beam_lost": [[_at(3, 0.74), _at(3, 0.8)], [_at(3, 0.9), _at(3, 0.96)]]})
     yield _case("beam-lost-stopped", TRUTH[:6], signals=STOPPED_ONLY, machine={"beam_lost": [[_at(3, 0.8), _at(3, 0.9)]]})
 
 
@@ -146,9 +126,12 @@ def _two_ways() -> Iterator[Case]:
         "turned": (TURNED[:10], {}),
         "turned-lost": (TURNED[:10], {"beam_lost": [[_at(6, 0.75), _at(6, 0.85)]]}),
         "turned-hidden": ([*TRUTH, replace(BACK[0], shown=False), *BACK[1:4]], {}),
-        "overran": (OVERRAN[:11], {"rate_hz": 50.0}),
+        "overran": (OVERRAN[:11], {"rate_hz": 40.0}),
         "from-beyond": ([*TRUTH[:4], beyond, *TRUTH[4:]], {}),
-        "back-twice": ([*OVERRAN, BEFORE, *TRUTH[:3]], {"rate_hz": 50.0}),
+        "back-twice": ([*OVERRAN, BEFORE, *TRUTH[:3]], {"rate_hz": 40.0}),
+        "zeroed": (OVERRAN[:11], {"zeroed_at": [_at(7, -0.1)], "beam_lost": [[_at(6, 0.8), _at(6, 0.84)]]}),
+        "out-again": ([*TRUTH, *TRUTH[:4]], {}),
+        "slipped-at-turn": (OVERRAN[:11], {"slips": [[_at(6, 0.75), 26.7]]}),
         "left-in-the-middle": ([*TRUTH[:4], *BACK[:4]], {}),
         "back-first": (BACK[:5], {}),
     }
@@ -220,14 +203,17 @@ def _others() -> Iterator[Case]:
     heads = {"clean": {}, "dark": {"dark": [[_at(1, 0.3), _at(1, 0.5)], [_at(2, -0.1), _at(2, 0.8)]]}, "saturated": {"status": status}}
     for name, more in heads.items():
         told = {"head": {"rate_hz": 100.0, "lateral": lateral} | more}
-        yield _case(f"head-{name}", runs, setups=["fourdof-z"], of_survey={"n": 3}, added=head, **told)
+        yield _case(f"head-{name}", runs, of_survey={"n": 3, "setups": ["fourdof-z"]}, added=head, **told)
+    angles = {"rate_hz": 25.0, "angles": [[0.0, 5.0], [12.5, -3.0], [40.0, 80.0], [0.2, 0.1]], "dark": [[_at(2, 0.2), _at(2, 0.3)]]}
+    collimator = '[head]\nformat = "elcomat"\nport = "/dev/null1"\nid = "head 2"\n[head.angles]\nz = ["+A", "+B"]\n'
+    for name, more in {"angles": {}, "angles-dark": {"dark": [[_at(2, -0.1), _at(2, 0.8)]]}}.items():
+        yield _case(f"head-{name}", runs, of_survey={"n": 3, "setups": ["fourdof-z"]}, added=collimator, head=angles | more)
     words = [[round(0.2 + 1.1 * k, 1), f"P= {1000.0 + 0.1 * k:.1f} hPa T= {20.0 + 0.05 * k:.2f} 'C RH= 40.0 %RH\r\n"] for k in range(9)]
     odd = [*words[:2], [3.0, "P= 500.0 hPa T= ***** 'C RH= 40.0 %RH\r\n"], [4.0, "what\r\n"], *words[5:]]
     yield _case("air", TRUTH[:5], signals=STOPPED_ONLY, changed=UNCOMPENSATED, added='[environment]\nsource = "sensor"\n' + SENSOR, air=odd)
 
 
 def _by_laser() -> Iterator[Case]:
-    text = SURVEY + FIXED
     levels = NOMINAL
     out: list[list[float]] = [[level, 0.3, 1.0] for level in levels]
     back, end, away = out[::-1], [500.0, 0.3, 1.0], [-60.0, 0.3, 1.0]
@@ -276,11 +262,8 @@ def _by_laser() -> Iterator[Case]:
         "linear": {"setup": "linear-x", "acts": [[0.0, 0.3, 1.0], [150.0, 0.3, 1.0], [300.0, 0.3, 1.0], [260.0, 0.3, 1.0]]},
     }
     for name, told in cases.items():
-        changed = text.replace("rate_hz = 100", f"rate_hz = {told['rate_hz']}") if "rate_hz" in told else text
-        if "setup" in told:
-            changed = changed.replace("[plan]\n", '[plan]\nsetups = ["linear-x"]\n')
         told["acts"] = [[round(mm, 4), *rest] for mm, *rest in told["acts"]]
-        yield f"by-laser-{name}", "by-laser", {"text": changed} | told
+        yield f"by-laser-{name}", "by-laser", told
 
 
 def inputs() -> Iterator[Case]:

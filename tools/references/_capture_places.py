@@ -368,13 +368,67 @@ def _finders() -> Iterator[Case]:
     asked = [[last, first] for first in firsts for last in (None, 10)]
     asked += [[last, [[k, 1, 20, 5.0]]] for last in (8, 12, 13, 14, 15, 16, 17, 18, 19, 20, 21) for k in (0, 3, 5, 6)]
     for name, hint in hints.items():
-        for back in (True, False) if name in ("fresh", "back", "middle-back") else (True,):
+        for back in (True, False) if name in ("fresh", "back") else (True,):
             survey = {"n": 2, "back": back, "setups": ["ppp", "npp", "linear-x"]}
-            some = asked if name in ("fresh", "middle", "back") and back else asked[:: 2 if back else 3]
+            some = asked if name in ("fresh", "middle", "back") and back else asked[:: 3 if back else 5]
             yield f"finder-{name}-{'both' if back else 'one'}", "finder", {"survey": survey, "hints": hint, "spots": SPOTS, "asked": some}
+
+
+def _tables() -> Iterator[Case]:
+    hints = [
+        {"outward": outward, "next_stop": stop, "known": known}
+        for outward in (True, False)
+        for stop in (0, 1, 3, 6)
+        for known in ({}, {"0": 0.0})
+    ]
+    turn = {"stop": 6, "outward": False, "reading_mm": 320.7}
+    hints += [{"outward": outward, "next_stop": 0, "turn": turn | {"outward": not outward}} for outward in (True, False)]
+    for back in (True, False):
+        survey = {"n": 2, "back": back, "setups": ["ppp"]}
+        told = {
+            "survey": survey,
+            "setup": "ppp",
+            "spots": SPOTS,
+            "hints": hints,
+            "last_count": 10,
+            "counts": [None, *range(10, 25), 1010, 1011],
+        }
+        yield f"directions-{'both' if back else 'one'}", "directions", told
+    cube = BOX | {"size_mm": [200.0, 200.0, 200.0]}
+    for name, route in (("box", BOX), ("back", BOX | {"outward": False}), ("cube", cube)):
+        levels = [
+            0.0,
+            5.0,
+            57.74,
+            80.18,
+            -57.74,
+            -80.18,
+            -26.7,
+            53.45,
+            106.9,
+            115.47,
+            120.27,
+            133.63,
+            173.72,
+            187.08,
+            214.0,
+            240.5,
+            300.0,
+            307.35,
+            360.8,
+            374.17,
+            400.0,
+        ]
+        sign = -1.0 if name == "back" else 1.0
+        taken = [[], [0], [0, 1], [0, 1, 2], [0, 1, 3], [0, 1, 2, 3, 4], [0, 1, 2, 3, 4, 5, 6]]
+        yield (
+            f"located-{name}",
+            "located",
+            {"route": route, "taken": taken, "counts": [None, 0, 1, 2, 3], "readings": [sign * level + 0.001 for level in levels]},
+        )
 
 
 def inputs() -> Iterator[Case]:
     """Yield the name of every case, who plays it, and its input."""
-    for cases in (_routes, _laser_places, _turns, _walks, _finders):
+    for cases in (_routes, _laser_places, _turns, _walks, _finders, _tables):
         yield from cases()

@@ -28,6 +28,8 @@ def _conditions() -> Iterator[Case]:
             stops += [[{}, 100.0 + 100.0 * k], [{name: value}, 110.0 + 100.0 * k], [{name: value}, 120.0 + 100.0 * k]]
         yield case(name.replace("_", "-"), stops)
         yield case(f"compensated-{name.replace('_', '-')}", stops[:20], air=False)
+    warm = [[{"material_temperature_c": value}, 5.0 + k] for k, value in enumerate(("nan", 0.0, "nan", 20.0, 45.0))]
+    yield case("expansion", warm, air=False, added="[machine]\napply_expansion = true\n")
     creeping = [[{"air_pressure_hpa": 990.0 + 0.4 * k}, 10.0 * k + 10] for k in range(7)]
     restless = [[{"air_pressure_hpa": 990.0 + 2.1 * (k % 2)}, 10.0 * k + 100] for k in range(9)]
     yield case("agreed", [[{}, 0.0], *creeping, [{}, 90.0], *restless])

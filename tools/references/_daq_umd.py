@@ -181,6 +181,7 @@ def _umd() -> Iterator[Case]:
             rows + "x\r\n" + rows,
             rows.replace(" 5 0 4 0", " 5 0 4"),
             rows.replace("2100 -4", "2100 4-"),
+            rows.replace("2100 -4", "2100 -0"),
             rows.replace("2100 -4", "2100 --4"),
             rows.replace("2100 -4 ", "2100 -"),
             rows.replace("2100 -4", "2100-4"),

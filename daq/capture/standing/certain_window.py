@@ -133,7 +133,7 @@ def take(span: Span, from_ns: float, to_ns: float, rules: StopRules, resolution_
     if len(span.time_ns) < MIN_SAMPLES:
         return None
     least_um = resolution_um if math.isfinite(resolution_um) else RESOLUTION_FLOOR_UM
-    window = summarise((span.time_ns - span.time_ns[0]) * 1e-9, span.position_mm, least_um)
+    window = summarise(span.time_ns * 1e-9, span.position_mm, least_um)
     beam = float(np.nanmean(span.beam)) if np.isfinite(span.beam).any() else math.nan
     doubts = [_unsteady(window, rules)]
     if (to_ns - from_ns) < 0.5 * rules.min_window_s * 1e9:

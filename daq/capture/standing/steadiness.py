@@ -62,7 +62,7 @@ def step_in_um(position_mm: NDArray[np.float64]) -> float:
     count = len(position_mm) // size if size else 0
     if count < LEAST_BLOCKS:
         return 0.0
-    blocks = (np.median(position_mm[: size * count].reshape(count, size), axis=1) - position_mm[0]) * 1e3
+    blocks = np.median(position_mm[: size * count].reshape(count, size), axis=1) * 1e3
     at = _best_split(blocks)
     before, after = float(np.median(blocks[:at])), float(np.median(blocks[at:]))
     rest = blocks - np.where(np.arange(count) < at, before, after)

@@ -35,16 +35,18 @@ _CRCS: Mapping[str, Crc] = {
     "crc-16/arc": Crc(width=16, polynomial=0x8005, reflected=True),
 }
 
+_EVERY_BYTE = bytes(range(256))
+
 
 def _table(crc: Crc) -> tuple[int, ...]:
     """Return what each value of a byte does to the register."""
     mask, top = (1 << crc.width) - 1, 1 << crc.width - 1
     if crc.reflected:
         polynomial = int(f"{crc.polynomial:0{crc.width}b}"[::-1], 2)
-        return tuple(reduce(lambda register, _: register >> 1 ^ polynomial * (register & 1), range(8), byte) for byte in range(256))
+        return tuple(reduce(lambda register, _: register >> 1 ^ polynomial * (register & 1), range(8), byte) for byte in _EVERY_BYTE)
     return tuple(
         reduce(lambda register, _: (register << 1 ^ crc.polynomial * (register & top != 0)) & mask, range(8), byte << crc.width - 8)
-        for byte in range(256)
+        for byte in _EVERY_BYTE
     )
 
 

@@ -82,7 +82,7 @@ class CounterTrack:
         if restarted and self._raw is not None and (steps[0] != 1 or raw[0] == 0):
             breaks.append(_restart(0, previous, int(raw[0])))
             steps[0] = 1
-        for row in (steps != 1).nonzero()[0].tolist():
+        for row in np.flatnonzero(steps != 1).tolist():
             repeating = self._repeating if row == 0 else steps[row - 1] == 0
             steps[row], remark = self._judge(row, int(raw[row - 1]) if row else previous, int(raw[row]))
             if remark and not (repeating and remark.code == "duplicate"):

@@ -30,12 +30,12 @@ class Place:
         if self.kind == "f":
             kind = f"<f{self.size}"
             with np.errstate(invalid="ignore"):  # a signalling NaN of the wire
-                return np.ascontiguousarray(raw).view(kind)[:, 0].astype(np.float64)
+                return np.ascontiguousarray(raw).view(kind).ravel().astype(np.float64)
         wide = np.zeros((len(frames), 8), dtype=np.uint8)
         wide[:, : self.size] = raw
         if self.kind == "i":
             wide[:, self.size :] = np.where(raw[:, -1:] & 0x80, 0xFF, 0)
-        return wide.view("<i8")[:, 0]
+        return wide.view("<i8").ravel()
 
 
 def read_layout(texts: tuple[str, ...], start: int) -> tuple[dict[str, Place], int]:

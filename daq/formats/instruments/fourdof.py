@@ -139,7 +139,7 @@ def _binary_rows(frames: Frames) -> _Rows:
     values = np.ascontiguousarray(frames[:, 8:44])
     with np.errstate(invalid="ignore"):  # a signalling NaN of the wire
         channels = np.where(frames[:, 2:3] == _INT32, values.view("<i4").astype(np.float64), values.view("<f4").astype(np.float64))
-    counter = np.ascontiguousarray(frames[:, 4:8]).view("<u4")[:, 0].astype(np.int64)
+    counter = np.ascontiguousarray(frames[:, 4:8]).view("<u4").ravel().astype(np.int64)
     return _Rows(counter, frames[:, 3].astype(np.int64), channels)
 
 

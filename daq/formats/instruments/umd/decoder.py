@@ -116,7 +116,7 @@ class UmdDecoder:
 
     def _news(self, rows: Rows) -> list[int]:
         """Return the rows with a code; none where no code says anything new: a board repeats a few of them all the time."""
-        coded = rows[:, _CODE].nonzero()[0]
+        coded = np.flatnonzero(rows[:, _CODE])
         told = set(zip(rows[coded, _CODE].tolist(), rows[coded, _DATA].tolist(), strict=True))
         return [] if all(self._board.knows(code, data) for code, data in told) else coded.tolist()
 
@@ -165,7 +165,7 @@ class UmdDecoder:
             batch.add(counter, np.full(len(rows), np.nan), np.full(len(rows), Flag.DEVICE_ERROR, dtype=np.uint16))
             return
         if reading.phase_use == "unknown" and rows[:, phase].any():
-            where = batch.count + int(rows[:, phase].nonzero()[0][0])
+            where = batch.count + int(np.flatnonzero(rows[:, phase])[0])
             self._remark_once("the firmware has not told the width of its phase: not used (laser.umd.phase_bits)", where, batch)
         cycles, flags = reading.interpret(rows[:, _REF], rows[:, meas], rows[:, displacement], rows[:, phase])
         cycles *= self._cycle_mm

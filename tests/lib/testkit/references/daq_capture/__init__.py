@@ -19,6 +19,8 @@ CALLS: dict[str, Callable[[Any], Any]] = {
     "laser-places": place.laser_places,
     "walk": place.walk,
     "finder": place.finder,
+    "directions": place.directions,
+    "located": place.located,
     "turned": place.turned,
     "positions": place.positions,
     "conditions": said.conditions,

@@ -2,6 +2,7 @@
 
 import struct
 from binascii import crc_hqx
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -13,10 +14,12 @@ from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended
+from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import Chunk, LinkEvent, Loss, ModbusBlock
 from stepdiag.daq.survey.file import laser_decoder
 from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.solver.findings import Finding
 from testkit.references import plain
 from testkit.references.daq_capture.told import brief, hint_of, noise, survey_of
 from testkit.timeline import BLOCK, Standstill, Timeline, arrival
@@ -146,11 +149,20 @@ class Machine(Timeline):
         return sorted([*self.laser(), *self.polls(), *more], key=arrival)
 
 
+MACHINE = {"seed": 3, "rate_hz": 50.0, "poll_hz": 25.0, "move_s": 0.4}
+"""What is not told of a machine."""
+
+
+def _stop(
+    x_mm: float, y_mm: float, z_mm: float, reading_mm: float, setup: int = 1, seconds: float = 0.7, counts: int = 1, shown: int = 1
+) -> Standstill:
+    return Standstill((x_mm, y_mm, z_mm), reading_mm, setup, seconds, counts, bool(shown))
+
+
 def log(told: dict[str, Any]) -> Any:
     """Play a timeline into a capture, each pass that ends beginning the next log; return everything that came of it."""
-    survey = survey_of(told)
-    stops = [Standstill((x, y, z), *rest[:-1], shown=bool(rest[-1])) for x, y, z, *rest in told["stops"]]
-    machine = Machine(**told["machine"] | {"stops": stops})
+    machine = Machine(**MACHINE | told["machine"] | {"stops": [_stop(*row) for row in told["stops"]]})
+    survey = survey_of(told | {"survey": {"n": 2, "dwell": 0.7, "rate_hz": machine.rate_hz} | told["survey"]})
     events = machine.events()
     if survey.plc.silent:
         events = [each for each in events if isinstance(each, Chunk)]
@@ -169,8 +181,7 @@ def log(told: dict[str, Any]) -> Any:
     for event in events:
         outcomes = capture.feed(event)
         book.add_all(each for each in outcomes if isinstance(each, CapturedStop))
-        for each in (*outcomes, *book.news()):
-            said += brief(each) if isinstance(each, CapturedStop) else [brief(each)]
+        said += _told((*outcomes, *book.news()))
         state = f"waits {capture.machine_waits:d}, driven out {capture.driven_out:d}"
         if state != before[0]:
             said.append(f"{arrival(event)}: {state}")
@@ -182,19 +193,40 @@ def log(told: dict[str, Any]) -> Any:
             left, beyond = capture.left_over(), capture.went_beyond()
             said.append(f"next log: {brief(left)}, {beyond}, {capture.standing is not None}")
             capture = Capture(survey, book.start(skip_open_dwell=capture.standing is not None, breaks=left, beyond=beyond))
-    for each in capture.finish():
-        said += brief(each) if isinstance(each, CapturedStop) else [brief(each)]
+    said += _told(capture.finish())
     return {"outcomes": said, "left_over": plain(capture.left_over())}
 
 
+def _told(outcomes: Iterable[Any]) -> list[Any]:
+    """Return outcomes, a stop as several rows; what nobody can check in a survey is said in words by `said.unsaid`."""
+    said: list[Any] = []
+    for each in outcomes:
+        if isinstance(each, Finding) and each.setup is None:
+            said.append(f"{each.severity} {each.code}" + f": {each.text}" * (each.severity == "error"))
+        else:
+            said += brief(each) if isinstance(each, CapturedStop) else [brief(each)]
+    return said
+
+
 def _head_chunks(told: dict[str, Any], machine: Machine) -> list[Chunk]:
-    """Return the lines of a head whose spot stands where ``lateral`` says at each stop; dark and saturated in spans."""
+    """Return the lines of a head whose spot stands where ``lateral`` says at each stop; dark and saturated in spans.
+
+    ``angles``: those of an autocollimator, in seconds of arc.
+    """
     rate_hz, chunks = told["rate_hz"], []
     times = machine.schedule()
     for k in range(int(machine.duration * rate_hz)):
         t = k / rate_hz
         index = max([at for at, (begin, _) in enumerate(times) if begin <= t], default=0)
         x = max(t - times[index][0], 0.0) / 0.03
+        if "angles" in told:
+            first, second = (
+                angle + (40.0 - 8.0 * more) / (1.0 + x * x * x * x) + 0.1 * (k * 7919 % 11 - 5)
+                for more, angle in enumerate(told["angles"][index])
+            )
+            valid = 0 if any(a <= t < b for a, b in told.get("dark", [])) else 3
+            chunks.append(Chunk("head", round((t + 0.002) * 1e6) * 1000, f"3 00{valid} {first:.2f} {second:.2f}\r".encode()))
+            continue
         light = 0 if any(a <= t < b for a, b in told.get("dark", [])) else 1
         swing = 4000.0 / (1.0 + x * x * x * x) + 300 * ((k * 7919) % 11 - 5)
         values = []
@@ -206,14 +238,39 @@ def _head_chunks(told: dict[str, Any], machine: Machine) -> list[Chunk]:
     return chunks
 
 
+SURVEY = """
+[survey]
+name = "q"
+machine = "m"
+[volume]
+size_mm = [300.0, 200.0, 100.0]
+increments = 2
+[plan]
+setups = ["{setup}"]
+dwell_s = 1.0
+[laser]
+format = "line"
+port = "/dev/null"
+[laser.line]
+pattern = '(?P<position>[-+0-9.]+) (?P<counter>[0-9]+) (?P<beam>[0-9.]+)'
+counter_modulus = 0
+rate_hz = {rate_hz}
+[plc]
+transport = "none"
+[environment]
+source = "fixed"
+"""
+"""A machine without signals."""
+
+
 def by_laser(told: dict[str, Any]) -> Any:
     """Lay readings before who places stops by the laser alone, in chunks of a tenth of a second."""
-    survey = survey_of(told)
+    rate_hz, level, rows = told.get("rate_hz", 100), told.get("level_mm", 0.0), []
+    survey = survey_of({"text": SURVEY.format(setup=told.get("setup", "ppp"), rate_hz=rate_hz)})
     laser, found = StreamBuffer(laser_decoder(survey)), []
     hint = msgspec.convert(hint_of(told.get("hint", {})), PassHint)
     start = CaptureStart(hints={told.get("setup", "ppp"): hint}, breaks=tuple(Break(*each) for each in told.get("breaks", [])))
     places = ByLaser(survey, start, laser)
-    rate_hz, level, rows = told.get("rate_hz", 100), told.get("level_mm", 0.0), []
     for act in told["acts"]:
         to_mm, move_s, stand_s, beam = [*act, 1.0][:4]
         moves = max(1, int(move_s * rate_hz))
@@ -223,8 +280,8 @@ def by_laser(told: dict[str, Any]) -> Any:
     size = rate_hz // 10
     for first in range(0, len(rows), size):
         part = rows[first : first + size]
-        now_ns = 1_000_000_000 + (first + len(part)) * 1_000_000_000 // rate_hz
+        now_ns = 1_000_000_000 + (first + len(part)) * 1_000_000_000 // rate_hz - (first // size % 3 == 0)
         laser.feed("".join(f"{mm:.6f} {first + k + 1} {beam}\n" for k, (mm, beam) in enumerate(part)).encode(), now_ns)
         dwells, outcomes = places.look(now_ns)
-        found += [[now_ns, brief(each)] for each in (*dwells, *outcomes)]
+        found += [[now_ns, *brief(each)] if isinstance(each, Dwell) else f"{now_ns} {brief(each)}" for each in (*dwells, *outcomes)]
     return found

@@ -132,6 +132,45 @@ def finder(told: dict[str, Any]) -> Any:
     return found
 
 
+def directions(told: dict[str, Any]) -> Any:
+    """Return where a pass is taken up at each place of a table: a row for a hint and a place, in it a word for each count."""
+    survey, spots, found = survey_of(told), told["spots"], {}
+    for said in told["hints"]:
+        hint = msgspec.convert(hint_of(said), PassHint)
+        for place, spot in enumerate(spots):
+            row = []
+            for count in told["counts"]:
+                finds = PassFinder(survey, CaptureStart(hints={told["setup"]: hint}, last_count=told["last_count"]))
+                answer = finds.follow(signals_of({"stop_count": count, "at": spot}), None)
+                assert isinstance(answer, Walk)
+                row.append(f"{'+' if answer.route.outward else '-'}{answer.expected}{'t' if finds.turn else ''}")
+            found[f"{said} at {place}"] = " ".join(row)
+    return found
+
+
+def located(told: dict[str, Any]) -> Any:
+    """Return which stop a walk takes each reading for, after some stops: a row for a count and a count that was lost or not."""
+    route, found = route_of(told["route"]), {}
+    for stops in told["taken"]:
+        for count in told["counts"]:
+            for lost in (False, True):
+                row = [_located(route, stops, reading_mm, count, lost=lost) for reading_mm in told["readings"]]
+                found[f"{stops} {count}{' lost' * lost}"] = " ".join(row)
+    return found
+
+
+def _located(route: Route, stops: list[int], reading_mm: float, count: int | None, *, lost: bool) -> str:
+    """Return a word for where a walk that came to some stops, counted by ones, sees itself."""
+    follows = Walk(route, 0, 0, None, {})
+    for number, stop in enumerate(stops):
+        reading = float(route.nominal_mm[stop])
+        follows.advance(stop_of({"stop": stop, "reading_mm": reading, "stop_count": None if count is None else 1 + number}))
+    counted = signals_of({} if count is None else {"stop_count": len(stops) + count})
+    index, odd = follows.locate_by_laser(counted, reading_mm, lost=lost)
+    state = "n" * follows.nowhere + "r" * bool(follows.retreated) + "a" * bool(follows.apart) + "u" * bool(follows.unsure)
+    return "-".join(["x" if index is None else str(index), *(each.code[0] + each.code[-1] + str(each.stop) for each in odd), state])
+
+
 def turned(told: dict[str, Any]) -> Any:
     """Return what the laser saw beyond a last stop: of each reading, end of its window, direction and time."""
     stream, found = Told(told["stream"]), []

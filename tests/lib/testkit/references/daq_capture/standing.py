@@ -48,8 +48,8 @@ def _taken(each: Any) -> Any:
     window = plain(each.window)
     whole = round(each.window.mean_mm)
     window["mean_mm"] = plain([whole, (each.window.mean_mm - whole) * 1e3])
-    rest = {name: value for name, value in plain(each).items() if name != "window"}
-    return [*window["mean_mm"], *list(window.values())[1:], *rest.values()]
+    rest = [plain(value) for value in (each.from_ns, each.to_ns, each.beam, *each.codes, *[each.doubtful] * bool(each.doubtful))]
+    return [*window["mean_mm"], *list(window.values())[1:], *rest]
 
 
 def certain(told: dict[str, Any]) -> Any:

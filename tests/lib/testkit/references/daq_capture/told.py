@@ -1,9 +1,10 @@
 """What a reference file of daq/capture tells, read: series of numbers, streams, signals, dwells, stops, surveys.
 
-A series is a list of numbers and of parts ``[kind, ...]`` that stand for several; only the four basic operations are in them, so that every
-processor makes the same numbers of them.
+A series is a list of numbers and of parts ``"kind number ..."`` or ``[kind, ...]`` that stand for several; only the four basic operations
+are in them, so that every processor makes the same numbers of them.
 """
 
+import json
 from typing import Any
 
 import msgspec
@@ -74,7 +75,11 @@ def series(told: list[Any]) -> list[float]:
     """Return the numbers of a series."""
     found: list[float] = []
     for each in told:
-        found += PARTS[each[0]](*each[1:]) if isinstance(each, list) else [each]
+        if isinstance(each, str):
+            kind, *numbers = each.split()
+            found += PARTS[kind](*map(json.loads, numbers))
+        else:
+            found += PARTS[each[0]](*each[1:]) if isinstance(each, list) else [each]
     return found
 
 
