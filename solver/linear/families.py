@@ -42,11 +42,6 @@ class Family:
         found: Vector = square / (1.0 + square * self.seen)
         return found
 
-    def scale(self) -> Vector:
-        """Return the standard deviation of every direction's amount at the points, shape (points, k)."""
-        found: Vector = np.sqrt(self.variance(self.factor))
-        return found
-
     def shift(self) -> Vector:
         """Return by how much the amounts at the points differ from those at the size found, shape (points, k)."""
         found: Vector = (self.variance(self.factor) - self.variance(np.ones(1))) * self.shown

@@ -72,16 +72,6 @@ def quantities(columns: Columns, volume: Volume) -> Quantities:
     )
 
 
-def volumetric_weight(found: Quantities, volume: Volume, chain: str) -> Vector:
-    """Return the symmetric matrix M (q, q) with ``trace(M @ covariance)`` the mean square of the error vector over the volume, in um^2.
-
-    The mean is taken over a lattice of nodes; functions that are not among the quantities count as perfect.
-    """
-    field = lattice_field_um(found, volume, chain)
-    weight: Vector = np.einsum("pcq,pcr->qr", field, field, optimize=True) / len(field)
-    return weight
-
-
 def lattice_field_um(found: Quantities, volume: Volume, chain: str) -> Vector:
     """Return what one unit of each quantity does to the error at the points of a lattice of nodes, shape (points, 3, q)."""
     lattice = np.linspace(0, volume.increments, LATTICE).round().astype(np.int64)

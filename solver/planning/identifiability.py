@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stepdiag.solver.geometry.setups import FACE_DIAGONALS
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, LINEAR_RUNS, Vector, Volume, diagonal_direction
+from stepdiag.solver.geometry.volume import BODY_DIAGONALS, LINEAR_RUNS, Vector
 from stepdiag.solver.linear.least_squares import NULL_TOLERANCE, Inverse, invert
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.layout import Layout, lay_out
@@ -21,8 +21,6 @@ from stepdiag.solver.model.reported import reported, shape
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings, run_minutes
 from stepdiag.solver.result.result import DISPLACEMENTS
 
-BEAM_OFFSET_MM = 50.0
-MOST_RUNS = 16
 COARSE = 5
 
 
@@ -34,10 +32,7 @@ class Advice:
     minutes: float
 
     def __str__(self) -> str:
-        plain = [run.setup for run in self.runs if not any(run.beam_offset_mm)]
-        shifted = [run.setup for run in self.runs if any(run.beam_offset_mm)]
-        times = [f"{name} with {shifted.count(name)} shifted beams" for name in dict.fromkeys(shifted)]
-        return f"{' and '.join([*plain, *times]).replace('1 shifted beams', 'a shifted beam')} (about {self.minutes:.0f} min)"
+        return f"{' and '.join(run.setup for run in self.runs)} (about {self.minutes:.0f} min)"
 
 
 def cheapest_runs(layout: Layout, chain: str, model: Model, missing: Sequence[str]) -> Advice | None:
@@ -50,7 +45,7 @@ def cheapest_runs(layout: Layout, chain: str, model: Model, missing: Sequence[st
     null = np.linalg.qr(_seen(design).null)[0]
     found = reported(design)
     asked = found.select(np.concatenate([found.of(name) for name in missing]))
-    candidates = {run: _Candidate.of(run, design, model) for run in _usual_runs(survey.volume, model)}
+    candidates = {run: _Candidate.of(run, design, model) for run in _usual_runs(model)}
     chosen = _choose(asked, null, candidates)
     full = Plan(volume=layout.volume, runs=())
     return None if chosen is None else Advice(runs=chosen, minutes=sum(run_minutes(full, run) for run in chosen))
@@ -114,7 +109,7 @@ def _choose(asked: Quantities, null: Vector, candidates: dict[Run, "_Candidate"]
         left = {run: candidate.narrow(null) for run, candidate in candidates.items() if run not in chosen}
         gain = {run: (hidden - _hidden(asked, rest), null.shape[1] - rest.shape[1]) for run, rest in left.items()}
         best = max(gain, key=lambda run: tuple(one / candidates[run].minutes for one in gain[run]), default=None)
-        if best is None or not any(gain[best]) or len(chosen) == MOST_RUNS:
+        if best is None or not any(gain[best]):
             return None
         null, hidden = left[best], hidden - gain[best][0]
         chosen.append(best)
@@ -160,15 +155,6 @@ class _Candidate:
         return narrowed
 
 
-def _usual_runs(volume: Volume, model: Model) -> Sequence[Run]:
+def _usual_runs(model: Model) -> Sequence[Run]:
     """Return the runs that a service engineer can add, one way."""
-    names = (*LINEAR_RUNS, *BODY_DIAGONALS, *FACE_DIAGONALS)
-    runs = [Run(setup=name, return_pass=model.reversal) for name in names]
-    if model.angles:
-        for diagonal in BODY_DIAGONALS:
-            along = diagonal_direction(volume, diagonal)
-            level = np.cross([0.0, 0.0, 1.0], along) / np.linalg.norm(np.cross([0.0, 0.0, 1.0], along))
-            for across in (level, np.cross(along, level)):
-                x, y, z = (float(round(value, 3)) for value in BEAM_OFFSET_MM * across)
-                runs.append(Run(setup=diagonal, return_pass=model.reversal, beam_offset_mm=(x, y, z)))
-    return runs
+    return [Run(setup=name, return_pass=model.reversal) for name in (*LINEAR_RUNS, *BODY_DIAGONALS, *FACE_DIAGONALS)]

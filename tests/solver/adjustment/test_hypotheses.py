@@ -12,7 +12,7 @@ from stepdiag.solver.adjustment.hypotheses import families, tell
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.model.quantities import quantities, volumetric_weight
+from stepdiag.solver.model.quantities import lattice_field_um, quantities
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 FULL = (*DIAGONALS, *LINEAR)
@@ -29,7 +29,8 @@ def remaining_um(bench, found):
         else:
             true.append({**truth.squareness_urad, **truth.scale_um_m}[name])
     off = wanted.combination.times(found.fit.unknowns) - np.array(true)
-    return float(np.sqrt(off @ volumetric_weight(wanted, found.layout.volume, bench.chain) @ off))
+    field = lattice_field_um(wanted, found.layout.volume, bench.chain)
+    return float(np.sqrt(np.sum((field @ off) ** 2) / len(field)))
 
 
 def adjusted(readings):

@@ -21,7 +21,7 @@ def head(**changes):
 
 def test_angle_of_the_beam_by_equation_1():
     """Feng Eq. 1: tan(alpha) = dx / f; 30 arc-seconds at f = 300 mm are 43.63 um (theory.md 9: 1 arc-second = 4.8481 urad)."""
-    assert pytest.approx(4.8481, abs=5e-5) == URAD_PER_ARCSEC
+    assert pytest.approx(4.848136811095, abs=1e-9) == URAD_PER_ARCSEC
     assert beam_angle_urad(43.633, 300.0) / URAD_PER_ARCSEC == pytest.approx(30.0, abs=1e-3)
 
 

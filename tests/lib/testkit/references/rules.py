@@ -25,7 +25,8 @@ from stepdiag.solver.model.noise import assumed_noise, repeatability_factor
 from stepdiag.solver.planning.planner import Circumstances
 from stepdiag.solver.planning.runs import Pace, Plan, Run
 from stepdiag.solver.readings.csv_table import read_table
-from stepdiag.solver.readings.readings import parse_readings
+from stepdiag.solver.readings.readings import parse_readings, render_readings
+from stepdiag.solver.readings.rtl import render_rtl, with_runs
 from stepdiag.solver.result.result import Function, Scale, same_result
 from stepdiag.solver.result.rounding import same_but_for_rounding, steady
 from stepdiag.solver.uncertainty.monte_carlo import shortest_interval
@@ -120,6 +121,20 @@ def _angle(value, u):
     return Function(position_mm=np.array([0.0, 1.0]), value=known, u=None if u is None else np.array(u), unit="urad")
 
 
+def _table(rows):
+    return parse_readings("\n".join(["setup,pass,stop,x_mm,y_mm,z_mm,reading_mm,u_um", *rows]) + "\n")
+
+
+def _added(given, runs):
+    """Return readings with runs added, as they are written."""
+    parts = [(setup, [(number, stop, tuple(position), reading) for number, stop, position, reading in rows]) for setup, rows in runs]
+    return render_readings(with_runs(_table(given["box"]), parts, "x.rtl")).splitlines()
+
+
+def _written(given, rows):
+    return render_rtl(_table([*given["box"], *rows]), "linear-x", {"Name": " a  b "}).splitlines()
+
+
 def defaults():
     """Return what holds where nobody says anything else."""
     curve = DetectorAxis()
@@ -143,6 +158,8 @@ def words(given):
         "same": [same_but_for_rounding(*one) for one in given["same"]],
         "results": [same_result(one.encode(), other.encode()) for one, other in given["results"]],
         "defaults": defaults(),
+        "added": [refused(lambda runs: _added(given, runs), one) for one in given["added"]],
+        "written": [refused(lambda one: _written(given, one), one) for one in given["written"]],
         "tables": [refused(lambda one: read_table(one[0], "t.csv", ("a",), most_rows=one[1]), one) for one in given["tables"]],
         "long": [shortened(*one) for one in given["long"]],
         "findings": [

@@ -9,7 +9,7 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles, render_angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.model.straightness_file import parse_straightness
+from stepdiag.solver.model.straightness_file import parse_straightness, render_straightness
 from stepdiag.solver.readings.readings import make_readings, parse_readings, render_readings
 from stepdiag.solver.readings.rtl import parse_rtl, render_rtl, rtl_readings
 from stepdiag.solver.result.json_tree import load_json
@@ -120,6 +120,11 @@ def _tree(lines):
     return load_json(joined(lines), "tree.json").plain()
 
 
+def _straightness(lines):
+    found = parse_straightness(joined(lines))
+    return {"found": found, "again": render_straightness(found).splitlines()}
+
+
 def _rtl(given, change):
     """Return what a file says in which lines were changed by number: None leaves one out, a list puts several there."""
     lines = []
@@ -193,7 +198,7 @@ CALLS = {
         refused(lambda lines: render_readings(parse_readings(joined(lines))).splitlines(), one) for one in given["texts"]
     ],
     "angles": lambda given: [refused(lambda lines: render_angles(parse_angles(joined(lines))).splitlines(), one) for one in given["texts"]],
-    "straightness": lambda given: [refused(lambda lines: parse_straightness(joined(lines)), one) for one in given["texts"]],
+    "straightness": lambda given: [refused(_straightness, one) for one in given["texts"]],
     "trees": lambda given: [refused(_tree, one) for one in given["texts"]],
     "results": _changed_result,
 }
