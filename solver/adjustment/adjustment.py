@@ -186,7 +186,8 @@ class _Task:
         current = self._find_noise_by_class(self._find_sizes(self._with_effects(current.fixed)))
         if not len(self._unstated()):
             current, enlarged = self._find_repeatability(current)
-        u = np.where(self.kept > 0, self.u / np.sqrt(np.where(self.kept > 0, self.kept, 1.0)), np.inf)
+        used = self.kept > 0
+        u = np.where(used, self.u / np.sqrt(np.where(used, self.kept, np.nan)), np.inf)
         return Adjustment(
             layout=self.layout,
             design=self.design,

@@ -107,7 +107,7 @@ class _Known:
     def among(self, rows: NDArray[np.int64]) -> _Among:
         """Return A C A' among some rows."""
         some = self.fixed.rows.select(rows)
-        alike = np.all(some.column == some.column[0], axis=0) & np.any(some.value, axis=0)
+        alike = (np.ptp(some.column, axis=0) == 0) & np.any(some.value, axis=0)
         own, rest = some.value[:, alike], Rows(some.column * ~alike, some.value * ~alike, some.count)
         unit = np.zeros((some.count, own.shape[1]))
         unit[some.column[0, alike], np.arange(own.shape[1])] = 1.0

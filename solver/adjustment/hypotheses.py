@@ -73,7 +73,7 @@ class Family:
     def size(self) -> Vector:
         """Return how large each is by itself, shape (c,); 0 where the fit does not tell it from its unknowns."""
         told = self.seen > HIDDEN * np.maximum(self.whole, np.finfo(np.float64).tiny)
-        found: Vector = np.where(told, self.shown, 0.0) / np.where(told, self.seen, 1.0)
+        found: Vector = np.where(told, self.shown / np.where(told, self.seen, np.nan), 0.0)
         return found
 
 

@@ -83,7 +83,7 @@ def _u_um(fit: MixedFit, count: Count) -> Vector:
     mixed = from_each_on(fit.taken_over[count.rows])
     seen = (count.step - np.sum(mixed**2, axis=1))[1:]
     told = seen > HIDDEN * from_each_on(fit.weight[count.rows])[1:]
-    found: Vector = np.where(told, 1.0 / np.sqrt(np.where(told, seen, 1.0)), np.inf)
+    found: Vector = np.where(told, 1.0 / np.sqrt(np.where(told, seen, np.nan)), np.inf)
     return found
 
 
@@ -127,7 +127,7 @@ def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[U
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     told = np.isfinite(u_um)
     untold = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
-    made = np.where(told, moved_um * np.maximum(STANDS_OUT * np.where(told, u_um, 0.0), LEAST_UM), untold)
+    made = np.where(told, moved_um * np.maximum(STANDS_OUT * np.where(told, u_um, np.nan), LEAST_UM), untold)
     passes = layout.pass_index[count.rows[1:]]
     for number in np.unique(passes):
         mine = np.flatnonzero(passes == number)

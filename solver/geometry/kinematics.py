@@ -35,8 +35,8 @@ def parse_chain(text: str, where: str = "chain") -> Chain:
     primed = [word != name for word, name in zip(words, names, strict=True)]
     if any(primed[at:]) or (any(primed[:at]) and not all(primed[:at])):
         raise _refusal(where, text)
-    axes = [AXES.index(name.lower()) if name != bed else -1 for name in names]
-    return Chain(work=tuple(axes[:at]), tool=tuple(axes[at + 1 :]))
+    work, tool = (tuple(AXES.index(name.lower()) for name in some) for some in (names[:at], names[at + 1 :]))
+    return Chain(work=work, tool=tool)
 
 
 def _refusal(where: str, text: str) -> UsageError:

@@ -75,7 +75,7 @@ def diagonal_nodes(volume: Volume, diagonal: str, order: str = "xyz") -> NDArray
     for position, letter in enumerate(order):
         steps[1 + position :: 3, AXES.index(letter)] = 1
     walked = np.cumsum(steps, axis=0)
-    return np.where(travel_signs(diagonal) > 0, walked, n - walked)
+    return np.where(travel_signs(diagonal) == 1, walked, n - walked)
 
 
 def nodes_to_mm(volume: Volume, nodes: NDArray[np.int64]) -> Vector:

@@ -109,10 +109,10 @@ class MixedFit:
     @cached_property
     def residual(self) -> Vector:
         """Return target - rows @ unknowns - pattern @ amount: what is left as noise, shape (m,)."""
-        weight = np.where(self.weight > 0, self.weight, 1.0)
+        used = self.weight > 0
         left: Vector = self.fixed.residual - np.where(
-            self.weight > 0,
-            (self.causes.left @ self.amount) / weight,
+            used,
+            (self.causes.left @ self.amount) / np.where(used, self.weight, np.nan),
             self.causes.pattern @ self.amount - self.rows.times(self.causes.taken @ self.amount),
         )
         return left

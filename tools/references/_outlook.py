@@ -24,7 +24,7 @@ def plans():
         "plans": [
             SIZE | {"runs": bare, "asked": {}},
             SIZE | {"runs": _runs(*DIAGONALS, *LINEAR, repeats=2), "increments": 1, "chain": "XFYZ"},
-            SIZE | {"runs": [*bare, *lines], "increments": 1, "asked": {"target_um": 1000.0}},
+            SIZE | {"runs": [*bare, *lines], "increments": 1},
             SIZE | {"runs": [*_runs("ppp", "npp", repeats=3, return_pass=False), *lines], "increments": 12, "axis_order": "zxy"},
             SIZE | {"runs": [*bare, *shifted, *lines], "chain": "XYFZ"},
             SIZE | {"runs": [*bare, *_runs("fourdof-x", "fourdof-z", *LINEAR)], "about": {"head_u_urad": 0.8}, "increments": 5},
@@ -42,7 +42,7 @@ def plans():
 def _two(increments):
     """Return a survey of increments so few that their bends say little."""
     bench = replace(SMALL, increments=increments, seed=23, angle_urad=0.0)
-    return survey(bench.survey(), angles=angles(bench), outlook=True, brief=True)
+    return survey(bench.survey(), angles=angles(bench), outlook=increments == 2, brief=True)
 
 
 OUTLOOK = {

@@ -206,16 +206,6 @@ SURVEYS = {
         "solve",
         lambda: {"readings": golden("separable"), "assumed": NOTHING},
     ),
-    "golden-printed": (
-        "the golden survey by Wang's formulas",
-        "solve",
-        lambda: {"readings": golden("rigidbody_FXYZ"), "method": "wang2000"},
-    ),
-    "golden-closed": (
-        "the golden survey by the corrected closed form",
-        "solve",
-        lambda: {"readings": golden("rigidbody_FXYZ"), "method": "least-squares"},
-    ),
     "head-lines": (
         "four functions by a head beside diagonals and runs, out and back",
         "solve",
@@ -236,18 +226,12 @@ SURVEYS = {
         "solve",
         lambda: survey(walked(_back(QUIET), "npp", 2, 6.0), angles=angles(QUIET)),
     ),
-    "run-scale": (
-        "a run along an axis is too long",
-        "solve",
-        lambda: survey(scaled(SMALL.survey(), "linear-y", 60.0), angles=angles(SMALL)),
-    ),
     "diagonal-scale": (
         "a diagonal is too long, with runs out and back",
         "solve",
         lambda: survey(scaled(_back(), "ppn", -45.0), angles=angles(SMALL)),
     ),
     "scale-little": ("scales that differ a little", "solve", lambda: survey(scaled(QUIET.survey(), "ppp", 9.0), angles=angles(QUIET))),
-    "grows": ("the machine grows while it is measured", "solve", lambda: _grown(SMALL, 60.0)),
     "grows-bent": ("the machine grows faster and faster", "solve", lambda: _grown(replace(SMALL, increments=3), 20.0, 160.0)),
     "grows-short": (
         "the machine grows, and two counts are too short to show a slip",
@@ -280,23 +264,10 @@ SURVEYS = {
         "solve",
         lambda: survey(warm(THREE.survey(), lambda share: np.where(share > 0.9, np.nan, 22.0 + 0.01 * share)), assumed=WARM),
     ),
-    "at-20": (
-        "readings that were brought to 20 C",
-        "solve",
-        lambda: survey(warm(THREE.survey(), lambda share: 24.0 + share, at_20_c=np.ones(len(THREE.survey()), bool)), assumed=WARM),
-    ),
     "at-20-blind": (
         "readings brought to 20 C from a temperature that nobody measured",
         "solve",
         lambda: survey(replace(THREE.survey(), at_20_c=np.ones(len(THREE.survey()), bool)), angles=angles(THREE)),
-    ),
-    "at-20-stated": (
-        "the same where a person states how well it was known",
-        "solve",
-        lambda: survey(
-            replace(THREE.survey(DIAGONALS), at_20_c=np.ones(len(THREE.survey(DIAGONALS)), bool)),
-            assumed=WARM | {"material_stated": True, "u_material_c": 0.9, "material_c": [22.0, 22.5, 23.0]},
-        ),
     ),
     "missing": (
         "stops are missing within passes",
@@ -306,7 +277,6 @@ SURVEYS = {
             angles=angles(SMALL),
         ),
     ),
-    "three-diagonals": ("three diagonals and runs", "solve", lambda: survey(SMALL.survey((*DIAGONALS[:3], *LINEAR)), angles=angles(SMALL))),
     "three-diagonals-alone": ("three diagonals alone, nothing known", "solve", lambda: survey(THREE.survey(DIAGONALS[:3]))),
     "two-diagonals": ("two diagonals and one run, out and back", "solve", lambda: survey(_back(THREE, setups=("npp", "ppn", "linear-z")))),
     "waves": (
@@ -340,7 +310,6 @@ SURVEYS = {
         "solve",
         lambda: survey(replace(SMALL, states_u=False).survey(passes=(1, 2, 3, 4)), angles=angles(SMALL)),
     ),
-    "unstated-once": ("nobody states the noise, and nothing repeats", "solve", lambda: survey(replace(THREE, states_u=False).survey())),
     "unstated-half": (
         "the noise of the runs is not stated, angles without u",
         "solve",
@@ -360,11 +329,6 @@ SURVEYS = {
             angles=angles(THREE),
         ),
     ),
-    "noise-far": (
-        "readings that repeat to 25 um",
-        "solve",
-        lambda: survey(replace(THREE, diagonal_noise_um=25.0, linear_noise_um=0.5).survey(passes=(1, 3)), angles=angles(THREE)),
-    ),
     "outliers": (
         "many stops are wrong",
         "solve",
@@ -377,16 +341,6 @@ SURVEYS = {
             ),
             angles=angles(QUIET),
         ),
-    ),
-    "outlier-once": (
-        "a stop is wrong that nothing repeats",
-        "solve",
-        lambda: survey(moved(THREE.survey(), "pnp", 1, lambda stop: 9.0 * (stop == 4)), angles=angles(THREE)),
-    ),
-    "outlier-small": (
-        "a stop that is off a little",
-        "solve",
-        lambda: survey(moved(SMALL.survey(passes=(1, 3)), "npp", 3, lambda stop: 3.0 * (stop == 7)), angles=angles(SMALL)),
     ),
     "slip-run": (
         "the count of a run slips",
@@ -416,11 +370,6 @@ SURVEYS = {
         "solve",
         lambda: survey(replace(THREE, tilt_mrad=4.0).survey(), angles=angles(THREE), monte_carlo=300),
     ),
-    "turns": (
-        "a machine that turns by 35 urad, nothing known",
-        "solve",
-        lambda: survey(replace(SMALL, angle_urad=35.0).survey(passes=(1, 2))),
-    ),
     "assumed": (
         "other assumptions than usual",
         "solve",
@@ -445,14 +394,6 @@ SURVEYS = {
         ),
     ),
     "finer": ("runs that are finer than the diagonals", "solve", lambda: survey(_finer(), angles=angles(SMALL))),
-    "finer-smooth": (
-        "runs at other targets than the diagonals",
-        "solve",
-        lambda: survey(
-            joined(THREE.survey(DIAGONALS, passes=(1, 2)), replace(THREE, increments=5).survey(LINEAR, passes=(1, 2))),
-            angles=angles(THREE, "EAX"),
-        ),
-    ),
     "shifted": (
         "beams shifted to resolve the angles",
         "solve",
