@@ -27,7 +27,7 @@ _LINEAR = "a linear run along {}"
 FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Circumstances:
     """Everything about the job that is not in the plan. ``head_u_urad``: pitch and yaw from a run of the 4-DOF head.
 
@@ -38,7 +38,7 @@ class Circumstances:
     assumed: Assumptions = field(default_factory=Assumptions)
     head_u_urad: float = 1.0
     beam_offset_mm: float = 50.0
-    made: dict[Plan, "Forecast"] = field(default_factory=dict, init=False, repr=False, compare=False)
+    made: dict[Plan, "Forecast"] = field(default_factory=dict, init=False, repr=False)
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)

@@ -12,26 +12,24 @@ from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread
 
-TRIALS = 200_000
-"""At least 10^4 / (1 - p) for a coverage probability p of 0.95 (JCGM 101, 7.2.2)."""
 _NUMBERS = 2_000_000
 """Numbers drawn at a time: some tens of megabytes."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Intervals:
-    """Mean, standard deviation and shortest coverage interval of every quantity's deviation from its estimate, shapes (quantities,)."""
+    """Standard deviation and shortest coverage interval of every quantity's deviation from its estimate, shapes (quantities,)."""
 
-    mean: Vector
     u: Vector
     low: Vector
     high: Vector
-    probability: float
-    trials: int
 
 
-def monte_carlo(spread: Spread, asked: Rows, *, trials: int = TRIALS, seed: int = 0, probability: float = 0.95) -> Intervals:
-    """Return the intervals of combinations of the unknowns. The same seed gives the same intervals."""
+def monte_carlo(spread: Spread, asked: Rows, *, trials: int, seed: int = 0, probability: float = 0.95) -> Intervals:
+    """Return the intervals of combinations of the unknowns. The same seed gives the same intervals.
+
+    At least 10^4 / (1 - p) ``trials`` for a coverage probability p (JCGM 101, 7.2.2): 200 000 for 0.95.
+    """
     noise = _noise_operator(spread, asked)
     causes = _cause_operator(spread, asked)
     rng = np.random.default_rng(seed)
@@ -44,9 +42,7 @@ def monte_carlo(spread: Spread, asked: Rows, *, trials: int = TRIALS, seed: int 
         drawn = rng.standard_normal((count, len(causes))) * spread.fit.size * sizes[:, spread.group]
         deviations[:, some] = (rng.standard_normal((count, len(noise))) @ noise + drawn @ causes).T
     low, high = shortest_interval(deviations, probability)
-    return Intervals(
-        mean=deviations.mean(axis=1), u=deviations.std(axis=1, ddof=1), low=low, high=high, probability=probability, trials=trials
-    )
+    return Intervals(u=deviations.std(axis=1, ddof=1), low=low, high=high)
 
 
 def _noise_operator(spread: Spread, asked: Rows) -> Vector:

@@ -127,6 +127,7 @@ def head():
         },
         "channels": short(channels, 7),
         "travel_mm": short(np.linspace(0.0, 1500.0, count)),
+        "edges": [[0.0, 0.0, 1.0], [0.92, 0.0, 1.0], [0.0, 0.92, 1.0], [-0.95, 0.5, 1.0], [0.5, -0.95, 1.0], [0.93, -0.94, 1.0], [1.01, 0.0, 1.0], [4.0, -3.0, 9.1], [0.1, 0.1, 0.5]],
         "roll_urad": short(np.linspace(-20.0, 30.0, count)),
         "time_s": short(np.roll(time_s, 2)),
         "u_psd1_urad": short(np.full((count, 2), 0.7) + 0.1 * np.arange(count)[:, None]),

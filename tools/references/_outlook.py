@@ -41,7 +41,7 @@ def plans():
 
 def _two(increments):
     """Return a survey of increments so few that their bends say little."""
-    bench = replace(SMALL, increments=increments, seed=23, angle_urad=0.0)
+    bench = replace(SMALL, increments=increments, seed=23, angle_urad=0.0, errors_times=0.1 if increments == 2 else 1.0)
     return survey(bench.survey(), angles=angles(bench), outlook=increments == 2, brief=True)
 
 

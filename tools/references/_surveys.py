@@ -206,6 +206,16 @@ SURVEYS = {
         "solve",
         lambda: {"readings": golden("separable"), "assumed": NOTHING},
     ),
+    "closed-unstated": (
+        "the corrected closed form where nobody states the noise",
+        "solve",
+        lambda: survey(replace(THREE, states_u=False).survey(DIAGONALS), method="least-squares"),
+    ),
+    "closed-once": (
+        "the same of a single increment, where no noise shows",
+        "solve",
+        lambda: survey(replace(THREE, states_u=False, increments=1).survey(DIAGONALS), method="least-squares"),
+    ),
     "head-lines": (
         "four functions by a head beside diagonals and runs, out and back",
         "solve",

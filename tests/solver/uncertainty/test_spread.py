@@ -8,6 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.solver.adjustment.diagnostics import setup_findings, setup_reports
+from stepdiag.solver.adjustment.hypotheses import tell
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.estimate import estimate
@@ -51,10 +52,9 @@ def test_redundancy_is_the_share_of_a_reading_that_shows(done):
     left = np.linalg.inv(covariance) - weighted @ np.linalg.pinv(rows.T @ weighted, rcond=1e-12, hermitian=True) @ weighted.T
     assert (np.diag(left) / fit.weight)[:count] == pytest.approx(fit.redundancy[:count], abs=1e-5)
     # and a further unknown of one reading is as large as its residual and redundancy say
-    one = np.eye(len(fit.rows))[:, [20]]
-    amount, u = fit.told(one)
-    assert amount[0] == pytest.approx(fit.residual[20] / fit.redundancy[20], rel=1e-6)
-    assert u[0] == pytest.approx(1.0 / np.sqrt(left[20, 20]), rel=1e-5)
+    told = tell(fit, np.array([20]), np.ones((1, 1)))
+    assert told.shown[0] / told.seen[0, 0] == pytest.approx(fit.residual[20] / fit.redundancy[20], rel=1e-6)
+    assert told.seen[0, 0] == pytest.approx(left[20, 20], rel=1e-5)
 
 
 def test_shares_add_up_to_the_combined_uncertainty(done):

@@ -4,7 +4,7 @@ import numpy as np
 
 from stepdiag.solver.fourdof.axes import Mount, axis_errors, known_angles
 from stepdiag.solver.fourdof.commissioning import Standstill, fit_curve, lever_line, signs_and_lever
-from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inverse_erf
+from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inverse_erf, spots
 from stepdiag.solver.fourdof.drift import slow_drift
 from stepdiag.solver.fourdof.head import Crosstalk, Head, motion
 from stepdiag.solver.fourdof.statistics import compare, stability
@@ -154,7 +154,9 @@ def head(given):
     channels, travel = np.array(given["channels"], dtype=float), np.array(given["travel_mm"])
     still = motion(channels, travel, of, np.array(given["roll_urad"]))
     timed = motion(channels, travel, of, time_s=np.array(given["time_s"]), u_psd1_urad=np.array(given["u_psd1_urad"]))
-    return {"still": still, "timed": timed, "quiet": motion(channels, travel, of, 7.0, time_s=np.array(given["time_s"]))}
+    edges = np.array(given["edges"])
+    seen = {name: spots(detector, edges[:, :2], edges[:, 2]) for name, detector in detectors.items()}
+    return {"spots": seen, "still": still, "timed": timed, "quiet": motion(channels, travel, of, 7.0, time_s=np.array(given["time_s"]))}
 
 
 def _axis(given):

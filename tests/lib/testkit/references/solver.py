@@ -174,7 +174,7 @@ def _what_changed(result: Result, path):
 def _changed_survey(given, change):
     """Return what comes of a survey of which some rows, or what is told beside them, are others; where only rows are, of its layout."""
     base = given[change.get("of", "base")]
-    told = {name: value for name, value in change.items() if name not in ("of", "rows", "at_20_c", "solve")}
+    told = {name: value for name, value in change.items() if name not in ("of", "rows", "at_20_c", "zero", "solve")}
     rows = change.get("rows", {})
     lines = [rows.get(str(number), line) for number, line in enumerate(base["readings"])]
     lines = [line for line in lines if line is not None]
@@ -183,6 +183,8 @@ def _changed_survey(given, change):
     if not (told or "at_20_c" in change or "solve" in change):
         layout = lay_out(parse_readings(joined(lines)))
         return {"volume": layout.volume, "readings": len(layout), "sum_um": np.sum(layout.deviation_um), "findings": layout.findings}
+    if "zero" in change:
+        lines = [f"{line},{'zero' if not number else 1 + int(number in change['zero'])}" for number, line in enumerate(lines)]
     result = solved({**base, **told, "readings": lines})
     return {"codes": " ".join(one.code for one in result.findings), "fit": result.extra.get("fit")}
 
