@@ -25,12 +25,14 @@ class Causes:
     """What the fixed unknowns leave of every cause: ``pattern`` (m, q) is what one unit of it does to the targets.
 
     ``taken`` (count, q): what the fit without causes would take it for; ``left`` (m, q): weighted residual of the pattern;
-    ``seen`` (q, q) = pattern.T @ left; ``shown`` (q,) = pattern.T @ weighted residual of the targets.
+    ``scaled`` (m, q): its residual times the root of the weight; ``seen`` (q, q) = scaled.T @ scaled; ``shown`` (q,) = scaled.T @ scaled
+    residual of the targets. As products of residuals: what unknowns take over of a pattern leaves no rounding of its own size in them.
     """
 
     pattern: Vector
     taken: Vector
     left: Vector
+    scaled: Vector
     seen: Vector
     shown: Vector
 
@@ -38,11 +40,11 @@ class Causes:
     def of(cls, fit: Fit, pattern: Vector) -> "Causes":
         """Return what a fit leaves of the patterns."""
         taken = fit.inverse.solve(fit.packed.transposed_times(pattern, fit.weight))
-        left = fit.packed.times(taken)
-        np.subtract(pattern, left, out=left)
-        left *= fit.weight[:, None]
-        seen = pattern.T @ left
-        return cls(pattern, taken, left, 0.5 * (seen + seen.T), pattern.T @ (fit.weight * fit.residual))
+        scaled = fit.packed.times(taken)
+        np.subtract(pattern, scaled, out=scaled)
+        root = np.sqrt(fit.weight)
+        scaled *= root[:, None]
+        return cls(pattern, taken, scaled * root[:, None], scaled, scaled.T @ scaled, scaled.T @ (root * fit.residual))
 
 
 @dataclass(frozen=True, eq=False)

@@ -45,10 +45,9 @@ class Spread:
         return sum((family.surplus() for family in self.families.values()), self.fit.amount_covariance)
 
     @cached_property
-    def amount_by_readings(self) -> Vector:
-        """Return the part of the amounts' covariance that the noise of the readings makes, shape (q, q)."""
-        base = self.fit.amount_covariance
-        matrix: Vector = base @ self.fit.causes.seen @ base
+    def amount_of_noise(self) -> Vector:
+        """Return what a unit of noise of each row, by its own deviation, makes of the amounts, shape (q, m)."""
+        matrix: Vector = self.fit.amount_covariance @ self.fit.causes.scaled.T
         return matrix
 
     def moved(self, combination: Rows, on_causes: Vector | None = None) -> Vector:
@@ -63,7 +62,7 @@ class Spread:
 
     def variance_by_readings(self, moved: Vector) -> Vector:
         """Return the variance that the readings' noise makes through what it does to the amounts, shape (k,)."""
-        found: Vector = np.maximum(np.sum((moved @ self.amount_by_readings) * moved, axis=1), 0.0)
+        found: Vector = np.sum((moved @ self.amount_of_noise) ** 2, axis=1)
         return found
 
     def shares(self, moved: Vector) -> dict[str, Vector]:
