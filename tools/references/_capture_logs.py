@@ -11,7 +11,7 @@ from testkit.timeline import STOPPED_ONLY, diagonal
 TRUTH, BACK = diagonal("ppp", n=2), diagonal("ppp", n=2, back=True)
 COUNTED = STOPPED_ONLY + "[plc.signals.stop_count]\naddress = 1\n[plc.signals.setup]\naddress = 3\n"
 SIGNALS = {"whole": "", "counted": COUNTED, "stopped": STOPPED_ONLY}
-STARTS = [round(1.0 + 1.1 * k, 1) for k in range(8)]
+STARTS = [round(1.0 + 1.1 * k, 1) for k in range(12)]
 """Arrivals: a lead of 1 s, then 0.7 s of dwell and 0.4 s of move."""
 HEAD = """
 [head]
@@ -21,7 +21,7 @@ id = "head 1"
 calibration = "head-1.json"
 [head.fourdof]
 encoding = "ascii"
-rate_hz = 100.0
+rate_hz = 50.0
 """
 SILENT = [["poll_hz = 40\n", 'transport = "none"\n']]
 
@@ -104,7 +104,7 @@ def _machines() -> Iterator[Case]:
         },
         "over": {"over_mm": [[_at(3, -0.2), _at(3, -0.02), 2.0]]},
         "slow-polls": {"poll_hz": 5.0, "rate_hz": 20.0},
-        "bad-start": {"beam_lost": [[0.2, 0.6]]},
+        "bad-start": {"beam_lost": [[0.2, 0.6]], "alarm": [0.2, 0.5]},
     }
     for name, machine in machines.items():
         yield _case(name, TRUTH if name in ("clean", "links", "setup-changes") else TRUTH[:6], machine=machine)
@@ -112,7 +112,7 @@ def _machines() -> Iterator[Case]:
         "10": [[_at(k, -0.2), 2010 + 30 * k] for k in range(4)] + [[_at(4, -0.2), -3000]],
         "11": [[_at(k, -0.2), 2150 + 100 * k] for k in range(6)],
     }
-    jumps = air | {"12": [[_at(2, -0.2), 9000], [_at(3, -0.2), 10132]], "5": [[0.0, 20]]}
+    jumps = air | {"13": [[0.0, 0], [_at(3, -0.2), 455]], "12": [[_at(2, -0.2), 9000], [_at(3, -0.2), 10132]], "5": [[0.0, 20]]}
     yield _case("warm-up", TRUTH[:6], machine={"words": jumps}, changed=UNCOMPENSATED)
     for name in ("restless", "slips", "links", "deaf", "poll-gaps", "bad-start"):
         for words in ("counted", "stopped"):
@@ -139,7 +139,43 @@ def _two_ways() -> Iterator[Case]:
         yield _case(f"both-{name}", stops, back=True, machine=machine)
         if name not in ("back-first", "turned-hidden"):
             yield _case(f"both-{name}-stopped", stops, back=True, signals=STOPPED_ONLY, machine=machine)
-    yield _case("one-log", [*TRUTH, *BACK[:3]], one_log=True, back=True)
+    yield _case("one-log", [*TRUTH, *BACK[:3]], one_log=True, back=True, machine={"alarm": [_at(8, 0.2), _at(8, 0.5)]})
+    anew, before = [*TRUTH[:4], *TRUTH[:5]], replace(BEFORE, seconds=0.05)
+    for name, stops in (("anew", anew), ("anew-before", [*TRUTH[:4], before, *TRUTH[:5]]), ("anew-one", [*TRUTH[:2], *TRUTH[:3]])):
+        for words in ("whole", "stopped", "counted"):
+            yield _case(f"both-{name}-{words}", stops, back=True, signals=SIGNALS[words])
+    lost = {"beam_lost": [[_at(3, 0.8), _at(3, 0.9)]]}
+    yield _case("anew-lost-stopped", anew, signals=STOPPED_ONLY, machine=lost)
+    yield _case("anew-lost-counted", anew, signals=COUNTED, machine=lost)
+    levels = {str(k): round(TRUTH[k].reading, 4) for k in range(4)}
+    hint = {"next_stop": 4, "known": levels, "last_reading_mm": levels["3"]}
+    for name, stops, more in (
+        ("behind", TRUTH[1:4], {}),
+        ("on", TRUTH[4:], {}),
+        ("again", TRUTH[3:], {}),
+        ("lost", TRUTH[4:], {"breaks": [{"time_ns": 1, "reason": "told before", "watched": True}]}),
+        ("off", [replace(stop, reading=stop.reading + 31.0) for stop in TRUTH[4:]], {}),
+    ):
+        for words in ("whole", "stopped", "counted"):
+            start = {"hints": {"ppp": hint}, "last_count": 65530 if words != "stopped" else None} | more
+            yield _case(
+                f"resumed-{name}-{words}",
+                stops,
+                back=True,
+                signals=SIGNALS[words],
+                start=start,
+                machine={"lead_s": 0.0 if name == "behind" else 0.6},
+            )
+    for words in ("whole", "stopped"):
+        stops = [replace(stop, seconds=2.2) if k == 1 else stop for k, stop in enumerate(TRUTH[:4])]
+        breaks = {"beam_lost": [[2.9, 2.92], [3.6, 3.62]]}
+        yield _case(f"breaks-inside-{words}", stops, signals=SIGNALS[words], machine=breaks)
+        yield _case(
+            f"breaks-inside-unseen-{words}",
+            stops,
+            signals=SIGNALS[words],
+            machine={"links": [[2.9, "laser", "lost", "gone"], [3.6, "laser", "lost", "gone"]]},
+        )
 
 
 def _handshakes() -> Iterator[Case]:
@@ -201,8 +237,14 @@ def _others() -> Iterator[Case]:
     ]
     status = [[1, _at(1, 0.4), _at(1, 0.6)], [128, _at(2, 0.3), _at(2, 0.4)], [4, _at(3, 0.0), _at(3, 0.2)]]
     heads = {"clean": {}, "dark": {"dark": [[_at(1, 0.3), _at(1, 0.5)], [_at(2, -0.1), _at(2, 0.8)]]}, "saturated": {"status": status}}
+    never = {"words": {"12": [[0.0, 0]], "10": [[0.0, 0]]}}
+    moving = {"drift_um_s": 500.0, "flicker": [[0.3, 0.4]]}
     for name, more in heads.items():
-        told = {"head": {"rate_hz": 100.0, "lateral": lateral} | more}
+        told = {
+            "head": {"rate_hz": 50.0, "lateral": lateral} | more,
+            "changed": UNCOMPENSATED,
+            "machine": never if name == "dark" else moving if name == "saturated" else {},
+        }
         yield _case(f"head-{name}", runs, of_survey={"n": 3, "setups": ["fourdof-z"]}, added=head, **told)
     angles = {"rate_hz": 25.0, "angles": [[0.0, 5.0], [12.5, -3.0], [40.0, 80.0], [0.2, 0.1]], "dark": [[_at(2, 0.2), _at(2, 0.3)]]}
     collimator = '[head]\nformat = "elcomat"\nport = "/dev/null1"\nid = "head 2"\n[head.angles]\nz = ["+A", "+B"]\n'
@@ -220,8 +262,8 @@ def _by_laser() -> Iterator[Case]:
     turn: dict[str, Any] = {"hint": {"outward": False, "known": {"6": levels[-1]}}, "level_mm": levels[-1]}
     shaken = [
         [levels[2], 0.3, 0.5],
-        [levels[2] + 0.01, 0.1, 0.05],
-        [levels[2], 0.1, 0.5],
+        [levels[2] + 0.015, 0.02, 0.05],
+        [levels[2], 0.02, 0.5],
         [levels[3], 0.3, 0.4],
         [levels[3] + 0.05, 0.1, 0.0],
         [levels[3], 0.1, 0.6],
@@ -258,6 +300,10 @@ def _by_laser() -> Iterator[Case]:
             "level_mm": levels[2],
             "acts": [*out[3:], end],
         },
+        "on-by-a-step": turn | {"acts": [[levels[-1] + 13.363, 0.3, 1.0], [levels[-1] + 26.7, 0.3, 1.0]]},
+        "back-held": turn | {"acts": [[400.0, 0.3, 0.1], *back[:1], [365.0, 0.3, 1.0], *back[1:], away]},
+        "marked": {"marked": True, "acts": [*out[:4], [out[3][0] + 0.03, 0.2, 0.4], *out[4:], end]},
+        "marked-back": turn | {"marked": True, "acts": [*back[:4], away]},
         "slow-rate": {"rate_hz": 25, "acts": [*out, end]},
         "linear": {"setup": "linear-x", "acts": [[0.0, 0.3, 1.0], [150.0, 0.3, 1.0], [300.0, 0.3, 1.0], [260.0, 0.3, 1.0]]},
     }

@@ -99,7 +99,7 @@ def _laser_places() -> Iterator[Case]:
     )
     routes = (
         ("box", BOX, 1.0),
-        ("back", BOX | {"outward": False}, 1.0),
+        ("back", BOX | {"outward": False}, -1.0),
         ("long", BOX | {"n": 8, "setup": "linear-x"}, 1.0),
         ("cube", BOX | {"size_mm": [200.0, 200.0, 200.0]}, 0.9),
     )
@@ -330,6 +330,18 @@ def _walks() -> Iterator[Case]:
     )
     resumed = [_sees(240.5, 6), _sees(None, 6, lost=True), _sees(240.5, 6, lost=True), _sees(0.0, 6, lost=True), _stop(0, 6, 0.0)]
     yield "walk-resumed", "walk", {"route": BOX, "expected": 4, "last_count": 5, "last_mm": 160.4, "known": {"3": 160.4}, "steps": resumed}
+    skipped = [
+        ["skip", 0, None],
+        _sees(80.0),
+        _sees(5.0),
+        ["skip", 1, None],
+        _sees(160.4),
+        _sees(133.6),
+        _sees(-3.0),
+        _sees(None, lost=True),
+        _sees(50.0),
+    ]
+    yield "walk-skipped", "walk", {"route": BOX, "last_count": None, "known": {"3": 160.4, "0": 0.0}, "steps": skipped}
     before = [_sees(138.6, 8), _sees(85.2, 7), _stop(2, 8, 138.6), ["expected_reading_mm", 3]]
     yield "walk-begun-before", "walk", {"route": BOX, "believed": [5.0, 85.2], "last_count": 7, "steps": before}
     cube = [

@@ -60,6 +60,7 @@ def _windows() -> Iterator[Case]:
     wrong = [spiked(noise(120, 14), {(k * 23 + 5) % 100: 40.0 + k for k in range(count)}) for count in (1, 3, 4, 5, 6, 8)]
     wrong += [spiked(noise(120, 14), {50: size, 70: -size}) for size in (0.9, 1.4, 2.0)]
     wrong += [spiked(noise(520, 141), {k * 57 % 500: -30.0 - k for k in range(count)}) for count in (7, 8, 9)]
+    wrong += [spiked(noise(100, 14), {(k * 23 + 5) % 90: 40.0 + k for k in range(count)}) for count in (4, 5)]
     yield "windows-spiked", "windows", list(map(_told, wrong))
     leaving = [spiked(noise(120, 15), {120 - gone + k: 12.0 * (k + 1) ** 2 for k in range(gone)}) for gone in (7, 12, 13, 20)]
     tails = (

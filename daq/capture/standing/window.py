@@ -104,7 +104,7 @@ def _variance_inflation(residual: NDArray[np.float64]) -> float:
     size = max(1, len(residual) // BLOCKS)
     count = len(residual) // size
     variance = float(np.mean(residual**2))
-    if count < 8 or variance == 0.0:
+    if count < 8:
         return 1.0
     blocks = residual[: size * count].reshape(count, size).mean(axis=1)
     spectrum = np.abs(fft.rfft(blocks, 2 * count)) ** 2

@@ -82,7 +82,7 @@ class FrameBuffer:
         found = data.find(self._sync, start)
         if found >= 0:
             return found
-        tail = max(start, len(data) - len(self._sync) + 1)
+        tail = max(start, len(data) - len(self._sync))
         return next((at for at in range(tail, len(data)) if self._sync.startswith(data[at:])), len(data))
 
     def _report(self, cap: int) -> Iterator[Junk]:

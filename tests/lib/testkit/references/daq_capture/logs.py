@@ -173,7 +173,8 @@ def log(told: dict[str, Any]) -> Any:
     book, said = PassBook(survey), []
     start = book.start(skip_open_dwell=False)
     if "start" in told:
-        start = msgspec.convert(msgspec.to_builtins(start) | told["start"], CaptureStart)
+        hints = {setup: hint_of(said) for setup, said in told["start"].get("hints", {}).items()}
+        start = msgspec.convert(msgspec.to_builtins(start) | told["start"] | ({"hints": hints} if hints else {}), CaptureStart)
     if survey.plc.silent:
         first = next(iter(start.hints))
         start = msgspec.structs.replace(start, hints={first: start.hints[first]})

@@ -52,6 +52,7 @@ def routes(told: dict[str, Any]) -> Any:
         "found": [[route.find(tuple(place), expected) for expected in (0, 3, last)] for place in told["places"]],
         "backward": plain([route.backward_mm(stop, stop + 1) for stop in range(last)]),
         "steps": steps,
+        "kept": [bool(column.flags.writeable) for column in (route.stops_mm, route.nominal_mm)],
         "base": base_setup(told["setup"]),
         "anew": [begun_anew(route, list(readings)) for readings in runs],
     }

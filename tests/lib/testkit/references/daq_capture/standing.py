@@ -68,11 +68,11 @@ def taken(told: dict[str, Any]) -> Any:
     """Return what is taken of spans of so many samples, so many unusable, so long."""
     found = []
     for count, unusable, seconds, resolution_um in told["spans"]:
-        time_ns = np.arange(count) * (seconds * 1e9 / max(count - 1, 1))
+        time_ns = 2e9 + np.arange(count) * (seconds * 1e9 / max(count - 1, 1))
         mm = 3.0 + 1e-4 * (np.arange(count) % 3)
         beam = np.where(np.arange(count) % 2, 0.5, np.nan)
         span = Span(time_ns=time_ns, position_mm=mm, beam=beam, channels=None, unusable=unusable)
-        found.append(_taken(take(span, 0.0, seconds * 1e9, rules_of(told), resolution_um)))
+        found.append(_taken(take(span, 2e9, 2e9 + seconds * 1e9, rules_of(told), resolution_um)))
     return found
 
 
