@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Iterator, Sequence
 
+from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, movement_um
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.verify import Prediction
@@ -106,7 +107,7 @@ def _changes(case: Case) -> Iterator[str]:
             yield f"  {'position mm':>14} {'old':>10} {'new':>10} {'change':>10}"
             old, new = movement_um(table, before), movement_um(table, [table])
             for at, was, will in zip(table.position_mm, old, new, strict=True):
-                yield f"  {at:>14.4f} {was + 0.0:>10.3f} {will + 0.0:>10.3f} {will - was + 0.0:>10.3f}"
+                yield f"  {at:>14.4f} {fixed(was, 3):>10} {fixed(will, 3):>10} {fixed(will - was, 3):>10}"
 
 
 def _steps(case: Case) -> Iterator[str]:

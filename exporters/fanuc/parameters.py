@@ -7,7 +7,7 @@ import numpy as np
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.options import FanucOptions
 from stepdiag.exporters.fanuc.punch import PunchFile
-from stepdiag.exporters.files.numbers import shortest
+from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 
@@ -104,4 +104,4 @@ def parameter_rows(table: Table, profile: Profile, options: FanucOptions) -> tup
         return (*rows, *(f"point {point:>5} at {position:>12.4f} mm: {value:>6}" for point, position, value in knots))
     data = zip(stored_in(table).items(), table.position_mm[1:], table.absolute_um[1:], strict=True)
     head = f"{'point':>6} {'up to mm':>14} {'data':>6} {'absolute um':>12}"
-    return (*rows, head, *(f"{point:>6} {at:>14.4f} {count:>6} {absolute + 0.0:>12.3f}" for (point, count), at, absolute in data))
+    return (*rows, head, *(f"{point:>6} {at:>14.4f} {count:>6} {fixed(absolute, 3):>12}" for (point, count), at, absolute in data))

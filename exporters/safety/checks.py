@@ -129,7 +129,7 @@ def check_reference(case: Case) -> Iterator[Finding]:
     for table in case.tables:
         if table.law.ends == "extended" or table.direction < 0 or table.multiplier is not None:
             continue  # a product is zero where its lever is, which is another axis
-        at_reference = abs(float(correction_um(table, np.array([table.reference_mm]), table.direction or 1)[0]))
+        at_reference = abs(correction_um(table, np.array([table.reference_mm]), table.direction or 1).item())
         wanted = case.controller.limits(table, case.profile).reference_um
         if at_reference > abs(wanted) + table.quantum_um / 2 + _ZERO_UM:
             yield _error("reference-not-zero", f"{table.label}: {at_reference:.2f} um at the reference position {table.reference_mm:g} mm")

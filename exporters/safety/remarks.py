@@ -4,6 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, untested_kinds
 from stepdiag.exporters.tables.curves import POSITIONING, SIGNIFICANT
 from stepdiag.exporters.tables.sampling import is_directional
@@ -74,9 +75,9 @@ def coarse(whose: str, missed: Mapping[str, float]) -> Iterator[Finding]:
 def _ends(case: Case) -> Iterator[Finding]:
     for table in case.tables:
         if table.law.ends == "held" and np.any(np.abs(table.absolute_um[[0, -1]]) > table.quantum_um / 2):
-            low, high = table.absolute_um[[0, -1]] + 0.0
+            low, high = (fixed(um, 2) for um in table.absolute_um[[0, -1]])
             first, last = table.position_mm[[0, -1]]
-            text = f"{table.label}: {low:.2f} um below {first:g} mm and {high:.2f} um above {last:g} mm are held"
+            text = f"{table.label}: {low} um below {first:g} mm and {high} um above {last:g} mm are held"
             yield _note("ends-held", text)
 
 

@@ -68,8 +68,8 @@ class Bump:
 
     def _moved_um(self, at_mm: float) -> float:
         lever = np.array([0.0 if self.lever is None else self.lever[1]])
-        times = [1.0 if table.multiplier is None else float(table.multiplier.at(lever)[0]) for table in self.tables]
-        return sum(float(correction_um(table, np.array([at_mm]))[0]) * by for table, by in zip(self.tables, times, strict=True))
+        times = [1.0 if table.multiplier is None else table.multiplier.at(lever).item() for table in self.tables]
+        return sum(correction_um(table, np.array([at_mm])).item() * by for table, by in zip(self.tables, times, strict=True))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -216,7 +216,7 @@ def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, floa
 
 def _far_mm(tables: Sequence[Table], grid_mm: Vector) -> float:
     """Return the end of the travel of the other axis where a product moves most."""
-    low, high = (sum(abs(float(t.multiplier.at(np.array([at]))[0])) for t in tables if t.multiplier) for at in grid_mm[[0, -1]])
+    low, high = (sum(abs(t.multiplier.at(np.array([at])).item()) for t in tables if t.multiplier) for at in grid_mm[[0, -1]])
     return float(grid_mm[0] if low > high + 1e-9 else grid_mm[-1])
 
 

@@ -68,7 +68,7 @@ def identifies(result: Result, table: Table) -> bool:
     if table.multiplier is not None:
         turns = {0, 1, 2} - {"XYZ".index(table.output_axis), "XYZ".index(table.multiplier.axis)}
         angles = [result.errors.get(f"E{'ABC'[turn]}{table.input_axis}") for turn in turns]
-        return len(angles) == 1 and angles[0] is not None and angles[0].value is not None
+        return len(angles) == 1 and all(angle is not None and angle.value is not None for angle in angles)
     function = result.errors.get(table.name)
     slopes = [name for name, functions in SQUARENESS_SLOPE.items() if table.name in functions]
     squares = all(name in result.squareness and result.squareness[name].value is not None for name in slopes)

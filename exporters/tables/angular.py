@@ -180,4 +180,4 @@ def column_urad(table: Table) -> Vector:
     """Return the numbers of the column from which a product table comes, in the sense of its law."""
     by = "" if table.multiplier is None else table.multiplier.axis
     sign = _sign(_TURNS.index(str(table.place[COLUMN])[1]), _LETTERS.index(by), _LETTERS.index(table.output_axis))
-    return np.asarray(table.value_um * sign * 1e3 / LEVER_MM) + 0.0
+    return np.asarray(table.value_um * sign * 1e3 / LEVER_MM)

@@ -68,7 +68,7 @@ def lattice_on(result: Result, axes_mm: tuple[Vector, Vector, Vector], active: L
     if active is not None:
         vectors = vectors + active.correction_um(points)
     shape = tuple(len(axis) for axis in axes_mm)
-    return Lattice(axes_mm=axes_mm, vectors_um=np.round(vectors, _DECIMALS).reshape(*shape, 3) + 0.0)
+    return Lattice(axes_mm=axes_mm, vectors_um=np.round(vectors, _DECIMALS).reshape(*shape, 3))
 
 
 def render(lattice: Lattice) -> ControlFile:

@@ -10,6 +10,7 @@ from typing import Literal
 
 import numpy as np
 
+from stepdiag.exporters.files.numbers import fixed
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import AXES, Vector
 
@@ -183,7 +184,7 @@ def plain_rows(table: Table) -> tuple[str, ...]:
     rows = zip(table.position_mm, table.value_um, strict=True)
     return (
         f"{'point':>6} {'position mm':>14} {'value um':>12}",
-        *(f"{index:>6} {position:>14.4f} {value + 0.0:>12.3f}" for index, (position, value) in enumerate(rows)),
+        *(f"{index:>6} {position:>14.4f} {fixed(value, 3):>12}" for index, (position, value) in enumerate(rows)),
     )
 
 

@@ -9,6 +9,12 @@ ABOUT = {
     "checked": "the checks of tables around their limits",
     "tried": "sign tests: bumps, and the verdicts on runs",
     "programmed": "NC programs, and what refuses one",
+    "computed": "curves, fits, angles, lattices and laws, number by number",
+    "exchanged": "texts by hand: Etalon Exchange, volumetric files, punch files, lines and numbers",
+    "limited": "what controls accept and ask for",
+    "kept": "files and sets of files",
+    "weighed": "tables weighed against what a result asks for, in ladders of sizes, shifts and mixtures",
+    "served": "the register block that the component for LinuxCNC serves",
     "asked": "profiles with one field that is wrong",
 }
 CASES = {

@@ -137,7 +137,8 @@ def _scaled(case: TableCase, fits: Sequence[_Fit]) -> Judgement | None:
     alike = [fit for fit in fits if abs(fit.alike) >= ALIKE and fit.wanted_um > fit.sure_um]
     if not alike:
         return None
-    factor = max(alike, key=lambda fit: abs(fit.alike)).factor
+    # two slopes are alike to rounding, whatever their sizes: then the one that the table misses least
+    factor = max(alike, key=lambda fit: (round(abs(fit.alike), 6), -fit.left)).factor
     sign = " and turned in sign" if factor < 0 else ""
     return case.says("scaled", f"the right shape, {abs(factor):.3g} times as large as it should be{sign}", factor)
 

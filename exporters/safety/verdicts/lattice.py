@@ -51,9 +51,10 @@ def judge_field(result: Result, moved_um: Moved, axes_mm: Axes) -> Finding | Non
     size, size_moved = rms(asked), rms(moved)
     if max(size, size_moved) < SURE_UM or rms(moved - asked) <= SAME * size or size_moved < SURE_UM / 2:
         return None
-    factor = float(np.mean(moved * asked)) / size**2
-    if abs(factor) * size < ALIKE * size_moved:
+    common = float(np.mean(moved * asked))
+    if abs(common) <= ALIKE * size * size_moved:  # equal where the result asks for nothing at all
         return Finding(code="lattice-unlike", severity="error", text="the lattice is nothing like what the result asks for")
+    factor = common / size**2
     sign = " and turned in sign" if factor < 0 else ""
     text = f"the lattice is {abs(factor):.3g} times as large as the result asks for{sign}"
     return Finding(code="lattice-scaled", severity="error", text=text)

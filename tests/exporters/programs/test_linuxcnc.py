@@ -1,25 +1,21 @@
 """What is written for LinuxCNC beside the programs: the HAL component speaks Modbus as its docstring says, whatever is sent to it.
 
-The component is loaded with stand-ins for the control's two Python modules; `tests/system/control` has the real ones.
+It runs beside stand-ins for the control's two Python modules (`testkit.component`); `tests/system/control` has the real ones.
 """
 
-import importlib.util
 import socket
 import struct
-import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from pathlib import Path
-from types import ModuleType, SimpleNamespace
 
 import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stepdiag.exporters.programs import CONTROLS, companion_files
-from stepdiag.exporters.programs import linuxcnc as made
 from stepdiag.solver.errors import UsageError
+from testkit.component import COMPONENT
 
 
 class Pins(dict):
@@ -27,30 +23,12 @@ class Pins(dict):
 
 
 @pytest.fixture(scope="module")
-def component() -> ModuleType:
-    """Return the component's module beside a control that is on and runs a program."""
-    control = ModuleType("linuxcnc")
-    status = SimpleNamespace(poll=lambda: None, interp_state=2, task_state=4)
-    vars(control).update(stat=lambda: status, INTERP_IDLE=1, STATE_ON=4, error=RuntimeError, shown=status)
-    path = Path(made.__file__).with_name(made.COMPONENT)
-    spec = importlib.util.spec_from_file_location("stepdiag_modbus", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    with pytest.MonkeyPatch.context() as patched:
-        patched.setitem(sys.modules, "hal", ModuleType("hal"))
-        patched.setitem(sys.modules, "linuxcnc", control)
-        spec.loader.exec_module(module)
-    return module
-
-
-@pytest.fixture(scope="module")
-def served(component: ModuleType) -> tuple[Pins, int]:
+def served() -> tuple[Pins, int]:
     """Serve pins on a real socket; return them and the port."""
-    pins = Pins({"setup": 2.0, "count": 65537.0, "stopped": True, "in-position": True, "captured": 0.0, **component.USUAL})
+    pins = Pins({"setup": 2.0, "count": 65537.0, "stopped": True, "in-position": True, "captured": 0.0, **COMPONENT.USUAL})
     pins |= {"position-x": -200.0, "position-y": 0.00005, "position-z": 1e9}
     door = socket.create_server(("127.0.0.1", 0))
-    threading.Thread(target=component.served, args=(door, component.Block(pins, 1.0)), daemon=True).start()
+    threading.Thread(target=COMPONENT.served, args=(door, COMPONENT.Block(pins, 1.0)), daemon=True).start()
     return pins, door.getsockname()[1]
 
 
@@ -143,8 +121,8 @@ class TestConnections:
             stranger.sendall(noise)
             assert exchange(link, struct.pack(">BHH", 3, 1, 1))[:2] == b"\x03\x02"
 
-    def test_the_oldest_of_too_many_gives_way(self, served: tuple[Pins, int], component: ModuleType) -> None:
-        links = [socket.create_connection(("127.0.0.1", served[1]), timeout=10.0) for _ in range(component.MOST_CLIENTS + 3)]
+    def test_the_oldest_of_too_many_gives_way(self, served: tuple[Pins, int]) -> None:
+        links = [socket.create_connection(("127.0.0.1", served[1]), timeout=10.0) for _ in range(COMPONENT.MOST_CLIENTS + 3)]
         try:
             assert exchange(links[-1], struct.pack(">BHH", 3, 1, 1))[:2] == b"\x03\x02"
             assert links[0].recv(1) == b""

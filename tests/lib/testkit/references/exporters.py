@@ -3,7 +3,21 @@
 from collections.abc import Callable, Mapping
 from typing import Any
 
-from testkit.recorded import asked, checked, damaged, exported, judged, programmed, tried
+from testkit.recorded import (
+    asked,
+    checked,
+    computed,
+    damaged,
+    exchanged,
+    exported,
+    judged,
+    kept,
+    limited,
+    programmed,
+    served,
+    tried,
+    weighed,
+)
 from testkit.recorded.plain import shortened
 
 Cases = Mapping[str, Callable[[], Any]]
@@ -18,6 +32,12 @@ GROUPS: Mapping[str, tuple[Callable[[], Cases], tuple[str, ...]]] = {
     "checked": (checked.cases, ("standing", "remarks", "kinds-of-laws")),
     "tried": (tried.cases, ("bump", "verdict")),
     "programmed": (programmed.cases, ("fanuc", "heidenhain", "linuxcnc", "siemens", "profiles")),
+    "computed": (computed.cases, ("fits", "columns")),
+    "exchanged": (exchanged.cases, ("etalon",)),
+    "limited": (limited.cases, ("options", "limits")),
+    "kept": (kept.cases, ()),
+    "weighed": (weighed.cases, ("sizes", "mixtures")),
+    "served": (served.cases, ()),
     "asked": (asked.cases, ("common", "section")),
 }
 """By call: its cases, and the beginnings of the names of those that stand in a file of their own; the first that fits counts."""
