@@ -41,7 +41,27 @@ def watched(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Watche
     watching.close()
 
 
+@pytest.fixture(scope="module")
+def resting(serving: Served) -> Iterator[list[tuple[Watched, Page]]]:
+    """The page of a module's tests while none of them uses it: nothing before the first and after one that complained."""
+    kept: list[tuple[Watched, Page]] = []
+    yield kept
+    for watching, _ in kept:
+        watching.leave()
+
+
 @pytest.fixture
-def page(watched: Watched, daemon: Served) -> Page:
-    """The page as a desk computer shows it, its first picture drawn."""
-    return watched.open(daemon.address)
+def page(browser: Browser, resting: list[tuple[Watched, Page]], daemon: Served) -> Iterator[Page]:
+    """The page as a desk computer shows it, its first picture drawn; it remembers nothing of the test before."""
+    watching, shown = resting.pop() if resting else (Watched(browser), None)
+    try:
+        if shown is None:
+            shown = watching.open(daemon.address)
+        else:
+            watching.begin_again(shown, daemon.address)
+        yield shown
+        watching.rest(shown)
+    except BaseException:
+        watching.leave()
+        raise
+    resting.append((watching, shown))
