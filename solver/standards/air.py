@@ -117,10 +117,11 @@ def ciddor_index(air: Air, vacuum_wavelength_nm: float, co2_ppm: float = CIDDOR_
     xv = (1.00062 + 3.14e-8 * p + 5.6e-7 * t**2) * vapour_pa / p
     dry_standard = 1e-8 * (5792105 / (238.0185 - s) + 167917 / (57.362 - s)) * (1 + 5.34e-7 * (co2_ppm - 450))
     water_standard = 1.022e-8 * (295.235 + 2.6422 * s - 0.03238 * s**2 + 0.004028 * s**3)
-    dry_molar, water_molar, gas = 0.0289635 + 1.2011e-8 * (co2_ppm - 400), 0.018015, 8.314472
+    water_molar, gas = 0.018015, 8.314472
     moles = p / (_ciddor_compressibility(t, p, xv) * gas * (t + ZERO_CELSIUS_K))
-    dry_standard_density = 101325 * dry_molar / (0.9995922115 * gas * 288.15)
-    dry = (1 - xv) * moles * dry_molar / dry_standard_density * dry_standard
+    # of dry air the density over that of standard air counts: its molar mass is in both
+    standard_moles = 101325 / (0.9995922115 * gas * 288.15)
+    dry = (1 - xv) * moles / standard_moles * dry_standard
     water = xv * moles * water_molar / 0.00985938 * water_standard
     index: Vector = 1 + dry + water
     return index

@@ -5,6 +5,7 @@ from hypothesis import strategies as st
 
 from stepdiag.daq.capture.standing.certain_window import certain_windows
 from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.stop import PLATEAU_MARGIN_NS, plateau_window
 from stepdiag.daq.formats.instruments.line import LineDecoder, LineSettings
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import StopRules
@@ -45,3 +46,17 @@ def test_a_window_never_spans_a_hole(late_ms, after_ms, more_ms, to_ms):
     for taken, zero_mm in zip(windows, (0.0, JUMP_MM), strict=False):
         assert abs(taken.window.mean_mm - zero_mm) < 1e-6
         assert taken.from_ns <= taken.to_ns <= dwell.to_ns
+
+
+def test_of_a_plateau_shorter_than_twice_the_settling_half_is_taken():
+    """Half a second of standing and 0.4 s to settle: a mean over the last tenth would hold nothing, one over all the settling."""
+    settings = LineSettings(pattern=r"(?P<position>[-+.\d]+) (?P<counter>\d+)", rate_hz=1000.0, counter_modulus=1_000_000)
+    buffer = StreamBuffer(LineDecoder(settings))
+    for end, position_mm in ((1000, -20.0), (1500, 0.0), (2500, 20.0)):
+        for at in range(end - (500 if end == 1500 else 1000), end, 100):
+            buffer.feed(samples(at, at + 100, position_mm), (at + 100) * MS)
+    taken = plateau_window(buffer, 0.0, 2500 * MS, 0.0, StopRules(settle_s=0.4, min_window_s=0.1))
+    assert taken is not None
+    assert taken.window.mean_mm == 0.0
+    whole_ns = 500 * MS - PLATEAU_MARGIN_NS
+    assert abs((taken.to_ns - taken.from_ns) - whole_ns / 2) < 20 * MS

@@ -141,6 +141,14 @@ def test_a_machine_that_leaves_between_two_requests_does_not_stand() -> None:
     assert seen == [False, False, False, True]
 
 
+def test_a_number_asked_for_twice_in_one_poll_is_the_first_that_came() -> None:
+    """It shares the register of the stop bit, which is asked for at the end once more; where the first was refused, the second stands."""
+    signals = {"setup": SignalSpec(address=2), "stopped": SignalSpec(address=2, type="bit"), "x_mm": SignalSpec(address=40, type="int32")}
+    decoder, position = SignalDecoder(signals), bytes.fromhex("00000064")
+    assert decoder.decode(block(signals, bytes([0, 3]), position, bytes([0, 5]))).setup == 3
+    assert decoder.decode(block(signals, b"", position, bytes([0, 5]))).setup == 5
+
+
 def test_answer_of_another_length_is_refused() -> None:
     with pytest.raises(DataError, match=r"answer for holding 0: expected 28 bytes, found 26"):
         SignalDecoder(CONTRACT_SIGNALS).decode(block(dict(CONTRACT_SIGNALS), CONTRACT_BLOCK[:26]))

@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions, StraightnessNumbers
+from stepdiag.exporters.fanuc.parameters import stored_in
 from stepdiag.exporters.fanuc.pitch import KIND, LAW
 from stepdiag.exporters.fanuc.punch import read_punch
 from stepdiag.exporters.files.control_file import ControlFile
@@ -160,7 +161,12 @@ class TestPunchFiles:
     def test_ranges_of_two_axes_that_overlap_are_an_error(self):
         axes = {letter: AxisPoints(number=n, reference_point=40) for n, letter in enumerate("XYZ", start=1)}
         plan = CONTROL.plan(curves_of(made_result(), ["EXX", "EYY"]), fanuc_profile(axes=axes))
-        assert [(item.code, item.severity) for item in plan.findings] == [("points-overlap", "error")]
+        (found,) = plan.findings
+        assert (found.code, found.severity) == ("points-overlap", "error")
+        both = [set(numbers) for numbers in map(stored_in, plan.tables)]
+        shared = both[0] & both[1]
+        assert f"both use pitch points {min(shared)} to {max(shared)}: give the axes" in found.text
+        assert min(shared) < max(shared)
 
     def test_a_pitch_file_alone_suffices_where_nothing_was_compensated(self, tmp_path):
         """The magnification of an empty table does not matter; the chosen one is in the report, to be set by hand."""

@@ -211,7 +211,7 @@ class Served:
         async def run() -> Answer:
             return act()
 
-        return asyncio.run_coroutine_threadsafe(run(), self._loop).result(10)
+        return asyncio.run_coroutine_threadsafe(run(), self._loop).result(60)
 
     def start(self, act: Callable[[], object]) -> None:
         """Have the page's loop run something without waiting for it."""
@@ -258,7 +258,7 @@ def served(folder: Path, *, port: int = 0, token: str = "", language: Language =
     stops: list[tuple[asyncio.AbstractEventLoop, asyncio.Event]] = []
     thread = threading.Thread(target=run, name="served page")
     thread.start()
-    started.wait(10)
+    started.wait(60)
     try:
         if failed:
             raise failed[0]
@@ -267,7 +267,7 @@ def served(folder: Path, *, port: int = 0, token: str = "", language: Language =
         if thread.is_alive():
             loop, stop = stops[0]
             loop.call_soon_threadsafe(stop.set)
-        thread.join(10)
+        thread.join(60)
         assert not thread.is_alive()
         if failed:
             raise failed[0]

@@ -4,6 +4,14 @@ import pytest
 
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.geometry.setups import SETUP_NAMES, setup_of
+from stepdiag.solver.geometry.volume import SETUP_NUMBERS
+
+
+def test_the_numbers_of_the_register_are_those_of_the_contract():
+    """Contract 2, register 3: a number that moved would name another setup in every survey."""
+    diagonals = [(1, "ppp"), (2, "npp"), (3, "pnp"), (4, "ppn")]
+    lines = [(11, "linear-x"), (12, "linear-y"), (13, "linear-z"), (21, "fourdof-x"), (22, "fourdof-y"), (23, "fourdof-z")]
+    assert list(SETUP_NUMBERS.items()) == diagonals + lines
 
 
 @pytest.mark.parametrize(

@@ -144,8 +144,8 @@ def test_who_says_nothing_of_encryption_keeps_no_place(tmp_path):
     crt, key = certified(tmp_path)
     with served(tmp_path, certificate=str(crt), key=str(key)) as page:
         port = int(page.address.rpartition(":")[2])
-        with socket.create_connection(("127.0.0.1", port), timeout=40) as silent, socket.create_connection(("127.0.0.1", port)) as half:
-            half.settimeout(40)
+        with socket.create_connection(("127.0.0.1", port), timeout=60) as silent, socket.create_connection(("127.0.0.1", port)) as half:
+            half.settimeout(60)
             half.sendall(b"\x16\x03\x01\x02\x00\x01")
             assert silent.recv(1) == b""
             assert half.recv(1) == b""
@@ -156,12 +156,12 @@ def test_certificates_encrypt_the_page(tmp_path):
     crt, key = certified(tmp_path)
     with served(tmp_path, token=TOKEN, certificate=str(crt), key=str(key)) as page:
         port = int(page.address.rpartition(":")[2])
-        connection = http.client.HTTPSConnection("localhost", port, timeout=20, context=ssl.create_default_context(cafile=str(crt)))
+        connection = http.client.HTTPSConnection("localhost", port, timeout=60, context=ssl.create_default_context(cafile=str(crt)))
         connection.request("POST", "/access", headers={"Authorization": bearer(TOKEN), "Origin": f"https://localhost:{port}"})
         answer = connection.getresponse()
         assert answer.status == 204
         assert "secure" in answer.getheader("set-cookie").lower()
         connection.close()
-        with socket.create_connection(("127.0.0.1", port), timeout=20) as plain:
+        with socket.create_connection(("127.0.0.1", port), timeout=60) as plain:
             plain.sendall(b"GET /about.json HTTP/1.1\r\nHost: localhost\r\n\r\n")
             assert b"version" not in plain.recv(1000)

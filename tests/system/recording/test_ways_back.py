@@ -69,7 +69,7 @@ def look(link):
 @contextmanager
 def held_at(port, count):
     """Hold the machine at a stop by its own count: it waits for who glances at it, and goes on when somebody really looks."""
-    with socket.create_connection(("127.0.0.1", port), timeout=10.0) as link:
+    with socket.create_connection(("127.0.0.1", port), timeout=60.0) as link:
         while look(link) < count:
             time.sleep(0.02)
         over = threading.Event()

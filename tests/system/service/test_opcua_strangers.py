@@ -20,11 +20,11 @@ USER, PASSWORD = "mes", "not-to-be-guessed"
 HURRIED = """
 from stepdiag.__main__ import main
 from stepdiag.page import security
-from stepdiag.publish import gate, sessions
-gate.FETCH_S, sessions.ACTIVATION_S, security.DELAY_S = 4.0, 5.0, 0.1
+from stepdiag.publish import gate
+gate.FETCH_S, security.DELAY_S = 10.0, 0.1
 main()
 """
-"""The server, but that it waits less long for who fetches nothing, never comes in, or guesses."""
+"""The server, but that it waits less long for who fetches nothing or guesses; who comes from a busy computer must be able to fetch."""
 MEMORY_KB = 150_000
 """What all of these attacks together may take, beside what one honest client takes."""
 
@@ -142,7 +142,7 @@ def test_one_address_takes_half_of_the_places(serving):
 def test_who_never_comes_in_is_let_go(serving):
     with connected(serving) as guest:
         guest.sendall(hello())
-        guest.settimeout(4 * PATIENCE_S)
+        guest.settimeout(PATIENCE_S)
         assert closed(guest)
 
 
@@ -158,7 +158,7 @@ def test_a_connection_has_one_session_and_registers_no_server(serving):
                 await client.uaclient.register_server(server)
             assert [each.ApplicationUri for each in await client.find_servers()] == ["urn:stepdiag"]
             await client.create_session()
-            for _ in range(300):
+            for _ in range(50):
                 with pytest.raises(ua.uaerrors.BadTooManySessions):
                     await client.create_session()
         finally:

@@ -63,9 +63,9 @@ def master_of():
     def connect(bench, **options):
         addresses = bench.addresses
         if "plc_port" in addresses:
-            client = ModbusTcpClient("127.0.0.1", port=addresses["plc_port"], timeout=30.0, **options)
+            client = ModbusTcpClient("127.0.0.1", port=addresses["plc_port"], timeout=60.0, **options)
         else:
-            client = ModbusSerialClient(addresses["plc_link"], baudrate=115200, timeout=30.0, **options)
+            client = ModbusSerialClient(addresses["plc_link"], baudrate=115200, timeout=60.0, **options)
         assert client.connect()
         opened.append(client)
         return client
@@ -142,7 +142,7 @@ def test_a_reader_who_comes_late_sees_the_present(bench_of):
 
 def test_a_display_answers_on_its_line(bench_of):
     bench = bench_of(QUICK + '[laser]\nformat = "nd"\n')
-    with serial.Serial(bench.addresses["laser_link"], 9600, timeout=30.0) as port:
+    with serial.Serial(bench.addresses["laser_link"], 9600, timeout=60.0) as port:
         port.write(b"\x1bA0000\r")
         assert port.readline() == b"\x02ND-287\r\n"
 
@@ -205,7 +205,7 @@ def test_a_rebooting_plc_hangs_up_and_counts_from_zero(bench_of, master_of):
     bench.inject(Fault(kind="plc-reboot", duration_s=2.0))
 
     def answers():
-        with closing(ModbusTcpClient("127.0.0.1", port=bench.addresses["plc_port"], timeout=30.0)) as again:
+        with closing(ModbusTcpClient("127.0.0.1", port=bench.addresses["plc_port"], timeout=60.0)) as again:
             return again.connect()
 
     until(lambda: not answers())

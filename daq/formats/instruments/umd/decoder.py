@@ -98,7 +98,7 @@ class UmdDecoder:
     def feed_steady(self, chunks: Sequence[tuple[bytes, int]]) -> Samples | None:
         """Return the samples of several chunks (`daq.timing.samples.SteadyDecoder`)."""
         data = b"".join(chunk for chunk, _ in chunks)
-        rows = None if self._first_line or self._greeted else uniform_rows(self._lines.preview(data))
+        rows = None if self._greeted else uniform_rows(self._lines.preview(data))
         if rows is None or not self._goes_on(rows):
             return None
         meas, displacement, phase = self._columns

@@ -216,6 +216,16 @@ def test_the_quick_way_through_a_steady_stream_is_the_slow_one(size):
         np.testing.assert_array_equal(*both)
 
 
+def test_a_greeting_at_the_end_of_a_steady_stream_is_over_with_the_next_line():
+    """The count goes on behind it: what is missing later is missing samples, not a board that began anew."""
+    decoder = UmdDecoder(UmdSettings())
+    decoder.feed(lines(line(5), line(6)) + GREETING, 1)
+    goes_on = (lines(line(7), line(8)), 2)
+    assert decoder.feed_steady([goes_on]) is None
+    decoder.feed(*goes_on)
+    assert codes(decoder.feed(line(12), 3)) == ["gap"]
+
+
 def test_a_greeting_within_a_count_that_goes_on_is_no_restart():
     """Three samples after the greeting, each one on: nothing began anew."""
     decoder = UmdDecoder(UmdSettings())

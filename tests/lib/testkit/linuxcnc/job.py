@@ -157,7 +157,7 @@ def daemon(survey: Path) -> Iterator[Path]:
         yield log
     finally:
         process.terminate()
-        assert process.wait(30.0) == 0, log.read_text(errors="replace")
+        assert process.wait(60.0) == 0, log.read_text(errors="replace")
 
 
 def until(done: Callable[[], bool], log: Path, timeout_s: float = 60.0) -> None:

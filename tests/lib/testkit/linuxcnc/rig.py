@@ -294,7 +294,7 @@ def _running(folder: Path, door: socket.socket, plc_port: int) -> Iterator[Contr
         yield from _served(door, folder, log, plc_port)
     finally:
         try:
-            process.wait(30.0)
+            process.wait(60.0)
         except subprocess.TimeoutExpired:
             os.killpg(process.pid, signal.SIGKILL)
             process.wait()

@@ -131,10 +131,10 @@ def booted(root, name, *binds):
         finally:
             system.run("systemctl", "poweroff", check=False)
             try:
-                container.communicate(timeout=30)
+                container.communicate(timeout=60)
             except subprocess.TimeoutExpired:
                 as_root("kill", f"-{signal.SIGKILL}", system.pid)
-                container.communicate(timeout=10)
+                container.communicate(timeout=60)
 
 
 def _first_process(container):

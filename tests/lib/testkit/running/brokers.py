@@ -15,7 +15,7 @@ import aiomqtt
 from stepdiag.virtual.base.reserved import reserved_port
 
 USER, PASSWORD = "stepdiag", "not-to-be-guessed"
-PATIENCE_S = 60
+PATIENCE_S = 180
 
 
 @dataclass(frozen=True)
@@ -73,7 +73,7 @@ def heard(place, wanted):
 
 async def _heard(place, wanted):
     context = ssl.create_default_context(cafile=place.authority)
-    async with aiomqtt.Client("127.0.0.1", place.port, username=USER, password=PASSWORD, tls_context=context, timeout=30) as client:
+    async with aiomqtt.Client("127.0.0.1", place.port, username=USER, password=PASSWORD, tls_context=context, timeout=PATIENCE_S) as client:
         await client.subscribe("#", qos=1)
         held = {}
         async for message in client.messages:

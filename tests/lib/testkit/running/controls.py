@@ -19,7 +19,7 @@ class VirtualPlc:
     """The register block of the virtual machine, read over Modbus TCP."""
 
     def __init__(self, port):
-        self._connection = socket.create_connection(("127.0.0.1", port), timeout=20.0)
+        self._connection = socket.create_connection(("127.0.0.1", port), timeout=60.0)
         self._lock = threading.Lock()
 
     def close(self):
