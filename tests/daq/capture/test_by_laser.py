@@ -134,6 +134,7 @@ def test_a_shaken_standstill_is_one_stop(watched):
     bench.drive(bench.out, 0.0, [2])
     bench.stand(900.0)
     assert bench.named(bench.out) == [0, 1, 2]
+    assert bench.dwells[1].to_ns - bench.dwells[1].from_ns > 1.9e9, "both parts of it"
 
 
 def test_a_wrong_sign_is_named_and_nothing_is_measured():

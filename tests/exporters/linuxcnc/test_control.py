@@ -183,6 +183,18 @@ class TestBacklash:
         np.testing.assert_allclose(forward, [4, 0, -5, -9, -17], atol=1e-6)
         np.testing.assert_allclose(reverse, [-4, -8, -13, -17, -25], atol=1e-6)
 
+    def test_a_file_whose_columns_are_alike_has_switched_backlash_off_too(self, tmp_path):
+        """BACKLASH of 8 um stands in the INI file and did nothing while measuring: no half of it goes into the columns."""
+        old = ControlFile(name="screw_x.comp", data=b"-200.0 -199.99 -199.99\n200.0 200.01 200.01\n")
+        profile = replace(self.with_backlash(8.0, measured_with="on"), existing=(old,))
+        statement = stated("on", {old.name: old.data}, date(2026, 5, 30), "copied from the machine")
+        residual = replace(made_result({"EXX": [0, 1, 1, 1, 1]}), extra={"survey": statement.as_json()})
+        report = export(residual, "linuxcnc", profile, out_dir=tmp_path / "out")
+        points = np.column_stack([VOLUME.nodes_mm(0), np.zeros((5, 2))])
+        forward, reverse = (total_correction_um(report.tables, points, way)[:, 0] for way in (1, -1))
+        np.testing.assert_array_equal(forward, reverse)
+        np.testing.assert_allclose(forward, [-10, -11, -11, -11, -11], atol=1e-6)
+
 
 def test_an_export_of_nothing_is_no_export(tmp_path):
     """Straightness alone has no place in LinuxCNC: a folder without a file for the control is not written."""

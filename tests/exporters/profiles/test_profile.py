@@ -48,16 +48,6 @@ class TestTemplates:
         section = tomllib.loads("\n".join(line for line in lines if re.match(r"\[|\w+ = ", line)))[name]
         assert set(section) <= {field.encode_name for field in msgspec.structs.fields(controller.options)}
 
-    def test_an_option_that_nobody_knows_is_refused(self, name):
-        """Passed over, a slip of the keyboard would leave the default at work without a word."""
-        machine = MACHINES[name]
-        text = profile_text(name, steps_mm=(100.0,) * 3, references_mm=(0.0,) * 3, direction="mean")
-        parse_profile(text, "p.toml", controller_named(name), VOLUME, machine.files)
-        with pytest.raises(UsageError, match=rf"p\.toml: {name}\.no_such_option"):
-            parse_profile(
-                text.replace(f"[{name}]\n", f"[{name}]\nno_such_option = 1\n"), "p.toml", controller_named(name), VOLUME, machine.files
-            )
-
 
 class TestMessages:
     @pytest.mark.parametrize(

@@ -220,7 +220,7 @@ def test_a_greeting_at_the_end_of_a_steady_stream_is_over_with_the_next_line():
     """The count goes on behind it: what is missing later is missing samples, not a board that began anew."""
     decoder = UmdDecoder(UmdSettings())
     decoder.feed(lines(line(5), line(6)) + GREETING, 1)
-    goes_on = (lines(line(7), line(8)), 2)
+    goes_on = (line(7) + line(8), 2)
     assert decoder.feed_steady([goes_on]) is None
     decoder.feed(*goes_on)
     assert codes(decoder.feed(line(12), 3)) == ["gap"]
