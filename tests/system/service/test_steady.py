@@ -4,7 +4,7 @@ import ctypes
 
 import pytest
 
-from testkit.running.steady import SPARE_S, on_a_steady_computer
+from testkit.running.steady import ATTEMPTS, SPARE_S, on_a_steady_computer
 
 
 def stand_still():
@@ -26,7 +26,9 @@ def test_a_failure_while_everything_stood_still_is_tried_again_in_another_folder
 
 
 @pytest.mark.parametrize(
-    ("work", "spare_s", "attempts"), [(lambda: None, 60.0, 1), (stand_still, SPARE_S, 3)], ids=["it went on", "it stood still every time"]
+    ("work", "spare_s", "attempts"),
+    [(lambda: None, 60.0, 1), (stand_still, SPARE_S, ATTEMPTS)],
+    ids=["it went on", "it stood still every time"],
 )
 def test_a_test_that_is_wrong_fails(tmp_path, monkeypatch, work, spare_s, attempts):
     monkeypatch.setattr("testkit.running.steady.SPARE_S", spare_s)  # a busy computer may stand still at this moment

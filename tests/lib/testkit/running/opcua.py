@@ -38,10 +38,14 @@ class Serving:
 
     def __enter__(self):
         end = time.monotonic() + PATIENCE_S
-        while "opcua-serves" not in self.said:
-            assert self.process.poll() is None, self.said
-            assert time.monotonic() < end, self.said
-            time.sleep(0.1)
+        try:
+            while "opcua-serves" not in self.said:
+                assert self.process.poll() is None, self.said
+                assert time.monotonic() < end, self.said
+                time.sleep(0.1)
+        except BaseException:
+            self.__exit__()
+            raise
         return self
 
     def __exit__(self, *_):
