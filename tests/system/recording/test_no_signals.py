@@ -129,6 +129,7 @@ def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
     assert "no-signals" in {each["code"] for each in result["findings"]}
 
 
+@on_a_steady_computer
 def test_a_killed_daemon_asks_for_the_pass_from_its_beginning(tmp_path):
     with hall(tmp_path, setups=("ppp",), **QUIET) as place:
         with daemon(place.survey, wait_for=("laser",)) as process:
@@ -167,6 +168,7 @@ def test_a_machine_with_signals_is_not_begun_by_hand(tmp_path):
     assert 'plc.transport: expected "none"' in said
 
 
+@on_a_steady_computer
 def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
     """By whoever has the token; the page says that somebody has to."""
     port, token = reserved_port(), "a token of the tests"
@@ -182,6 +184,7 @@ def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
             until_told(place, "pnp 0/6")
 
 
+@on_a_steady_computer
 def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
     """The edges lie in the laser's own stream; both passes are named, counted, and right."""
     telling = f"[laser.qudis]\nmarker = true\n{FIXED}"
