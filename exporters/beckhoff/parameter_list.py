@@ -15,7 +15,6 @@ from stepdiag.solver.geometry.volume import Vector
 _UNITS_PER_MM = 10000.0
 _UM = 0.1
 _LINE = re.compile(r"^(?P<key>[a-z_]+(?:\.[a-z_0-9]+)*(?:\.table\[(?P<index>\d+)\]\.(?P<column>[a-z]+))?)\s+(?P<value>\S+)\Z")
-_REMARK = re.compile(r"/\*(?:[^*]|\*(?!/))*+\*/")
 _MASTER_WORDS = ("slave_ax_nr", "master_ax_nr")
 Values = Mapping[str, tuple[str, str]]
 
@@ -74,7 +73,7 @@ def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
     """Return place and value of every key; a key twice, or a line that is none, is refused."""
     values: dict[str, tuple[str, str]] = {}
     for where, raw in read_lines(file):
-        line = _REMARK.sub("", raw.partition("#")[0]).strip()
+        line = _without_remarks(raw.partition("#")[0]).strip()
         if not line:
             continue
         match = _LINE.match(line)
@@ -82,6 +81,15 @@ def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
             raise DataError(where, expected="a new key and its value", found=repr(line))
         values[match["key"]] = (where, match["value"])
     return values
+
+
+def _without_remarks(line: str) -> str:
+    """Return a line without what stands between ``/*`` and the next ``*/``; a remark that is not closed stays."""
+    kept, at = [], 0
+    while (begin := line.find("/*", at)) >= 0 and (end := line.find("*/", begin + 2)) >= 0:
+        kept.append(line[at:begin])
+        at = end + 2
+    return "".join([*kept, line[at:]])
 
 
 def _ssfk(file: ControlFile, values: Values, letter: str, profile: Profile, senses: Mapping[str, Sense | None]) -> Iterator[Table]:

@@ -8,7 +8,6 @@ what was found. An unknown key is refused with the nearest known one. A value ``
 import difflib
 import json
 import math
-import re
 import tomllib
 from collections.abc import Iterator
 from types import NoneType, UnionType
@@ -17,6 +16,7 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 import msgspec
 from msgspec import inspect
 
+from stepdiag.exporters.files.dotted_names import longer_than
 from stepdiag.solver.errors import UsageError
 from stepdiag.solver.readings.csv_table import LARGEST
 
@@ -24,9 +24,6 @@ Model = TypeVar("Model", bound=msgspec.Struct)
 
 UNANSWERED = "?"
 _DEEPEST = 20
-_PART = r"""(?:[\w-]++|"(?:[^"\\\n]|\\.)*+"|'[^'\n]*+')"""
-_DEEP = re.compile(rf"(?<![\w-]){_PART}(?:[ \t]*+\.[ \t]*+{_PART}){{{_DEEPEST}}}")
-"""A dotted name of many parts: time and memory of the TOML reader grow with the square of their number."""
 _PLAIN: dict[type[inspect.Type], str] = {
     inspect.BoolType: "true or false",
     inspect.DictType: "a table",
@@ -38,10 +35,9 @@ _PLAIN: dict[type[inspect.Type], str] = {
 def read_toml(text: str, source: str) -> dict[str, Any]:
     """Return the tables of a TOML text; a byte order mark is passed over. Raises ``UsageError`` with the line where it is no TOML."""
     text = text.removeprefix("\ufeff")
-    deep = _DEEP.search(text)
+    deep = longer_than(_DEEPEST, text)
     if deep is not None:
-        line = text.count("\n", 0, deep.start()) + 1
-        raise UsageError(f"{source}: line {line}", expected=f"names of at most {_DEEPEST} parts", found=show(deep.group()))
+        raise UsageError(f"{source}: line {deep.line}", expected=f"names of at most {_DEEPEST} parts", found=show(deep.text))
     try:
         return tomllib.loads(text)
     except (ValueError, RecursionError) as error:  # ValueError also for whole numbers of thousands of digits

@@ -1,8 +1,14 @@
-"""A regular expression that judges a whole text ends in ``\\Z``: ``$`` also lets a line end pass behind it."""
+"""A regular expression that judges a whole text ends in ``\\Z``: ``$`` also lets a line end pass behind it.
+
+And none keeps what a group has taken (``(...)*+``): Python 3.11.2, which is Debian 12's, matches that wrongly where a branch of the group
+has begun and failed (CPython issues 100061 and 106052, cured in 3.11.5).
+"""
 
 import ast
 import re
 from pathlib import Path
+
+import pytest
 
 import stepdiag
 
@@ -25,10 +31,17 @@ def _of_re(call: ast.Call) -> bool:
     return isinstance(call.func, ast.Attribute) and call.func.attr in FUNCTIONS and ast.unparse(call.func.value) in ("re", "re2")
 
 
-def test_none_ends_in_a_dollar() -> None:
-    ended = re.compile(r"(?<!\\)(?:\\\\)*\$(?![^\[]*\])")
+def of_the_product() -> dict[str, str]:
+    """Return every literal pattern by its place."""
     floors = (PACKAGE, *(PACKAGE / floor for floor in ("solver", "exporters", "daq")))
     sources = {path.resolve() for floor in floors for path in floor.resolve().rglob("*.py")}
-    seen = {f"{path.name}:{line}": text for path in sources for line, text in patterns(ast.parse(path.read_text(encoding="utf-8")))}
+    return {f"{path.name}:{line}": text for path in sources for line, text in patterns(ast.parse(path.read_text(encoding="utf-8")))}
+
+
+@pytest.mark.parametrize(
+    "refused", [r"(?<!\\)(?:\\\\)*\$(?![^\[]*\])", r"(?<!\\)(?:\\\\)*\)(?:[*+?]|\{[\d,]*\})\+"], ids=["a dollar", "a group kept"]
+)
+def test_none_has(refused: str) -> None:
+    seen = of_the_product()
     assert len(seen) > 40
-    assert {place: text for place, text in seen.items() if ended.search(text)} == {}
+    assert {place: text for place, text in seen.items() if re.search(refused, text)} == {}

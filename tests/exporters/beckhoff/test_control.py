@@ -76,6 +76,20 @@ kw.ssfk.table[2].neg                80
     assert correction_um(reverse, np.array([19.8667]), -1) == pytest.approx([-8.0])
 
 
+@pytest.mark.parametrize("remark", ["/**/", "/***/", "/* * / */", "/* a */ /* b **/", "# /* the rest", "/*/ a */"])
+def test_remarks_of_a_list_are_passed_over(remark):
+    lines = ["kopf.achs_nr 2", "kw.ssfk.interval 10", "kw.ssfk.kw_nr_max 2", "kw.ssfk.unit 1", f"kw.ssfk.kw_startpos 7 {remark}"]
+    text = "\n".join([*lines, "kw.ssfk.table[0].pos 3", "kw.ssfk.table[1].pos 4"])
+    (table,) = BECKHOFF.parse([ControlFile(name="achskw2.lis", data=text.encode())], profile(way="lists"))
+    assert table.position_mm == pytest.approx([0.0007, 0.0017])
+
+
+def test_a_remark_that_is_not_closed_is_no_remark():
+    text = "kopf.achs_nr 2\nkw.ssfk.interval 10 /* of ten"
+    with pytest.raises(DataError, match="line 2"):
+        BECKHOFF.parse([ControlFile(name="achskw2.lis", data=text.encode())], profile(way="lists"))
+
+
 def test_lists_hold_leadscrew_and_one_cross_table():
     """The slave's list names its master (P-COMP-00005) and holds setpoints of the master in 0.1 um."""
     which = profile(way="lists", cross_sense="as-compensation", direction="both")

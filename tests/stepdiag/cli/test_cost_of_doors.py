@@ -51,13 +51,29 @@ def most_columns(text: str) -> str:
     return text + ",;=" * (SIZE // 3) + "\n"
 
 
+def most_quotes(text: str) -> str:
+    """Each could be where a text begins."""
+    return _in_the_middle(text, '"' + '\\"' * (SIZE // 2))
+
+
+def most_blanks(text: str) -> str:
+    """A line that goes on after a long nothing."""
+    return _in_the_middle(text, "1" + " " * SIZE + "1")
+
+
+def most_remarks(text: str) -> str:
+    """Remarks that nobody closes."""
+    return _in_the_middle(text, "/* (* ( " * (SIZE // 8))
+
+
 def _in_the_middle(text: str, more: str) -> str:
     half = text.find(" = ", len(text) // 2) + 3 if " = " in text[len(text) // 2 :] else text.find(",", len(text) // 2) + 1
     return text[:half] + more + text[half:]
 
 
 GROWN: Mapping[str, Callable[[str], str]] = {
-    each.__name__: each for each in (longest_line, deepest, most_lines, shortest_lines, most_columns)
+    each.__name__: each
+    for each in (longest_line, deepest, most_lines, shortest_lines, most_columns, most_quotes, most_blanks, most_remarks)
 }
 
 
