@@ -1,7 +1,8 @@
 # The two commands of the README, each complete from a bare checkout: `make demo` and `make test`.
 # Needs: Debian with Python 3.11 and make. Everything else is installed here, in folders of this checkout, or with apt-get.
 
-PYTHON ?= python3.11
+# Debian's own where it is there: the packages run on it, and another 3.11 of the path may be right where this one is wrong
+PYTHON ?= $(firstword $(wildcard /usr/bin/python3.11) python3.11)
 VENV := .venv
 TEST_VENV := .venv-test
 MUTANTS_VENV := .venv-mutants
