@@ -16,10 +16,6 @@ from pathlib import Path
 
 CHECKOUT = Path(__file__).parents[4]
 ROOT = CHECKOUT / ".setup" / "systemd-root"
-"""Kept from run to run: making it takes half a minute."""
-SUITE = "bookworm"
-"""The Debian whose Python is the one of the tests: their libraries run in it."""
-INCLUDE = "systemd,systemd-sysv,dbus,python3,python3-venv,udev,procps"
 ELEVATED = () if os.geteuid() == 0 else ("sudo", "-n")
 
 
@@ -36,17 +32,9 @@ def write(path, text):
 
 
 def debian_root():
-    """Return the root file system, made with debootstrap from the mirror that this machine itself uses."""
-    if not ROOT.exists():
-        asked = as_root(
-            "apt-get", "indextargets", "--format", "$(REPO_URI)", "Created-By: Packages", f"Codename: {SUITE}", "Component: main"
-        )
-        making = ROOT.with_name("systemd-root.making")
-        as_root("umount", making / "proc", check=False)  # a debootstrap that was ended leaves the host's own proc there
-        as_root("rm", "-rf", "--one-file-system", making)
-        ROOT.parent.mkdir(exist_ok=True)
-        as_root("debootstrap", "--variant=minbase", f"--include={INCLUDE}", SUITE, making, asked.split()[0])
-        as_root("mv", making, ROOT)
+    """Return the root file system, made where it is not there yet."""
+    done = subprocess.run(["tools/debian-root"], cwd=CHECKOUT, capture_output=True, text=True, timeout=900, check=False)
+    assert done.returncode == 0, done.stderr
     return ROOT
 
 
