@@ -1,5 +1,10 @@
 """Cutting a stream of bytes into lines, with a stated limit for what never ends."""
 
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
 _QUOTED_BYTES = 40
 
 
@@ -64,3 +69,8 @@ def quote(raw: bytes) -> str:
     text = raw[:_QUOTED_BYTES].decode("ascii", errors="backslashreplace")
     printable = "".join(c if c.isprintable() else f"\\x{ord(c):02x}" for c in text)
     return f'"{printable}"' + ("..." if len(raw) > _QUOTED_BYTES else "")
+
+
+def arrivals_of_lines(chunks: Sequence[tuple[bytes, int]], terminator: bytes = b"\n") -> NDArray[np.int64]:
+    """Return for every line that ends in chunks (bytes, arrival in ns) the arrival of the chunk where it ends, shape (lines,)."""
+    return np.repeat(np.array([arrival_ns for _, arrival_ns in chunks], dtype=np.int64), [chunk.count(terminator) for chunk, _ in chunks])

@@ -7,17 +7,19 @@ is refused.
 """
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, Literal
 
 import numpy as np
 import re2
+from numpy.typing import NDArray
 
 from stepdiag.daq.formats.framing.batch import NOTHING, Batch, judge_beam
 from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
 from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
-from stepdiag.daq.formats.framing.lines import LineBuffer, quote
+from stepdiag.daq.formats.framing.lines import LineBuffer, arrivals_of_lines, quote
 from stepdiag.daq.formats.framing.units import Unit, mm_per_unit
 from stepdiag.daq.timing.samples import Flag, Notice, Samples
 from stepdiag.solver.errors import UsageError
@@ -140,14 +142,43 @@ class LineDecoder:
         self._add(rows, batch)
         return batch.samples(arrival_ns)
 
+    def feed_steady(self, chunks: Sequence[tuple[bytes, int]]) -> Samples | None:
+        """Return the samples of several chunks (`daq.timing.samples.SteadyDecoder`)."""
+        data = b"".join(chunk for chunk, _ in chunks)
+        block = self._lines.preview(data)
+        if self._first_line or not block:
+            return None
+        told = [self._told(line) for line in block[:-1].split(self._terminator)]
+        rows = self._numbered([each for each in told if each is not None])
+        if rows is None or len(rows) < len(told) or not self._track.goes_on(_counts(rows)):
+            return None
+        position_mm, beam, flags = self._columns(rows)
+        if flags.any():
+            return None
+        self._lines.feed(data)
+        self._number += len(rows)
+        batch = Batch()
+        batch.add(self._track.follow(_counts(rows)).counter, position_mm, flags, beam=beam)
+        return batch.samples(arrivals_of_lines(chunks, self._terminator))
+
+    def _numbered(self, told: Sequence[tuple[float, str | None, float]]) -> list[_Row] | None:
+        """Return rows with the count that stands in their lines, or the next numbers, which stay free; None where one has no count."""
+        rows = []
+        for number, (position, counter, beam) in enumerate(told, self._number + 1):
+            count = self._count(counter) if self.gaps_visible else number
+            if count is None:
+                return None
+            rows.append(_Row(position, count, beam))
+        return rows
+
     def _parse(self, line: bytes) -> _Row | None:
         """Return the numbers of a line, NaN for those it does not hold; None where it does not match."""
         told = self._told(line)
-        if told is None:
+        rows = None if told is None else self._numbered([told])
+        if rows is None:
             return None
-        position, counter, beam = told
-        count = self._count(counter)
-        return None if count is None else _Row(position, count, beam)
+        self._number += 1
+        return rows[0]
 
     def _read(self, line: bytes) -> tuple[float, str | None, float] | None:
         """Return what a line says: position, counter as it stands there, beam."""
@@ -163,9 +194,6 @@ class LineDecoder:
         return _number(position), counter, _number(beam)
 
     def _count(self, text: str | None) -> int | None:
-        if not self.gaps_visible:
-            self._number += 1
-            return self._number
         if text is None or not _COUNT.fullmatch(text):
             return None
         modulus = self._settings.counter_modulus
@@ -175,14 +203,23 @@ class LineDecoder:
         """Add rows that follow each other without anything between."""
         if not rows:
             return
-        followed = self._track.follow(np.array([row.count for row in rows], dtype=np.int64))
+        followed = self._track.follow(_counts(rows))
         kept = [row for row, keep in zip(rows, followed.keep.tolist(), strict=True) if keep]
         batch.remark(followed.breaks, followed.keep)
-        position_mm = np.array([row.position for row in kept], dtype=np.float64) * self._mm
-        beam = np.clip(np.array([row.beam for row in kept], dtype=np.float64) / self._settings.beam_full, 0.0, 1.0)
+        position_mm, beam, flags = self._columns(kept)
+        batch.add(followed.counter, position_mm, flags, beam=beam)
+
+    def _columns(self, rows: Sequence[_Row]) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.uint16]]:
+        """Return positions in mm, beams from 0 to 1 and flags, each of shape (rows,)."""
+        position_mm = np.array([row.position for row in rows], dtype=np.float64) * self._mm
+        beam = np.clip(np.array([row.beam for row in rows], dtype=np.float64) / self._settings.beam_full, 0.0, 1.0)
         flags = np.where(np.isnan(position_mm), Flag.DEVICE_ERROR, 0).astype(np.uint16)
         judge_beam(beam, self._settings.beam_threshold, flags)
-        batch.add(followed.counter, position_mm, flags, beam=beam)
+        return position_mm, beam, flags
+
+
+def _counts(rows: Sequence[_Row]) -> NDArray[np.int64]:
+    return np.array([row.count for row in rows], dtype=np.int64)
 
 
 def line_pattern(pattern: str, where: str) -> Any:

@@ -31,7 +31,8 @@ def of_curve(case: TableCase, wanted: Wanted, volume: Volume) -> Judgement:
         return case.says("unidentified", "the result does not identify what it corrects: nothing to compare it with")
     own = [case.unstepped(curve) for curve in own]
     plain = replace(case, turn_um_mm=0.0)
-    known, turned = ([fit for curve in own if (fit := _Fit.of(each, curve)) is not None] for each in (plain, case))
+    known = _fits(plain, own)
+    turned = _fits(case, own) if case.turn_um_mm else []
     if any(fit.is_right for fit in (*known, *turned)):
         return case.says("right", "what the result asks for", min((*known, *turned), key=lambda fit: fit.left).factor)
     case = plain
@@ -92,6 +93,10 @@ class _Fit:
             alike=product / (size * size_moved) if size > 0 and size_moved > 0 else 0.0,
             sure_um=sure,
         )
+
+
+def _fits(case: TableCase, curves: Iterable[Curve]) -> list[_Fit]:
+    return [fit for curve in curves if (fit := _Fit.of(case, curve)) is not None]
 
 
 def _turned(case: TableCase, fits: Iterable[_Fit]) -> Judgement | None:

@@ -1,8 +1,9 @@
 """The curves that a result asks for, as a table of one axis, or a control with one slope a pair, would hold them."""
 
+from collections.abc import Mapping
 from dataclasses import replace
 
-from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve, curves_of
 from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.result.result import Result
@@ -14,12 +15,10 @@ class Wanted:
     def __init__(self, result: Result) -> None:
         other = {name: next(one for one in slopes if one != FOLD_DEFAULT[name]) for name, slopes in SQUARENESS_SLOPE.items()}
         self._curves: dict[str, list[Curve]] = {name: [] for name in FUNCTIONS}
-        for name in FUNCTIONS:
-            for fold in (FOLD_DEFAULT, other):
-                try:
-                    self._curves[name] += fitted(result, [name], fold).curves
-                except DataError:
-                    continue
+        for fold in (FOLD_DEFAULT, other):
+            known = [name for name in FUNCTIONS if _is_known(result, name, fold)]
+            for curve in fitted(result, known, fold).curves:
+                self._curves[curve.name].append(curve)
 
     def of(self, name: str) -> list[Curve]:
         return self._curves.get(name, [])
@@ -29,3 +28,11 @@ class Wanted:
         plain = [curve for curve in self.of(f"E{name[2]}{name[1]}") if not any(part in SQUARENESS_SLOPE for part in curve.parts)]
         slope = straight_line_um_mm(plain[0]) if plain else 0.0
         return [replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None) for curve in self.of(name)]
+
+
+def _is_known(result: Result, name: str, fold: Mapping[str, str]) -> bool:
+    try:
+        curves_of(result, [name], fold)
+    except DataError:
+        return False
+    return True

@@ -17,7 +17,11 @@ def pieces(data: bytes, cuts: Iterable[int]) -> list[bytes]:
 
 def feed_all(decoder: Decoder, chunks: Sequence[bytes]) -> Samples:
     """Return everything the decoder makes of the chunks, as one batch; chunk number n arrives at n."""
-    batches = [decoder.feed(chunk, number) for number, chunk in enumerate(chunks)]
+    return joined([decoder.feed(chunk, number) for number, chunk in enumerate(chunks)])
+
+
+def joined(batches: Sequence[Samples]) -> Samples:
+    """Return batches that follow each other as one."""
     notices, count = [], 0
     for batch in batches:
         notices += [replace(notice, index=notice.index + count) for notice in batch.notices]

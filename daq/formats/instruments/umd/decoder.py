@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stepdiag.daq.formats.framing.batch import NOTHING, Batch
 from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
 from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
-from stepdiag.daq.formats.framing.lines import LineBuffer
+from stepdiag.daq.formats.framing.lines import LineBuffer, arrivals_of_lines
 from stepdiag.daq.formats.instruments.umd.board import Board
 from stepdiag.daq.formats.instruments.umd.reading import Reading
 from stepdiag.daq.formats.instruments.umd.rows import LINE_CAP, OddLine, Rows, parse_line, parse_lines, uniform_rows
@@ -108,7 +108,7 @@ class UmdDecoder:
         self._lines.feed(data)
         batch = Batch()
         batch.add(self._track.follow(rows[:, _SEQUENCE]).counter, cycles * self._cycle_mm, flags)
-        return batch.samples(_stamps(chunks))
+        return batch.samples(arrivals_of_lines(chunks))
 
     def _goes_on(self, rows: Rows) -> bool:
         """Tell whether rows follow the last one, are of the configured axis, and bring no code that says anything new."""
@@ -175,8 +175,3 @@ class UmdDecoder:
         if text not in self._remarked:
             self._remarked.add(text)
             batch.notices.append(Notice(code="device", index=index, text=text))
-
-
-def _stamps(chunks: Sequence[tuple[bytes, int]]) -> NDArray[np.int64]:
-    """Return for every line that ends in the chunks the arrival of the chunk where it ends, shape (lines,)."""
-    return np.repeat(np.array([arrival_ns for _, arrival_ns in chunks], dtype=np.int64), [chunk.count(b"\n") for chunk, _ in chunks])

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from stepdiag.daq.formats.instruments.line import LINE_CAP, LineDecoder, LineSettings
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.errors import UsageError
-from testkit.decoder_contract import DecoderContract
+from testkit.decoder_contract import SteadyDecoderContract, fed_together
 from testkit.streams import codes, feed_all
 
 PATTERN = r"P=(?P<position>\S*) N=(?P<counter>\S+) S=(?P<beam>\S+)"
@@ -129,11 +129,30 @@ ROWS = st.builds(
 STREAMS = st.lists(ROWS | st.binary(max_size=20) | st.just(b"\n") | st.just(b"9" * (LINE_CAP + 2)), max_size=8).map(b"".join)
 
 
-class TestLine(DecoderContract):
+class TestLine(SteadyDecoderContract):
     streams = STREAMS
 
     def make(self):
         return LineDecoder(LineSettings(pattern=PATTERN))
+
+    def plain(self, number):
+        return b"P=%.6f N=%d S=0.9\r\n" % (number / 7, number)
+
+
+class TestLineWithoutCounter(SteadyDecoderContract):
+    streams = STREAMS
+
+    def make(self):
+        return LineDecoder(LineSettings(pattern=r"P=(?P<position>\S*) N=\S+ S=(?P<beam>\S+)", terminator="\r", beam_full=0.5))
+
+    def plain(self, number):
+        return b"P=%.6f N=1 S=0.4\n\r" % (number / 7)
+
+    def test_plain_samples_are_really_taken_at_once(self):
+        """Every line is the next one: none can be missing."""
+        stream = b"".join(self.plain(number) for number in range(80))
+        _, at_once = fed_together(self.make(), [(stream[at : at + 17], at) for at in range(0, len(stream), 17)], 5)
+        assert at_once > 5
 
 
 EVIL = (r"(?P<position>([0-9]+)+),x", r"((a|aa)+)(?P<position>.*)x", r"(?P<position>([0-9.]*)*),(.*)*=")

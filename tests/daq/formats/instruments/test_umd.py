@@ -10,7 +10,7 @@ from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.formats.instruments.umd.rows import LINE_CAP
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.errors import UsageError
-from testkit.decoder_contract import DecoderContract
+from testkit.decoder_contract import SteadyDecoderContract
 from testkit.streams import codes, feed_all
 
 REAL_BOARD = Path(__file__).parents[3] / "data" / "umd0.raw"
@@ -197,25 +197,6 @@ def test_firmware_315_is_read_without_its_wrong_phase():
     assert "not used" in samples.notices[0].text
 
 
-@pytest.mark.parametrize("size", [7, 29, 64])
-def test_the_quick_way_through_a_steady_stream_is_the_slow_one(size):
-    """Chunks that end in the middle of a line: what several give at once is what each would have given, and nothing comes twice."""
-    stream = lines(*(line(k, 10 * k) for k in range(1, 81)))
-    chunks = [(stream[at : at + size], at) for at in range(0, len(stream), size)]
-    slow, quick = UmdDecoder(UmdSettings()), UmdDecoder(UmdSettings())
-    wanted = [slow.feed(*chunk) for chunk in chunks]
-    found, steady = [quick.feed(*chunk) for chunk in chunks[:12]], 0
-    for first in range(12, len(chunks), 5):
-        group = chunks[first : first + 5]
-        at_once = quick.feed_steady(group)
-        steady += at_once is not None
-        found += [at_once] if at_once is not None else [quick.feed(*chunk) for chunk in group]
-    assert steady > 3
-    for column in ("counter", "position_mm", "flags"):
-        both = [np.concatenate([getattr(samples, column) for samples in those]) for those in (found, wanted)]
-        np.testing.assert_array_equal(*both)
-
-
 def test_a_greeting_at_the_end_of_a_steady_stream_is_over_with_the_next_line():
     """The count goes on behind it: what is missing later is missing samples, not a board that began anew."""
     decoder = UmdDecoder(UmdSettings())
@@ -348,8 +329,11 @@ PLAIN = st.integers(0, 30000).map(lambda first: b"".join(line(first + n, 3 * n, 
 STREAMS = st.lists(ROWS | ODD | PLAIN | st.binary(max_size=30), max_size=25).map(b"".join)
 
 
-class TestUmd(DecoderContract):
+class TestUmd(SteadyDecoderContract):
     streams = STREAMS
+
+    def plain(self, number):
+        return line(number, 10 * number)
 
     def make(self):
         return UmdDecoder(UmdSettings())

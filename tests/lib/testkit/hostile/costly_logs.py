@@ -4,6 +4,7 @@ import json
 import struct
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
+from functools import cache
 from pathlib import Path
 
 import msgspec
@@ -47,7 +48,7 @@ def most_texts(size: int) -> bytes:
 
 
 COSTLY: Mapping[str, Callable[[int], bytes]] = {
-    each.__name__: each for each in (widest_polls, most_polls, most_events, most_samples, most_texts)
+    each.__name__: cache(each) for each in (widest_polls, most_polls, most_events, most_samples, most_texts)
 }
 
 

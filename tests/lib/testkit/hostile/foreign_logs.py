@@ -9,6 +9,7 @@ import tempfile
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import replace
+from functools import cache
 from io import BytesIO
 from pathlib import Path
 
@@ -73,6 +74,7 @@ def _every_command(data: bytes) -> None:
         assert not stray, f"written beside the folder that was asked for: {stray}"
 
 
+@cache
 def recorded() -> bytes:
     """Return a whole log of one short pass, its captured stops included."""
     survey = parse_survey(SURVEY, "survey.toml")
@@ -93,6 +95,7 @@ def recorded() -> bytes:
     return stream.getvalue()
 
 
+@cache
 def contents(log: bytes) -> bytes:
     """Return a log as lines: survey and run record, then every message behind its topic."""
     with tempfile.TemporaryDirectory() as folder:
