@@ -11,6 +11,8 @@ import pytest
 from hypothesis import HealthCheck, Phase, settings
 from xdist.scheduler import LoadScopeScheduling
 
+from testkit.running.steady import run_steadily
+
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the program does, and before numpy is loaded
 # `python -m stepdiag` begins its search in the working directory: what a test starts would be the checkout, not the wheel that is tested
 os.environ["PYTHONSAFEPATH"] = "1"
@@ -79,6 +81,11 @@ class Together(LoadScopeScheduling):
 @pytest.hookimpl(tryfirst=True, optionalhook=True)
 def pytest_xdist_make_scheduler(config, log):
     return Together(config, log) if config.getvalue("dist") == "loadgroup" else None
+
+
+def pytest_runtest_protocol(item, nextitem):
+    """Real time and real lines are in these two groups alone."""
+    return run_steadily(item, nextitem) if item.get_closest_marker("system") or item.get_closest_marker("page") else None
 
 
 def pytest_collection_finish():

@@ -13,7 +13,6 @@ from stepdiag.daq.replay import replay
 from stepdiag.daq.service.daemon import Daemon
 from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -60,7 +59,7 @@ def codes_of(said, setup=""):
     return {each.get("code", each["event"]) for each in named}
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_what_can_be_bridged_costs_nothing(tmp_path):
     """All passes come out whole, and what happened is named where the data show it."""
     faults = {
@@ -85,7 +84,7 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
     assert "recovered from the laser's plateau" in told
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize("options", [{}, {"transport": "rtu", "poll_hz": 40.0}], ids=["TCP", "RTU"])
 def test_a_plc_that_answers_after_its_time_out(tmp_path, options):
     """A late answer is never taken for the one to the next poll; a stop that was not seen meanwhile is taken from the laser and doubted."""
@@ -96,7 +95,7 @@ def test_a_plc_that_answers_after_its_time_out(tmp_path, options):
     assert re.search(r"raise plc.timeout_s above 0\.[4-9]", late[0]), late
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_line_read_at_a_wrong_baud_rate_for_a_second(tmp_path):
     """What was not read is not made up: the stop without a reading is asked for, or the count that nobody watched is doubted."""
     book, said, told = run_with(tmp_path, [at("ppp", 3, "laser-baud", phase="move", duration_s=1.0)], dwell=6.0)
@@ -105,7 +104,7 @@ def test_a_line_read_at_a_wrong_baud_rate_for_a_second(tmp_path):
     assert "drive again from stop" in told
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_what_cannot_is_asked_for_again_by_name(tmp_path):
     """No pass is whole, a finding says why, and ``status`` says what is kept and from where to drive again."""
     expected = {
@@ -123,7 +122,7 @@ def test_what_cannot_is_asked_for_again_by_name(tmp_path):
         assert "drive again from stop 2 on" in only.why_incomplete()
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_program_with_another_order_of_axes_is_named(tmp_path):
     book, said, told = run_with(tmp_path, [{"kind": "axis-order", "setup": "ppp", "text": "yxz"}], n=1, dwell=3.0)
     assert "unexpected-position" in codes_of(said)
@@ -131,7 +130,7 @@ def test_a_program_with_another_order_of_axes_is_named(tmp_path):
     assert "drive again from stop" in told
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize("cut", [False, True], ids=["beam kept", "beam cut meanwhile"])
 def test_a_program_restarted_two_stops_back_goes_on(tmp_path, cut):
     """The program is aborted and restarted. Where the beam was cut meanwhile, the stops measured on both sides join the count."""
@@ -147,7 +146,7 @@ def test_a_program_restarted_two_stops_back_goes_on(tmp_path, cut):
     assert "drive again" not in told
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_log_cut_at_every_byte_of_its_last_chunk_replays_up_to_the_cut(tmp_path):
     """Power loss: whatever is left of a log, its events are the first ones, so its stops are those of the whole log up to there.
 

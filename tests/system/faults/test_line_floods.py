@@ -17,7 +17,6 @@ import pytest
 
 from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.slaves import Pty, TcpServer, wait_until
-from testkit.running.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
 
@@ -123,7 +122,7 @@ def ends(process):
     return process.wait(60)
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize(("format_", "more", "noise"), [("umd", "", NOISE), ("line", PATTERN, NOISE), ("line", PATTERN, SHORTEST_LINES)])
 def test_noise_at_four_megabytes_a_second(tmp_path, format_, more, noise):
     """The machine goes on being polled, the page answers, memory stays, and SIGTERM works."""
@@ -177,7 +176,7 @@ def hostile_plc():
         listener.close()
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_hostile_plc_is_harmless(tmp_path):
     """Nothing of what it says is taken, nothing is written to it, the laser is heard, and the daemon ends when it is told to."""
     with hostile_plc() as (port, asked), recording(tmp_path, "line", port, PATTERN) as (process, line, page):

@@ -9,7 +9,6 @@ from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import read_config
 from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -22,7 +21,7 @@ def fault(**fields):
     return "[[fault]]\n" + "".join(f"{key} = {json.dumps(value)}\n" for key, value in fields.items())
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_sensor_that_fails_in_the_middle_is_held_and_named(tmp_path):
     """The result has the air of the hall, the report says at how many stops it was held; stated afterwards, other air counts."""
     wrong = {"ppp": ("air_pressure_hpa", 101.3), "npp": ("relative_humidity_percent", 100.3), "pnp": ("air_temperature_c", 0.0)}
@@ -46,7 +45,7 @@ def test_a_sensor_that_fails_in_the_middle_is_held_and_named(tmp_path):
     assert abs(stated["scale_sum_um"]["value"] - result["scale_sum_um"]["value"]) > 5.0, "17 ppm of some 374 mm"
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_plc_without_sensors_leaves_the_survey_open_with_its_readings(tmp_path):
     """Its registers are zeros: readings are written, nothing is exported; with stated air the machine's own result."""
     zeros = fault(kind="plc-sensor", duration_s=1000.0)
@@ -72,7 +71,7 @@ def test_a_plc_without_sensors_leaves_the_survey_open_with_its_readings(tmp_path
     assert guessed["scale_sum_um"]["value"] == pytest.approx(sum_um - 6.35, abs=0.15), "63 hPa of 374 mm"
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_registers_that_stand_still_close_no_stop(tmp_path):
     """The machine drives on behind them: what they said meanwhile is believed of no stop."""
     frozen = fault(kind="plc-frozen", setup="ppp", stop=2, delay_s=0.35, duration_s=2.6)

@@ -7,7 +7,6 @@ import pytest
 from testkit.cli import stepdiag
 from testkit.exact.siemens_files import HALL_EXPORT, HALL_PROFILE
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
 
@@ -22,7 +21,7 @@ QUICK = {
 }
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_readings_that_contradict_each_other_are_not_exported_and_the_pass_is_named(tmp_path):
     """A slip in a run that nothing repeats: the recording has nothing to say of it. What the solver says survives a restart."""
     trouble = '[[fault]]\nkind = "laser-jump"\nsetup = "linear-y"\npass_number = 1\nstop = 1\nphase = "move"\nvalue = 60.0\n'

@@ -6,7 +6,6 @@ import pytest
 
 from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -34,7 +33,7 @@ def drive_all(place, process):
     return until(process, "survey-open")[-1]
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_doubt_keeps_the_survey_open_until_a_person_accepts_it(tmp_path):
     """Readings, no result before; the same words in journal and status, before and after a restart; accepted by name, shown, replayed."""
     options = {**QUICK, "exports": "", "handshake": False, "dwell": 2.5}
@@ -76,7 +75,7 @@ def drive_again(place):
     place.survey.write_text(text.replace(f"setups = [{named}]", f"setups = [{planned}]"))
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again(tmp_path):
     """Afterwards nothing of them hinders: result and files are there, what happened stands in the annex."""
     faults = UNSIGNALLED + fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.05)
@@ -96,7 +95,7 @@ def test_a_hand_through_the_beam_and_a_recovered_stop_are_cured_by_driving_again
     assert "Annex: what happened while recording" in (place.round / "report.html").read_text()
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_survey_that_cannot_be_solved_stays_open(tmp_path):
     """The same reason in journal, status and page; the readings are written; the next daemon goes on with it, and begins nothing new."""
     (tmp_path / "angles.csv").write_text("axis,position_mm,EA_urad,EB_urad,EC_urad\nx,0,1,1,1\nx,100,nonsense,1,1\n")

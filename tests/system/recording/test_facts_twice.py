@@ -9,7 +9,6 @@ import pytest
 from stepdiag.daq.replay import begun_logs, replay
 from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -24,7 +23,7 @@ def findings_of(said, code):
     return [each["text"] for each in said if each["event"] == "finding" and each["code"] == code]
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_hand_written_program_is_measured_where_it_drives(tmp_path):
     """Thirds of 200 and 100 mm written with one decimal: the readings stand at the positions commanded, and the difference is said."""
     with hall(tmp_path, n=3, handshake=True, dwell=0.5, program="decimals = 1\n", **COMPENSATED) as place:
@@ -38,7 +37,7 @@ def test_a_hand_written_program_is_measured_where_it_drives(tmp_path):
     assert "+33.3 um" in findings_of(said, "position-differs")[0]
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
     """In the journal, in the result and in the report."""
     signals = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n[plc.signals.setup]\naddress = 3\n'
@@ -69,7 +68,7 @@ THERE_AND_BACK = [{"kind": "laser-jump", "value": size, "delay_s": at} for size,
 """Ten per cent of the samples lie far from the others: more than noise explains, and no step."""
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize(
     ("code", "words", "troubles"),
     [
@@ -111,7 +110,7 @@ DRIVEN_AGAIN = [
 ]
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize(("signals", "back_by", "box"), DRIVEN_AGAIN)
 def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, back_by, box):
     """Whole, or from a stop: the laser's unbroken count says where the machine is, and every reading is right."""
@@ -129,7 +128,7 @@ def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, ba
     assert any(alike in text for text in findings_of(said, "position-unchecked")) == (box.get("size") == CUBE)
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_is_right(tmp_path):
     """A cube by `stopped` alone, left at the last stop but one, the beam cut, begun anew: its first stop reads as the last one would."""
     troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=2, duration_s=20.0) + longer(2, 3.5)
@@ -149,7 +148,7 @@ def test_where_nobody_can_tell_the_whole_pass_is_asked_for_and_driven_again_it_i
     assert only.complete, only.why_incomplete()
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_doubted(tmp_path):
     """A box by `stopped` alone, the beam cut on the way: the step tells which stop it is, but nobody that the pass was not begun anew."""
     trouble = fault(kind="beam-lost", setup="ppp", stop=2, phase="move", duration_s=0.1)
@@ -164,7 +163,7 @@ def test_where_the_count_was_lost_and_the_machine_says_no_place_its_stops_are_do
     assert "drive the whole pass again" in only.why_incomplete()
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize(
     ("signals", "code", "trouble"),
     [
@@ -187,7 +186,7 @@ def test_the_laser_places_what_the_signals_do_not(tmp_path, signals, code, troub
     assert len(findings_of(said, code)) == 1
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_path):
     """Whether the machine stood where it should a person says: the words are in journal and status."""
     trouble = fault(kind="plc-alarm", setup="ppp", stop=2, phase="move", duration_s=0.2)
@@ -203,7 +202,7 @@ def test_an_alarm_in_a_pass_is_named_with_its_time_and_keeps_the_pass_open(tmp_p
     assert "ppp/1/2 --reason" in told
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
     """The program goes two stops back after the mirror was touched: three stops measured on both sides join the count."""
     troubles = fault(kind="program-aborted", setup="ppp", stop=4, value=2.0, duration_s=10.0) + longer(4, 3.5)
@@ -218,7 +217,7 @@ def test_a_mirror_touched_between_two_drives_of_a_stop_is_found(tmp_path):
     assert "stop 2 of 6: measured again it reads +55.0 um otherwise" in findings_of(said, "reading-differs")[0]
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_stays_open(tmp_path):
     """Whether the mirror moved or turned nobody knows: the pass is asked for again from two stops before, and a person hears why."""
     troubles = fault(kind="program-aborted", setup="ppp", stop=2, value=0.0, duration_s=15.0) + longer(2, 3.5)
@@ -237,7 +236,7 @@ def test_where_one_stop_alone_was_measured_on_both_sides_of_a_touch_the_pass_sta
     assert f"drive again from stop {doubt.stop - 2} on" in told
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize("slip_um", [5.0, -200.0])
 def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
     """Out against back: the pass is named, or both where either may be at fault; the survey waits."""
@@ -255,7 +254,7 @@ def test_a_count_slip_on_the_way_is_named_with_stop_and_size(tmp_path, slip_um):
     assert {each.code for each in book.doubts()} == {"count-slip"}
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_and_size(tmp_path):
     """Nothing in the recording tells it: the solver names it, and what else it may have been."""
     trouble = fault(kind="laser-jump", setup="npp", pass_number=1, stop=4, phase="move", value=20.0)
@@ -271,7 +270,7 @@ def test_a_count_slip_in_a_pass_driven_once_keeps_the_survey_open_with_its_stop_
     assert not (place.round / "result.json").exists()
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize("handshake", [False, True], ids=["by time", "handshake"])
 def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
     """Counter and position come 0.1 s after the stop signal: nothing is said, nothing is lost."""
@@ -286,7 +285,7 @@ def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
     assert not [each for each in said if each["event"] == "finding" and each["code"] != "laser-device"]
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_stop_signal_that_flickers(tmp_path):
     """Away for 40 ms, 0.1 s into the dwell: the long part is measured, once; the journal says each stop and what is awaited."""
     trouble = longer(2, 9.5) + fault(kind="stop-flicker", setup="ppp", stop=2, delay_s=0.1, duration_s=0.04)

@@ -7,7 +7,6 @@ import pytest
 
 from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -22,7 +21,7 @@ PACED = {
 }
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_plc_that_is_silent_at_the_turn_leaves_nobody_waiting(tmp_path):
     """The dwell that the daemon sees next is that of the return pass: another count, though nobody saw the machine move."""
     silent = '[[fault]]\nkind = "plc-silent"\nsetup = "ppp"\npass_number = 2\nstop = -1\nphase = "move"\nduration_s = 2.0\n'
@@ -37,7 +36,7 @@ def test_a_plc_that_is_silent_at_the_turn_leaves_nobody_waiting(tmp_path):
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\nbit = 0\n'
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_dwell_that_is_open_when_a_pass_ends_belongs_to_the_next(tmp_path):
     """Over the end and back within 0.1 s: the out pass ends while the first stop of the return pass stands, and nobody counts stops."""
     alone = {**PACED, "handshake": False, "signals": STOPPED, "dwell": 6.0, "bench": "[machine]\nbacklash_um = [0.0, 0.0, 4.0]\n"}
@@ -65,7 +64,7 @@ def page_says(port, words):
         return next(line.decode() for line in lines if words.encode() in line)
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_register_that_the_machine_does_not_take_is_named(tmp_path):
     """The page is in alarm; the journal says it once, with the register."""
     port = reserved_port()
@@ -79,7 +78,7 @@ def test_a_register_that_the_machine_does_not_take_is_named(tmp_path):
     assert "stop_count 1 and 1 is written as captured: it does not take it" in waits["text"]
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_plc_that_starts_again_is_told_again(tmp_path):
     """Its register is 0 again, its counter is kept, and it stands at the stop that was captured long ago."""
     reboot = '[[fault]]\nkind = "plc-reboot"\nsetup = "ppp"\nstop = 1\ndelay_s = 0.8\nduration_s = 0.2\nvalue = 1\n'

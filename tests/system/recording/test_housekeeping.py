@@ -7,7 +7,6 @@ import pytest
 
 from stepdiag.daq.recording.archive import MARK
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
 
@@ -21,7 +20,7 @@ def test_it_says_that_the_disk_is_nearly_full(tmp_path):
     assert said["free_gb"] < 1e6
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_finished_survey_is_packed_when_the_budget_is_exceeded(tmp_path):
     """Both done by processes that the daemon starts: what lies in its working directory and is called like a library is none of theirs."""
     (tmp_path / "numpy.py").write_text("raise SystemExit('not this one')\n")

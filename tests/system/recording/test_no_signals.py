@@ -19,7 +19,6 @@ from stepdiag.virtual.bench.config import read_config
 from stepdiag.virtual.drive.setups import simulate_pass
 from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -100,7 +99,7 @@ def left_um(place):
     return float(np.sqrt(np.mean(np.sum(np.square(left), axis=1))))
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
     """The same machine, once with Modbus and once without: same stops, an error at most a tenth larger, replayed to the same bytes.
 
@@ -129,7 +128,7 @@ def test_a_whole_survey_without_signals_is_as_good_as_one_with_them(tmp_path):
     assert "no-signals" in {each["code"] for each in result["findings"]}
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_killed_daemon_asks_for_the_pass_from_its_beginning(tmp_path):
     with hall(tmp_path, setups=("ppp",), **QUIET) as place:
         with daemon(place.survey, wait_for=("laser",)) as process:
@@ -168,7 +167,7 @@ def test_a_machine_with_signals_is_not_begun_by_hand(tmp_path):
     assert 'plc.transport: expected "none"' in said
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
     """By whoever has the token; the page says that somebody has to."""
     port, token = reserved_port(), "a token of the tests"
@@ -184,7 +183,7 @@ def test_a_setup_is_chosen_and_begun_on_the_page(tmp_path):
             until_told(place, "pnp 0/6")
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_the_marker_input_of_a_qudis_hears_the_stop_relay(tmp_path):
     """The edges lie in the laser's own stream; both passes are named, counted, and right."""
     telling = f"[laser.qudis]\nmarker = true\n{FIXED}"

@@ -19,7 +19,6 @@ from testkit.cli import stepdiag
 from testkit.exact.results import made_result
 from testkit.exact.siemens_files import HALL_AXES
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
 
@@ -109,7 +108,7 @@ def survey_of_a_compensated_machine(folder: Path) -> tuple[str, Path]:
     return bench, place.round
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_no_combination_makes_the_machine_worse_unseen(tmp_path):
     """Profile on or off, four sets of files, a quick look, said in the survey or afterwards: refused (5), or never worse than before."""
     bench, measured = survey_of_a_compensated_machine(tmp_path)

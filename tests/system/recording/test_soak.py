@@ -31,13 +31,14 @@ def live_and_die(survey, seconds):
     """Run a daemon, kill it without a word after a while, and return what it had said."""
     said = []
     with talking((sys.executable, "-m", "stepdiag", "run", str(survey)), errors=True) as process:
-        go_first(process.process)
         end = time.monotonic() + seconds
         while time.monotonic() < end:
             if process.lines.empty():
                 time.sleep(0.005)
             else:
                 said.append(process.next(1.0, "daemon"))
+                if said[-1]["event"] == "link-connected":
+                    go_first(process.process)
         os.kill(process.process.pid, signal.SIGKILL)
         process.process.wait()
         while (line := process.lines.get()) is not None:

@@ -13,7 +13,6 @@ import pytest
 from testkit.cli import stepdiag
 from testkit.exact.siemens_files import HALL_EXPORT, HALL_PROFILE
 from testkit.running.hall import daemon, hall, until, until_complete
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -37,7 +36,7 @@ def assert_solved(place, increments=2):
     return result
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_survey_is_recorded_solved_exported_and_replayed_to_the_same_bytes(tmp_path):
     (tmp_path / "siemens.toml").write_text(HALL_PROFILE)
     with hall(tmp_path, back=True, exports=HALL_EXPORT) as place:
@@ -75,7 +74,7 @@ def test_a_survey_is_recorded_solved_exported_and_replayed_to_the_same_bytes(tmp
         ),
     ],
 )
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_other_lasers_over_rtu(tmp_path, laser, bench, survey):
     """A polled display and a described ASCII line, the machine on an RTU line."""
     if laser == "nd":
@@ -89,7 +88,7 @@ def test_other_lasers_over_rtu(tmp_path, laser, bench, survey):
         assert_solved(place, increments=1)
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_the_handshake_paces_the_machine(tmp_path):
     """With the handshake the machine waits for each stop to be captured, however short its dwell."""
     with hall(tmp_path, handshake=True, dwell=0.1) as place:
@@ -101,7 +100,7 @@ def test_the_handshake_paces_the_machine(tmp_path):
         assert_solved(place)
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_setups_in_any_order(tmp_path):
     with hall(tmp_path, n=1, handshake=True, dwell=0.5, setups=("pnp", "ppp", "ppn", "npp")) as place:
         text = place.survey.read_text().replace('"pnp", "ppp", "ppn", "npp"', '"ppp", "npp", "pnp", "ppn"')
@@ -111,7 +110,7 @@ def test_setups_in_any_order(tmp_path):
             assert until(process, "survey-complete")[-1]["exit_code"] == 0
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_killed_daemon_goes_on_where_it_was(tmp_path):
     """kill -9 in the middle of a pass: the captured stops are kept, the pass goes on in a second log, what nobody watched is doubted.
 

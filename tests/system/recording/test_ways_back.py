@@ -9,7 +9,6 @@ from contextlib import contextmanager
 import pytest
 
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.verdict import nothing_silently_wrong
 
 pytestmark = pytest.mark.system
@@ -33,7 +32,7 @@ def findings_of(said, code):
     return [each["text"] for each in said if each["event"] == "finding" and each["code"] == code]
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize(
     ("drive", "code", "doubts"),
     [
@@ -87,7 +86,7 @@ def held_at(port, count):
             glances.join()
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_daemon_that_comes_back_while_the_machine_is_on_its_way_back_doubts_what_it_takes_for_the_way_out(tmp_path):
     """Without a counter the places are those of the way out: the fourth stop back stands where the second one out was.
 

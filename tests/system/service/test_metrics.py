@@ -8,7 +8,6 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 
 pytestmark = pytest.mark.system
 
@@ -20,7 +19,7 @@ def scrape(port):
     return {(sample.name, *sample.labels.values()): sample.value for family in families for sample in family.samples}
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_the_figures_follow_the_survey(tmp_path):
     """The end of a pass is said after its last stop, so what is asked for then counts all of them."""
     port = reserved_port()

@@ -9,7 +9,6 @@ from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import read_config
 from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.survey_runs import drive_one_and_kill
 
 pytestmark = pytest.mark.system
@@ -34,7 +33,7 @@ INSTRUMENTS = {
 
 
 @pytest.mark.parametrize("name", INSTRUMENTS)
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_angles_are_recorded_through_a_killed_daemon_identified_and_replayed_to_the_same_bytes(tmp_path, name):
     turns, told = INSTRUMENTS[name]
     survey = SURVEY.format(format=name, port=tmp_path / "devices" / "head", turns=turns)

@@ -19,7 +19,6 @@ from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand
 from stepdiag.virtual.instruments.head_wire import FourdofHead, QuadrantDetector
 from stepdiag.virtual.instruments.talker import HEAD_CABLE, Talker
 from testkit.exact.heads import survey_section, write_head_file
-from testkit.running.steady import on_a_steady_computer
 from testkit.timeline import survey_text
 
 pytestmark = pytest.mark.system
@@ -66,7 +65,7 @@ def fourdof(*arguments, typed=""):
     return done.stdout
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize("encoding", ["binary", "ascii"])
 def test_stability_of_a_live_head_is_recorded_and_the_recording_says_the_same(tmp_path, encoding):
     with talking_head(tmp_path, encoding=encoding) as survey:
@@ -77,7 +76,7 @@ def test_stability_of_a_live_head_is_recorded_and_the_recording_says_the_same(tm
     assert kept["straightness x"]["raw_fluctuation"] == pytest.approx(live["straightness x"]["raw_fluctuation"], rel=0.02)
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_signs_wait_for_the_person_at_each_distance(tmp_path):
     """Live there is somebody to move the target in between: Enter begins each wobble."""
     with talking_head(tmp_path, amplitude=200.0) as survey:
@@ -91,7 +90,7 @@ def test_signs_wait_for_the_person_at_each_distance(tmp_path):
     assert float(lever) == pytest.approx(530.0, abs=2.0)
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_live_calibration_asks_for_the_stage(tmp_path, monkeypatch):
     """A person sets the stage, types its reading, and the head is averaged there: 13 places and one slip of the finger."""
     stage = [0.0]
@@ -113,7 +112,7 @@ def test_a_live_calibration_asks_for_the_stage(tmp_path, monkeypatch):
     assert parse_head_file((tmp_path / "new.toml").read_bytes(), "new.toml").qd.x.coefficients_um[1] == pytest.approx(1414.2, rel=0.01)
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 @pytest.mark.parametrize("tqd", [False, True])
 def test_align_shows_the_live_head(tmp_path, tqd):
     with talking_head(tmp_path, tqd=tqd) as survey:

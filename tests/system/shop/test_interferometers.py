@@ -6,7 +6,6 @@ import pytest
 
 from testkit.cli import stepdiag
 from testkit.running.hall import hall
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.survey_runs import drive_and_replay, drive_one_and_kill
 from testkit.running.verdict import nothing_silently_wrong
 
@@ -22,7 +21,7 @@ HALL = "[hall]\nair_c = { start = 21.0 }\nmaterial_c = { start = 23.0 }\n"
 
 
 @pytest.mark.parametrize("laser", LASERS)
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_survey_is_recorded_through_a_killed_daemon_solved_and_replayed_to_the_same_bytes(tmp_path, laser):
     """Checked first as a person would; air and material are those that the instrument itself tells."""
     bench, survey, air = LASERS[laser]

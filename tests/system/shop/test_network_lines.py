@@ -8,7 +8,6 @@ import pytest
 
 from testkit.cli import stepdiag
 from testkit.running.hall import daemon, hall, until
-from testkit.running.steady import on_a_steady_computer
 from testkit.running.survey_runs import drive_and_replay
 from testkit.running.terminal_server import terminal_server
 from testkit.running.verdict import nothing_silently_wrong
@@ -34,7 +33,7 @@ def frames(order):
     return {"laser": "frames", "laser_bench": bench, "laser_survey": FRAMES.format(order=order), "handshake": True, "dwell": 0.5, "n": 1}
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_survey_with_binary_frames_over_tcp_is_recorded_solved_and_replayed_to_the_same_bytes(tmp_path):
     with hall(tmp_path, **frames("big")) as place:
         drive_and_replay(place)
@@ -57,7 +56,7 @@ def test_a_connection_that_ends_in_the_middle_of_a_frame_and_a_killed_daemon_cos
         assert book.doubts()
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_a_board_behind_a_terminal_server_is_read_as_if_it_were_plugged_in(tmp_path):
     """RFC 2217 by the library's own server side; check says how the line is set, and the survey is whole."""
     with hall(tmp_path, handshake=True, dwell=0.5, n=1) as place, terminal_server(str(tmp_path / "devices" / "laser"), "rfc2217") as name:
@@ -68,7 +67,7 @@ def test_a_board_behind_a_terminal_server_is_read_as_if_it_were_plugged_in(tmp_p
         drive_and_replay(place)
 
 
-@on_a_steady_computer
+@pytest.mark.impatient
 def test_modbus_rtu_behind_a_terminal_server_records_a_whole_survey(tmp_path):
     """The control's serial line comes over the network as plain bytes; every pass is whole, the replay the same."""
     with hall(tmp_path, transport="rtu", poll_hz=40.0, handshake=True, dwell=0.5, n=1) as place:

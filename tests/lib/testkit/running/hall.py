@@ -167,8 +167,8 @@ def hall(
     )
     command = (sys.executable, "-m", "stepdiag.virtual", "--config", str(bench_file), "--directory", str(folder / "devices"))
     with talking(command, errors=False) as bench:
-        go_first(bench.process)
         ready = bench.next(120.0, "bench")
+        go_first(bench.process)
         if silent:
             plc = 'transport = "none"'
         elif transport == "tcp":
@@ -197,9 +197,13 @@ def hall(
 
 
 def go_first(process):
-    """Give a process that has just begun the priority it has beside a machine, where this user may."""
-    with suppress(PermissionError):
-        os.setpriority(os.PRIO_PROCESS, process.pid, UNIT_NICE)
+    """Give a process that has begun, with all its threads, the priority it has beside a machine, where this user may.
+
+    Not before: what reads its libraries ahead of everybody holds up the workers of the kernel that bring bytes through the ptys of others.
+    """
+    for thread in Path(f"/proc/{process.pid}/task").iterdir():
+        with suppress(PermissionError, ProcessLookupError):
+            os.setpriority(os.PRIO_PROCESS, int(thread.name), UNIT_NICE)
 
 
 STEPDIAG = (sys.executable, "-m", "stepdiag")
@@ -209,13 +213,13 @@ STEPDIAG = (sys.executable, "-m", "stepdiag")
 def daemon(survey, *, wait_for=("laser", "machine"), command=STEPDIAG):
     """Run ``stepdiag run`` and wait until the links named are connected."""
     with talking((*command, "run", str(survey)), errors=True) as process:
-        go_first(process.process)
         connected = set()
         while not set(wait_for) <= connected:
             said = process.next(120.0, "daemon")
             assert said["event"] != "text", said
             if said["event"] == "link-connected":
                 connected.add(said["link"])
+        go_first(process.process)
         try:
             yield process
         except Exception as failure:
