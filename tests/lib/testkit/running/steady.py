@@ -15,7 +15,7 @@ from contextlib import contextmanager
 
 from _pytest.runner import runtestprotocol
 
-BEAT_S = 0.01
+BEAT_S = 0.02
 SPARE_S = 0.25
 """What a patient machine can spare: a laser that nobody read for half a second is doubted."""
 IMPATIENT_SPARE_S = 0.03
