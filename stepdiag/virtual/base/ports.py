@@ -20,10 +20,16 @@ _UNREAD_S = 0.25
 
 
 class Line(Protocol):
-    """What an instrument speaks on. ``name`` is how it is reached; ``fresh`` tells, once, that somebody has just come."""
+    """What an instrument speaks on. ``name`` is how it is reached; ``fresh`` tells, once, that somebody has just come.
+
+    A ``lossless`` line waits for its reader.
+    """
 
     @property
     def name(self) -> str: ...
+
+    @property
+    def lossless(self) -> bool: ...
 
     @property
     def plugged(self) -> bool: ...
@@ -50,7 +56,7 @@ class SerialLine:
 
     def __init__(self, link: Path, *, lossless: bool = False) -> None:
         self.link = link
-        self._lossless = lossless
+        self.lossless = lossless
         self._master = -1
         self._slave = -1
         self._full_since_s: float | None = None
@@ -103,7 +109,7 @@ class SerialLine:
             try:
                 rest = rest[os.write(self._master, rest) :]
             except BlockingIOError:
-                if not self._lossless or self._ended.is_set():
+                if not self.lossless or self._ended.is_set():
                     return
                 select.select([], [self._master], [], 0.05)
 
@@ -121,7 +127,7 @@ class SerialLine:
             raise
 
     def _discard_unread(self) -> None:
-        if self._lossless or not self.plugged:
+        if self.lossless or not self.plugged:
             return
         if self._unread() < _KERNEL_BUFFER:
             self._full_since_s = None
@@ -142,6 +148,8 @@ class SerialLine:
 
 class TcpLine:
     """An instrument's TCP port on loopback: one guest at a time, the same port after it was unplugged. Without a guest bytes are lost."""
+
+    lossless = False
 
     def __init__(self) -> None:
         self._port = reserved_port()

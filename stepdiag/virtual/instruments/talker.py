@@ -13,6 +13,7 @@ from stepdiag.virtual.base.ports import Line
 from stepdiag.virtual.physics.error_functions import Array
 
 _MAXIMUM_BACKLOG_S = 0.5
+"""An instrument that was held up for longer says no more what it saw before; on a lossless line it says this much at a time."""
 
 
 @runtime_checkable
@@ -123,8 +124,10 @@ class Talker:
         while not self._stop.wait(self._chunk_s):
             now = self._clock.wall_s()
             due = int(now * device.rate_hz)
-            late = due - sent - int(_MAXIMUM_BACKLOG_S * device.rate_hz)
-            if late > 0:
+            backlog = int(_MAXIMUM_BACKLOG_S * device.rate_hz)
+            if self._line.lossless:
+                due = min(due, sent + backlog)
+            elif (late := due - sent - backlog) > 0:
                 device.skip(late)
                 sent += late
             if self._plugged_in(now):
