@@ -48,6 +48,13 @@ def test_the_example_runs_from_its_first_line_to_its_last(beside_readings: Path,
     assert "without_rigid_motion" in said
 
 
+def test_a_survivor_with_a_reason_is_a_line_of_the_program() -> None:
+    rows = re.findall(r"^\| `(\S+\.py)` \| `\w+` \| `(.+)` \| \w", (DOCS / "testing.md").read_text(encoding="utf-8"), flags=re.MULTILINE)
+    lines = {path: {line.strip() for line in (CHECKOUT / path).read_text(encoding="utf-8").splitlines()} for path, _ in rows}
+    assert len(rows) > 20
+    assert not [(path, line) for path, line in rows if line.replace(r"\|", "|") not in lines[path]]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_every_link_leads_somewhere(page: Path) -> None:
     text = re.sub(r"```.*?```|`[^`]*`", "", page.read_text(encoding="utf-8"), flags=re.DOTALL)
