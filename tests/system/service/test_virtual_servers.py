@@ -237,7 +237,7 @@ def test_the_machine_waits_for_the_captured_stop(bench_of, master_of):
 
 
 def test_a_hundred_thousand_lines_arrive_without_a_gap(bench_of):
-    """The load of issue 7, made in one second: a lossless line, that waits for a reader who is held up. How fast that is `make bench` says."""
+    """The load of issue 7, made in one second: a lossless line waits for a reader who is held up. How fast that is `make bench` says."""
     bench = bench_of(QUICK.replace("pause_s = 2.0", "pause_s = 2000.0") + "[laser]\nrate_hz = 100000.0\nlossless = true\n")
     received = b""
     with serial.Serial(bench.addresses["laser_link"], 115200, timeout=0.05) as port:
