@@ -23,7 +23,9 @@ demo: $(VENV)/.ready ## the whole job on a virtual machine, into demo/
 	test ! -e demo || mv demo demo-$$(date +%Y%m%d-%H%M%S)
 	$(STEPDIAG) demo --out demo
 
-test: $(TEST_VENV)/.ready .setup/debian .setup/node ## style, types, layers and every test against the installed wheel
+# Debian's packages and those of Node.js come beside the unit tests (tools/test), unless somebody has to be asked for them
+test: $(TEST_VENV)/.ready ## style, types, layers and every test against the installed wheel
+	tools/debian --asking
 	tools/test $(TEST_VENV)
 
 matrix: $(TEST_VENV)/.ready ## the unit tests on Python 3.11, 3.12 and 3.13

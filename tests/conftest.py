@@ -6,6 +6,8 @@ with pytest 9.2, without a word.
 
 import gc
 import os
+import time
+from pathlib import Path
 
 import pytest
 from hypothesis import HealthCheck, Phase, settings
@@ -66,6 +68,8 @@ LONGEST = (
 FOLDERS = {"system": "tests/system/", "control": "tests/system/", "page": "tests/page/"}
 """Where the tests of a mark stand: each group of tools/test reads its own folder alone."""
 
+COMING = Path(__file__).parents[1] / ".setup" / "coming"
+
 
 class Together(LoadScopeScheduling):
     """Each file goes to whoever is free, in the system tests each test, but for those of `TOGETHER`.
@@ -86,6 +90,13 @@ def pytest_xdist_make_scheduler(config, log):
 def pytest_runtest_protocol(item, nextitem):
     """Real time and real lines are in these two groups alone."""
     return run_steadily(item, nextitem) if item.get_closest_marker("system") or item.get_closest_marker("page") else None
+
+
+@pytest.fixture(scope="session")
+def debian():
+    """Wait for the packages of Debian while `make test` installs them (tools/test)."""
+    while COMING.exists():
+        time.sleep(0.2)
 
 
 def pytest_collection_finish():

@@ -102,6 +102,7 @@ def test_stopped_is_written_after_what_belongs_to_it(file):
     assert written[-1] == 2
 
 
+@pytest.mark.usefixtures("debian")
 @pytest.mark.parametrize("changed", CASES)
 def test_the_flow_says_what_the_machine_is(changed):
     """The function node as Node-RED runs it, with the message of the node before it; what it sends is a message of the server node."""

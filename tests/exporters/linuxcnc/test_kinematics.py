@@ -44,6 +44,8 @@ RESULT = made_result(
 HEADERS = Path("/usr/include/linuxcnc")
 BUILT = itertools.count()
 
+pytestmark = pytest.mark.usefixtures("debian")
+
 
 def profile(
     more: str = "", joints: str = "{ X = [0], Y = [1], Z = [2] }", units: str = "mm", files: dict[str, bytes] | None = None
