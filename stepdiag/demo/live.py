@@ -5,7 +5,8 @@ import os
 import secrets
 import socket
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Protocol
@@ -78,8 +79,8 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
     token = secrets.token_hex(8)
     os.close(os.open(folder / TOKEN_FILE, os.O_CREAT | os.O_EXCL, 0o600))  # nobody else reads it, from the first moment on
     (folder / TOKEN_FILE).write_text(token, encoding="ascii")
-    with bench(config, folder) as hall:
-        page = f'port = {_page_port()}\ntoken_file = "{TOKEN_FILE}"'
+    with bench(config, folder) as hall, page_port() as port:
+        page = f'port = {port}\ntoken_file = "{TOKEN_FILE}"'
         survey = write_survey(folder, hall.ready["plc_port"], hall.ready["laser_link"], pace=pace, page=page)
         with daemon(survey) as recording:
             person.opened(recording.ready["address"], token)
@@ -88,15 +89,19 @@ def live(folder: Path, seed: int, person: Person, pace: Pace = WATCHED) -> None:
                     time.sleep(LOOK_S)
 
 
-def _page_port() -> int:
-    """Return the page's usual port, or a free one where it is taken."""
-    with socket.socket() as probe:
+@contextmanager
+def page_port() -> Iterator[int]:
+    """Yield the page's usual port, or a free one where another program has it, or another demo that may not listen yet."""
+    with socket.socket(socket.AF_UNIX) as mine, socket.socket() as probe:
         probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         try:
+            mine.bind(f"\0stepdiag demo, page {USUAL_PORT}")  # in no folder; ends with this process, however that ends (unix(7))
             probe.bind(("127.0.0.1", USUAL_PORT))
+            port = USUAL_PORT
         except OSError:
-            return reserved_port()
-    return USUAL_PORT
+            port = reserved_port()
+        probe.close()
+        yield port
 
 
 def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person) -> bool:
