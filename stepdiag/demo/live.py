@@ -100,7 +100,6 @@ def page_port() -> Iterator[int]:
             port = USUAL_PORT
         except OSError:
             port = reserved_port()
-        probe.close()
         yield port
 
 

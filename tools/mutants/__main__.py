@@ -22,6 +22,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 import pytest
 from mutation import Mutation, draw, mutations
 from reach import QUICK, Map, record
+from reasons import known
 from trial import Question, ask, question
 
 ROOT = Path(__file__).resolve().parent.parent.parent
@@ -31,7 +32,6 @@ TESTS = ["tests/solver/*", "tests/exporters/*", "tests/daq/*", "tests/stepdiag/*
 LEFT_OUT = {"links"}
 FLOOR = 0.92
 WORK = ROOT / ".mutants"
-PAGE = ROOT / "docs/testing.md"
 
 
 def files(words: list[str]) -> list[str]:
@@ -78,13 +78,6 @@ def reach(keep: bool, jobs: int) -> Map:
     if failed:
         raise SystemExit(f"{' and '.join(failed)} fail as they are: nothing can be said of changes")
     return Map(targets)
-
-
-def known() -> set[tuple[str, str, str]]:
-    """Return the survivors that the page has a reason for: file, operator, line."""
-    rows = [line.replace(r"\|", "\0").split("|") for line in PAGE.read_text(encoding="utf-8").splitlines() if line.startswith("| `")]
-    told = [[cell.strip().strip("`").replace("\0", "|") for cell in row[1:4]] for row in rows]
-    return {(cells[0], cells[1], cells[2]) for cells in told}
 
 
 def difference(mutation: Mutation) -> str:

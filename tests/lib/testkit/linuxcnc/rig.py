@@ -22,6 +22,7 @@ from stepdiag.exporters.programs import companion_files
 from stepdiag.virtual.base.reserved import reserved_port
 
 PACKAGES = ("linuxcnc-uspace", "linuxcnc-uspace-dev", "gcc", "libc6-dev")
+CHECKOUT = Path(__file__).parents[4]
 BRIDGE = Path(__file__).with_name("bridge.py")
 ORDINARY_UID = 65534
 ORDINARY_MM_S2, SWIFT_MM_S2 = 5000, 20000
@@ -214,18 +215,15 @@ def installed() -> None:
     """Install LinuxCNC if it is missing. Raises AssertionError where that fails: the test of the real control is never skipped."""
     if shutil.which("linuxcnc") and shutil.which("halcompile"):
         return
-    told = ""
-    for arguments in (["update", "-q"], ["install", "-y", "-q", "--no-install-recommends", *PACKAGES]):
-        told = _as_root(["apt-get", *arguments]).stderr[-2000:]
+    done = subprocess.run(["tools/debian", *PACKAGES], cwd=CHECKOUT, stdin=subprocess.DEVNULL, capture_output=True, text=True, check=False)
     assert shutil.which("halcompile"), (
-        f"the Debian packages {', '.join(PACKAGES)} cannot be installed, so the control is not tested: {told}"
+        f"the Debian packages {', '.join(PACKAGES)} cannot be installed, so the control is not tested: {done.stderr[-2000:]}"
     )
 
 
-def _as_root(command: list[str], folder: Path | None = None) -> subprocess.CompletedProcess[str]:
+def _as_root(command: list[str], folder: Path) -> subprocess.CompletedProcess[str]:
     as_root = [] if os.geteuid() == 0 else ["sudo", "-n"]
-    quiet = {**os.environ, "DEBIAN_FRONTEND": "noninteractive"}
-    return subprocess.run([*as_root, *command], env=quiet, capture_output=True, text=True, check=False, cwd=folder)
+    return subprocess.run([*as_root, *command], capture_output=True, text=True, check=False, cwd=folder)
 
 
 @contextmanager
