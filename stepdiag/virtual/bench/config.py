@@ -109,7 +109,10 @@ class AlignmentPart(_Part, frozen=True):
 
 
 class LaserPart(_Part, frozen=True):
-    """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is where the port appears, for ``wire = "serial"``."""
+    """The laser and its port. ``rate_hz`` 0 is the rate of the board; ``link`` is where the port appears, for ``wire = "serial"``.
+
+    ``chunk_s`` is how long the adapter holds bytes back: the latency timer of an FTDI chip, as it is when nobody has set it.
+    """
 
     format: Literal["umd", "nd", "line", "frames", "ids3010", "lasertex", "qudis"] = "umd"
     wire: Literal["serial", "tcp"] = "serial"
@@ -128,7 +131,7 @@ class LaserPart(_Part, frozen=True):
     counter_modulus: int = 65536
     resolution_mm: float = 0.0001
     lossless: bool = False
-    chunk_s: float = 0.01
+    chunk_s: float = 0.016
 
 
 class HeadPart(_Part, frozen=True):

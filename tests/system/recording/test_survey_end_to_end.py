@@ -166,7 +166,7 @@ def test_a_second_daemon_on_the_folder_refuses(tmp_path):
 def test_a_wrong_survey_file_is_refused_by_field(tmp_path):
     with hall(tmp_path) as place:
         wrong = tmp_path / "wrong.toml"
-        wrong.write_text(place.survey.read_text().replace("poll_hz = 100.0", 'poll_hz = "fast"'))
+        wrong.write_text(place.survey.read_text().replace("poll_hz = 50.0", 'poll_hz = "fast"'))
         code, _, said = process_of_its_own("run", wrong)
     assert code == 2
     assert 'plc.poll_hz: expected a number above 0, found "fast"' in said

@@ -122,7 +122,7 @@ def hall(
     transport="tcp",
     handshake=False,
     patient=True,
-    poll_hz=100.0,
+    poll_hz=50.0,
     dwell=2.5,
     feed=30000.0,
     window=0.08,
