@@ -105,6 +105,11 @@ def pytest_collection_finish():
     gc.freeze()
 
 
+def pytest_unconfigure():
+    """What was frozen goes at the end as it came, or duckdb takes it for leaked and says so on sixty lines a process."""
+    gc.unfreeze()
+
+
 def pytest_collection_modifyitems(items):
     """Refuse a marked test outside the folder of its group, which no group would run; begin with the longest."""
     marked = ((item, folder) for item in items for mark, folder in FOLDERS.items() if item.get_closest_marker(mark))
