@@ -62,6 +62,11 @@ LONGEST = (
     "tests/system/recording/test_survey_end_to_end.py",
     "tests/system/recording/test_soak.py",
     "tests/system/shop/test_angles.py",
+    "tests/page/test_real_daemon.py",
+    "tests/page/test_stages.py",
+    "tests/page/test_screens.py",
+    "tests/page/test_commands.py",
+    "tests/page/test_liveness.py",
 )
 """Beginnings of the names of the tests that are begun first, in this order: one that begins last is waited for alone."""
 
