@@ -81,7 +81,8 @@ class Map:
                     self._users.setdefault(fixture, []).append(test)
 
     def tests(self, path: str, lines: range | None) -> list[str]:
-        """Return the tests that run one of these lines (None: any line of the file, and all of its room).
+        """Return the tests that run one of these lines (None: any line of the file, all of its room, and all reference data of its floor:
+        what a class states of its fields is read without a line of it being run).
 
         The reference data first, which are quick and compare everything, then those of the room, then those of the floor, each quick first.
         """
@@ -89,9 +90,9 @@ class Map:
         contexts = {context for line, those in told.items() if lines is None or int(line) in lines for context in those}
         reached = {test for context in contexts for test in self._users.get(context, [context])} & self.seconds.keys()
         room, floor = f"tests/{Path(path).parent}/", f"tests/{Path(path).parts[0]}/"
-        if lines is None:
-            reached |= {test for test in self.seconds if test.startswith(room)}
         whole = f"{floor}references/"
+        if lines is None:
+            reached |= {test for test in self.seconds if test.startswith((room, whole))}
         return sorted(
             reached,
             key=lambda test: (not test.startswith(whole), not test.startswith(room), not test.startswith(floor), self.seconds[test], test),

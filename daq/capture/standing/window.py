@@ -111,7 +111,7 @@ def _variance_inflation(residual: NDArray[np.float64]) -> float:
     covariance = fft.irfft(spectrum)[:count] / count
     if covariance[0] <= 0.0:
         return 1.0
-    pairs = covariance[1 : count - 1 : 2] + covariance[2:count:2] if count > 2 else covariance[:0]
+    pairs = covariance[1 : count - 1 : 2] + covariance[2:count:2]
     positive = int(np.argmax(pairs <= 0.0)) if np.any(pairs <= 0.0) else len(pairs)
     total = covariance[0] + 2.0 * float(np.sum(pairs[:positive]))
     return max(1.0, float(total) * size / variance)

@@ -223,6 +223,14 @@ def test_a_volume_that_reads_like_metres_is_refused() -> None:
         parse_survey(metres, "s")
 
 
+def test_as_many_increments_as_can_be_solved_and_no_more() -> None:
+    """500 along an axis take the solver a minute and 2.4 GB (`solver.geometry.volume`)."""
+    most = SMALLEST.replace("increments = 10", "increments = 500")
+    assert parse_survey(most, "s").volume.increments == 500
+    with pytest.raises(UsageError, match=r"volume\.increments: expected .*500, found 501"):
+        parse_survey(most.replace("= 500\n", "= 501\n"), "s")
+
+
 def test_a_toml_error_names_its_line() -> None:
     assert "at line 11" in refusal("[plc\n")
 

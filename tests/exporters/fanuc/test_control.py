@@ -79,6 +79,13 @@ class TestIncrements:
         assert plan.tables[0].quantum_um == 3.0
         assert (plan.tables[0].value_um / 3).tolist() == [0, 6, 4, 3, 4]
 
+    def test_the_largest_magnification_is_tried_and_no_larger_one(self):
+        """Magnification is 1 to 100 (parameter 3623): 749 um in one interval are 7 units of 100 um, 751 um are 8, beyond the limit of 7."""
+        plan = CONTROL.plan(curves_of(made_result({"EXX": [0, 0, 0, -749, -749]}), ["EXX"]), fanuc_profile())
+        assert plan.tables[0].quantum_um == 100.0
+        with pytest.raises(SafetyError, match="found 8 at magnification 100"):
+            CONTROL.plan(curves_of(made_result({"EXX": [0, 0, 0, -751, -751]}), ["EXX"]), fanuc_profile())
+
     def test_a_slope_that_no_magnification_holds_is_refused(self):
         profile = fanuc_profile()
         axes = {**profile.options.axes, "X": AxisPoints(number=1, reference_point=40, magnification=1)}

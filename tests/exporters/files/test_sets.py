@@ -124,6 +124,19 @@ class TestWriting:
             assert whole(tmp_path / str(place))
         assert names(tmp_path) == sorted(map(str, range(20)))
 
+    def test_the_same_set_written_meanwhile_by_another_is_ours_and_nothing_is_left_beside_it(self, tmp_path, monkeypatch):
+        through = sets._write_through
+
+        def overtaken(path, data):
+            monkeypatch.setattr(sets, "_write_through", through)
+            write_set(tmp_path / "out", files(1))
+            through(path, data)
+
+        monkeypatch.setattr(sets, "_write_through", overtaken)
+        write_set(tmp_path / "out", files(1))
+        assert whole(tmp_path / "out")
+        assert names(tmp_path) == ["out"]
+
 
 class TestReading:
     def test_gives_the_files_as_they_were_written(self, tmp_path):

@@ -61,6 +61,12 @@ def test_a_machine_in_inches_gets_inches():
     assert correction_um(table, np.array([-200.0, 100.0, 200.0])) == pytest.approx([-4.0, 2.0, 5.0], abs=0.02)
 
 
+def test_a_function_that_holds_a_squareness_brings_its_partner():
+    """C_xy turns Y in X and X in Y; EZX holds no squareness here."""
+    fold = {"C0Y": "EXY", "B0Z": "EXZ", "A0Z": "EYZ"}
+    assert LINUXCNC.paired(["EXY", "EZX"], fold) == ("EYX", "EZX", "EXY")
+
+
 def test_squareness_becomes_coefficients_and_straightness_is_said_to_stay():
     """matrixkins: X_joint = C_xy * Y; dX = -C0Y y is taken back by C_xy = +C0Y (contract 1). The shape of EXY cannot be written."""
     result = made_result({"EXY": [0.0, 3.0, 7.0, 3.0, 0.0]}, squareness={"C0Y": 20.0, "B0Z": 10.0, "A0Z": -5.0})

@@ -61,6 +61,14 @@ class TestMitsubishi:
         assert correction_um(table, np.array([-200.0, 200.0])) == pytest.approx([151.0, -150.0], abs=0.75)
         assert Mitsubishi().readable(plan.tables[0], which)[1:4] == ("#4001 AX1", "#4002 AX1", "#4003 4103")
 
+    def test_the_largest_scale_is_written_and_read(self):
+        """Data -128 to 127, scale 1 to 99: 6280 um are 12,560 units of 0.5 um, 126.9 of 99 and 128.2 of 98."""
+        which = profile("mitsubishi", data="absolute")
+        _, files = listed(Mitsubishi(), which, {"EXX": [0.0, 0.0, 0.0, 0.0, -6280.0]})
+        (table,) = Mitsubishi().parse(files, which)
+        assert table.place["scale"] == 99
+        assert correction_um(table, np.array([200.0])) == pytest.approx(6280.0, abs=25.0)
+
     def test_each_pair_of_axes_has_its_own_numbers(self):
         """The second pair stands 10 higher, its data follow those of the first; base and compensated axis may differ."""
         which = profile("mitsubishi")

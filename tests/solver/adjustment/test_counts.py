@@ -3,7 +3,7 @@
 import numpy as np
 
 from stepdiag.solver.adjustment.adjustment import adjust
-from stepdiag.solver.adjustment.counts import counts
+from stepdiag.solver.adjustment.counts import counts, walk_of
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.surveys import DIAGONALS, Bench
 
@@ -22,3 +22,9 @@ def test_counts_of_repeats_that_share_their_rows_are_as_by_the_definition():
         np.testing.assert_allclose(count.stop, np.diag(left), atol=scale)
         np.testing.assert_allclose(count.step, np.diag(steps.T @ left @ steps), atol=len(left) * scale)
         np.testing.assert_allclose(count.walked, count.walk.T @ left @ count.walk, atol=len(left) ** 2 * scale)
+
+
+def test_the_components_of_a_walk_make_its_covariance():
+    """Of a walk of 1 um a step readings i and j have min(i, j) steps in common; with as many components as steps nothing is left out."""
+    walk = walk_of(12)
+    np.testing.assert_allclose(walk @ walk.T, np.minimum.outer(np.arange(12), np.arange(12)), atol=1e-12)

@@ -150,3 +150,13 @@ def test_a_whole_survey_in_blocks_is_a_dense_least_squares_fit():
     wanted = asked.combination.dense()[seen]
     exact = np.sum((wanted @ np.linalg.pinv(dense, rcond=1e-10)) ** 2, axis=1)
     assert variance(asked, found.inverse)[seen] == pytest.approx(exact, rel=1e-5, abs=1e-12)
+
+
+def test_covariances_of_many_rows_are_those_of_a_dense_inverse():
+    """More rows than are worked out at a time, unknowns in two blocks and a border."""
+    rng = np.random.default_rng(1)
+    rows = random_rows(rng, 1100, 3, 12, used=12)
+    group = np.repeat([0, 1, -1], 4)
+    inverse = invert(rows, np.ones(len(rows)), order_blocks(group))
+    dense = rows.dense()
+    np.testing.assert_allclose(inverse.among(rows), dense @ np.linalg.inv(dense.T @ dense) @ dense.T, atol=1e-12)
