@@ -18,6 +18,8 @@ from stepdiag.solver.errors import DataError
 Vector = NDArray[np.float64]
 
 ZERO_CELSIUS_K = 273.15
+CIDDOR_CO2_PPM = 450.0
+"""The carbon dioxide content behind the NIST values."""
 
 _PLAUSIBLE = {
     "air_temperature_c": (-40.0, 100.0),
@@ -107,13 +109,13 @@ def _ciddor_compressibility(t: Vector, p: Vector, xv: Vector) -> Vector:
     return z
 
 
-def ciddor_index(air: Air, vacuum_wavelength_nm: float) -> Vector:
-    """Return the index by Ciddor's equation (NIST toolbox, Appendix A, part I), shape of ``air``, for NIST's 450 ppm of CO2."""
+def ciddor_index(air: Air, vacuum_wavelength_nm: float, co2_ppm: float = CIDDOR_CO2_PPM) -> Vector:
+    """Return the index by Ciddor's equation (NIST toolbox, Appendix A, part I), shape of ``air``."""
     s = (1e3 / vacuum_wavelength_nm) ** 2
     t, p = air.temperature_c, air.pressure_hpa * 100.0
     vapour_pa = air.humidity_percent / 100 * saturation_pressure_pa(t)
     xv = (1.00062 + 3.14e-8 * p + 5.6e-7 * t**2) * vapour_pa / p
-    dry_standard = 1e-8 * (5792105 / (238.0185 - s) + 167917 / (57.362 - s))
+    dry_standard = 1e-8 * (5792105 / (238.0185 - s) + 167917 / (57.362 - s)) * (1 + 5.34e-7 * (co2_ppm - 450))
     water_standard = 1.022e-8 * (295.235 + 2.6422 * s - 0.03238 * s**2 + 0.004028 * s**3)
     water_molar, gas = 0.018015, 8.314472
     moles = p / (_ciddor_compressibility(t, p, xv) * gas * (t + ZERO_CELSIUS_K))
