@@ -144,7 +144,8 @@ def hall(
 ):
     """Run a bench process in ``folder``; a survey file that fits it stands there.
 
-    A machine that says less than everything (``signals``) is looked at twice as often: nothing else tells two stops apart.
+    A machine that says less than everything (``signals``) is looked at twice as often: one without a stop counter has nothing
+    else to tell two stops apart.
     """
     named = ", ".join(f'"{setup}"' for setup in setups)
     common = {
