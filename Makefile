@@ -39,6 +39,7 @@ explore: $(TEST_VENV)/.ready ## property tests and fuzzing with examples nobody 
 
 # every change: a night; a sample: `make mutants COUNT=400 SEED=10`, see docs/testing.md
 mutants: $(MUTANTS_VENV)/.ready ## how sharp the tests are: small changes that a test must notice
+	tools/debian
 	nice -n 19 $(MUTANTS_VENV)/bin/python tools/mutants $(if $(COUNT),--count $(COUNT)) $(if $(SEED),--seed $(SEED))
 
 # kill -9, two hundred times in one survey

@@ -14,12 +14,12 @@ from typing import Annotated, Literal
 import msgspec
 
 from stepdiag.exporters.beckhoff import csv, parameter_list
-from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.tables.angular import angle_tables, columns_of, levers_of
 from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
 from stepdiag.exporters.tables.controller import Limits, Plan
-from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.own_files import own_and_zeros
 from stepdiag.exporters.tables.profile import Profile
@@ -29,6 +29,7 @@ from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.kinematics import parse_chain
+from stepdiag.solver.result.result import POSITIONING
 
 VOLCOMP, ANGLE, SSFK, CROSS = "volcomp", "volcomp-angle", "ssfk", "crosscomp"
 _SSFK_LAW = Law(sense="as-error")
@@ -127,9 +128,7 @@ class Beckhoff:
         """Return the tables of ISG_CSV files and axis lists."""
         options = profile.options_as(BeckhoffOptions)
         tables: list[Table] = []
-        for file in files:
-            if file.role == "note":
-                continue
+        for file in without_notes(files):
             if b"kw." in file.data:
                 senses = {SSFK: _SSFK_LAW.sense, CROSS: options.cross_sense}
                 tables += parameter_list.read(file, profile, options.axis_numbers, senses)

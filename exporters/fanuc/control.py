@@ -20,13 +20,14 @@ from stepdiag.exporters.fanuc.straightness import given_to
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite
 from stepdiag.exporters.tables.controller import Limits, Plan
-from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
 from stepdiag.exporters.tables.seats import copied
 from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import POSITIONING
 
 __all__ = ["Fanuc", "FanucOptions"]
 

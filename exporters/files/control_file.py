@@ -1,5 +1,6 @@
 """One file of an export: its name, its bytes and what it is for."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Literal
 
@@ -15,3 +16,8 @@ class ControlFile:
     name: str
     data: bytes
     role: Literal["data", "program", "note"] = "data"
+
+
+def without_notes(files: Iterable[ControlFile]) -> tuple[ControlFile, ...]:
+    """Return the files that are for the control, in their order."""
+    return tuple(file for file in files if file.role != "note")

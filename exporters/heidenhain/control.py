@@ -24,7 +24,7 @@ from stepdiag.exporters.heidenhain import com
 from stepdiag.exporters.tables.angular import COLUMN, angle_tables, columns_of, levers_of
 from stepdiag.exporters.tables.averaging import averaged_remarks, averaging
 from stepdiag.exporters.tables.controller import Limits, Plan
-from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.own_files import lacking
 from stepdiag.exporters.tables.profile import Profile
@@ -35,6 +35,7 @@ from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.kinematics import parse_chain
 from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.result.result import POSITIONING
 
 KIND = "com"
 KINEMATICS = "kinematicscomp"

@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
-from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.files.numbers import fixed, shortest
@@ -22,7 +22,7 @@ from stepdiag.exporters.linuxcnc.ini import Naming, axis_in, back, change, named
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.averaging import straightness_remark
 from stepdiag.exporters.tables.controller import Limits, Plan
-from stepdiag.exporters.tables.curves import FUNCTIONS, KEPT, POSITIONING, SQUARENESS_SLOPE, Curve
+from stepdiag.exporters.tables.curves import FUNCTIONS, KEPT, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.fit import straight_line_um_mm
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, quantised
@@ -31,6 +31,7 @@ from stepdiag.exporters.tables.tables import Law, Table, correction_um, plain_ro
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.readings.csv_table import LARGEST
+from stepdiag.solver.result.result import POSITIONING
 
 SCREW = "comp"
 MATRIX = "matrixkins"
@@ -119,9 +120,7 @@ class LinuxCnc:
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables of screw files (the axis is told by the file name) and of HAL files with matrixkins coefficients."""
         tables: list[Table] = []
-        for file in files:
-            if file.role == "note":
-                continue
+        for file in without_notes(files):
             if lattice.recognises(file):
                 raise _lattice_in_control(file, profile)
             found = _read_matrix(file) if b"matrixkins" in file.data else _read_screw(file, profile)

@@ -6,11 +6,11 @@ import numpy as np
 
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, untested_kinds
-from stepdiag.exporters.tables.curves import POSITIONING, SIGNIFICANT
+from stepdiag.exporters.tables.curves import SIGNIFICANT
 from stepdiag.exporters.tables.sampling import is_directional
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.result import POSITIONING, Result
 
 _COARSE_UM = 0.5
 """What a table may leave between its points before it is said: about the uncertainty of a good survey."""

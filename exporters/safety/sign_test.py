@@ -166,7 +166,8 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
     at_top = float(np.interp(test.top_mm, *moved))
     beyond = 0.0 if test.beyond_mm is None else float(np.interp(test.beyond_mm, *moved))
     expected = test.expected_um
-    share = abs(at_top / expected)
+    signed = at_top / expected
+    share = abs(signed)
 
     def undecided(text: str) -> Verdict:
         return Verdict(kind=table.kind, sense=None, moved_um=at_top, text=text)
@@ -180,7 +181,7 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
         return undecided(text)
     if not _SIZE[0] <= share <= _SIZE[1]:
         return undecided(f"the axis moved {at_top:+.1f} um instead of {expected:.1f} um, {share:.3g} times as much: {_cause(share)}")
-    right = (at_top > 0) == (expected > 0)
+    right = signed > 0
     sense = table.law.sense if right else _opposite(table.law.sense)
     text = f"the axis moved {at_top:+.1f} um: the table is {sense}" + ("" if right else f", NOT {table.law.sense} as it was written")
     return Verdict(kind=table.kind, sense=sense, moved_um=at_top, text=text)

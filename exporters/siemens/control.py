@@ -17,13 +17,14 @@ from stepdiag.exporters.siemens.ini import data_file, is_program, require_full_e
 from stepdiag.exporters.siemens.loader import Load
 from stepdiag.exporters.siemens.products import KIND, Budget, chosen, joined, numbered, product_table
 from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM, Limits, Plan
-from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
 from stepdiag.exporters.tables.tables import Sense, Table, plain_rows, zeroed
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import POSITIONING
 
 Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
 """Points of a table, or a number of one: far above what the machine data allow."""

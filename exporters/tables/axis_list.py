@@ -15,7 +15,7 @@ from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, re
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.tables.averaging import straightness_remark
 from stepdiag.exporters.tables.controller import Limits, Plan
-from stepdiag.exporters.tables.curves import POSITIONING, Curve
+from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.own_files import own_and_zeros
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
@@ -23,6 +23,7 @@ from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Table
 from stepdiag.solver.errors import DataError, SafetyError
 from stepdiag.solver.findings import Finding
+from stepdiag.solver.result.result import POSITIONING
 
 
 class NoOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):

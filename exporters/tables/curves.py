@@ -14,9 +14,8 @@ import numpy as np
 
 from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.result.result import Function, Result
+from stepdiag.solver.result.result import POSITIONING, Function, Result
 
-POSITIONING = ("EXX", "EYY", "EZZ")
 STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 FUNCTIONS = POSITIONING + STRAIGHTNESS
 """The nine functions that a table of one input and one output axis can correct."""
@@ -80,9 +79,9 @@ class Curve:
 
     def toward(self, direction: int) -> Vector:
         """Return the node values for travel in ``direction`` (+1, -1, or 0 for the mean of both)."""
-        if direction == 0 or self.reverse_um is None:
-            return self.mean_um
-        return self.forward_um if direction > 0 else self.reverse_um
+        if self.reverse_um is None:
+            return self.forward_um
+        return (self.mean_um, self.forward_um, self.reverse_um)[direction]
 
 
 def curves_of(result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[str, str] = FOLD_DEFAULT) -> tuple[Curve, ...]:

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Hashable, Sequence
 
-from stepdiag.exporters.files.control_file import ControlFile
+from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, zeroed
@@ -22,4 +22,4 @@ def own_and_zeros(
     """Return the machine's own files, and files of zeros for the tables whose ``place`` none of them holds."""
     zeros = lacking(controller, tables, profile, place)
     rendered = controller.render(zeros, profile, (NO_TABLE_BEFORE,)) if zeros else ()
-    return (*profile.existing, *(file for file in rendered if file.role != "note"))
+    return (*profile.existing, *without_notes(rendered))

@@ -44,7 +44,7 @@ def setup_of(name: str, where: str = "setup") -> Setup:
     """Return what a setup name means. Raises ``UsageError`` for a name nobody knows, with the nearest known one."""
     base, plus, number = name.partition("+")
     if base not in SETUP_NAMES or (plus and not (number.isascii() and number.isdigit() and not number.startswith("0") and len(number) < 6)):
-        near = difflib.get_close_matches(base, SETUP_NAMES, n=1, cutoff=0.5)
+        near = difflib.get_close_matches(base, SETUP_NAMES, cutoff=0.5)
         remedy = f"did you mean {near[0]!r}?" if near else "a shifted beam or a second alignment is named ppp+1, ppp+2, .."
         raise UsageError(where, expected="one of " + ", ".join(SETUP_NAMES), found=repr(name), remedy=remedy)
     return Setup(name=name, base=base, kind=_kind(base), signs=_signs(base), variant=int(number) if plus else 0)

@@ -35,7 +35,6 @@ from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import (
-    POSITIONING,
     REVERSAL_PART,
     SCALE_SUM,
     backlash,
@@ -46,7 +45,7 @@ from stepdiag.solver.model.reported import (
     variance,
 )
 from stepdiag.solver.planning.identifiability import cheapest_runs, resolved_angles
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
+from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 

@@ -10,7 +10,7 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.methods.angular import cause_place
 from stepdiag.solver.model.between import BETWEEN
 from stepdiag.solver.model.quantities import Quantities
-from stepdiag.solver.result.result import AXIS_LETTERS, Function
+from stepdiag.solver.result.result import POSITIONING, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 NEAR = 0.05
@@ -26,7 +26,7 @@ def finer(found: Adjustment, spread: Spread, quantities: Quantities, stands_as: 
     if name not in found.between.names or function.value is None or function.u is None or function.u_readings is None:
         return function
     off = found.between.of(name)
-    volume, axis = found.layout.volume, AXIS_LETTERS.index(name[-1])
+    volume, axis = found.layout.volume, POSITIONING.index(name)
     steps = (off.position_mm - volume.origin_mm[axis]) / volume.step_mm[axis]
     apart = off.alone & (np.abs(steps - np.round(steps)) > NEAR)
     position_mm, basis = off.position_mm[apart], off.basis[apart]

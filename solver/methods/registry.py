@@ -61,7 +61,7 @@ METHODS: dict[str, Method] = {
 def method_of(name: str) -> Method:
     """Return a method. Raises ``UsageError`` for a name nobody knows, with the nearest known one."""
     if name not in METHODS:
-        near = difflib.get_close_matches(name, METHODS, n=1)
+        near = difflib.get_close_matches(name, METHODS)
         remedy = f"did you mean {near[0]!r}?" if near else ""
         raise UsageError("method", expected="one of " + ", ".join(METHODS), found=repr(name), remedy=remedy)
     return METHODS[name]

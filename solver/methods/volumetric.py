@@ -15,12 +15,11 @@ from stepdiag.solver.methods.angular import cause_place, rms
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.quantities import Quantities
-from stepdiag.solver.model.reported import POSITIONING
 from stepdiag.solver.planning.foresight import CURVED
 from stepdiag.solver.result.field import Smoothed, error_field_um, evenly
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted_with_u
-from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
+from stepdiag.solver.result.result import DISPLACEMENTS, POSITIONING, Function, Result
 from stepdiag.solver.uncertainty.machine import (
     Machine,
     covariance,

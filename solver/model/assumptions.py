@@ -59,8 +59,7 @@ class Assumptions:
     def as_json(self) -> dict[str, Any]:
         """Return the sizes by their names; what is relative in ppm, for a result keeps six decimals, of which 2e-7 leaves nothing."""
         return {
-            f"{name}_ppm" if name in RELATIVE else name: round(1e6 * value, 6) if name in RELATIVE else value
-            for name, value in asdict(self).items()
+            f"{name}_ppm" if name in RELATIVE else name: 1e6 * value if name in RELATIVE else value for name, value in asdict(self).items()
         }
 
     def angle_range_urad(self, name: str) -> float:

@@ -80,7 +80,7 @@ def effect_between(layout: Layout, between: Between) -> Effect:
     for name in between.names:
         axis, component = divmod(DISPLACEMENTS.index(name), 3)
         rows = np.flatnonzero(off[:, axis])
-        place = _nearest(between.of(name).position_mm, layout.position_mm[rows, axis])
+        place = _places(between.of(name).position_mm, layout.position_mm[rows, axis])
         pattern[rows, between.causes_of(name)] = layout.direction[rows, component, None] * between.of(name).basis[place]
     text = "readings off the nodes see what a function does beside the straight line between them: unknowns of their own"
     return Effect(name=BETWEEN, text=text, pattern_um=pattern, sought=True)
@@ -99,11 +99,11 @@ def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
 
 def _positions(layout: Layout, axis: int, off: NDArray[np.bool_]) -> AxisBetween:
     ordered = np.sort(layout.position_mm[off[:, axis], axis])
-    new = np.append(True, np.diff(ordered) > POSITION_TOLERANCE_MM)[: len(ordered)]
+    positions = ordered[np.diff(ordered, prepend=-np.inf) > POSITION_TOLERANCE_MM]
     moved = np.abs(np.array([setup.signs for setup in layout.setups]))[layout.setup_index]
     single = layout.position_mm[off[:, axis] & (np.sum(moved, axis=1) == 1), axis]
-    alone = np.any(np.abs(ordered[new][:, None] - single) <= POSITION_TOLERANCE_MM, axis=1)
-    return _axis(layout, axis, ordered[new], alone, np.inf)
+    alone = np.isin(np.arange(len(positions)), _places(positions, single))
+    return _axis(layout, axis, positions, alone, np.inf)
 
 
 def _axis(layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float) -> AxisBetween:
@@ -129,8 +129,7 @@ def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> Ax
     return _axis(layout, number, axis.position_mm, axis.alone, max(np.floor(share * axis.basis.shape[1] / cells), 1.0))
 
 
-def _nearest(positions: Vector, wanted: Vector) -> NDArray[np.int64]:
-    upper = np.clip(np.searchsorted(positions, wanted), 1, max(len(positions) - 1, 1)) if len(positions) > 1 else np.zeros(len(wanted), int)
-    lower = np.maximum(upper - 1, 0)
-    found: NDArray[np.int64] = np.where(np.abs(positions[upper] - wanted) < np.abs(positions[lower] - wanted), upper, lower)
+def _places(positions: Vector, wanted: Vector) -> NDArray[np.int64]:
+    """Return which position each is meant by: the one at or before it, for the least of those that are one is kept."""
+    found: NDArray[np.int64] = np.searchsorted(positions, wanted, side="right") - 1
     return found

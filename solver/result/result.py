@@ -24,6 +24,7 @@ READABLE_VERSIONS = (1, 2)
 
 DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "XYZ")
 ROTATIONS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "ABC")
+POSITIONING = ("EXX", "EYY", "EZZ")
 SQUARENESS = ("C0Y", "B0Z", "A0Z")
 AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
 _ENTRIES = (

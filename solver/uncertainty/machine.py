@@ -21,10 +21,10 @@ from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.effects import AngleShapes
 from stepdiag.solver.model.quantities import Quantities
-from stepdiag.solver.model.reported import POSITIONING, reported, sloped
+from stepdiag.solver.model.reported import reported, sloped
 from stepdiag.solver.result.field import Tabulated, field_of_um, rigid_motions
 from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS, Posterior
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
+from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS
 from stepdiag.solver.uncertainty.modes import BySize, by_size, factored, of_one_factor
 from stepdiag.solver.uncertainty.spread import Spread
 

@@ -69,15 +69,13 @@ def shortest_interval(samples: Vector, probability: float) -> tuple[Vector, Vect
 
     Only the tails are sorted: the interval begins among the lowest and ends among the highest ``1 - probability``.
     """
-    count = samples.shape[-1]
+    rows, count = np.arange(len(samples)), samples.shape[1]
     kept = int(np.ceil(probability * count))
     tail = count - kept + 1
-    ordered = np.partition(samples, (tail - 1, kept - 1), axis=-1)
-    starts, ends = np.sort(ordered[..., :tail], axis=-1), np.sort(ordered[..., kept - 1 :], axis=-1)
-    best = np.argmin(ends - starts, axis=-1, keepdims=True)
-    low: Vector = np.take_along_axis(starts, best, axis=-1)[..., 0]
-    high: Vector = np.take_along_axis(ends, best, axis=-1)[..., 0]
-    return low, high
+    ordered = np.partition(samples, (tail - 1, kept - 1), axis=1)
+    starts, ends = np.sort(ordered[:, :tail], axis=1), np.sort(ordered[:, kept - 1 :], axis=1)
+    best = np.argmin(ends - starts, axis=1)
+    return starts[rows, best], ends[rows, best]
 
 
 def _blocks(trials: int, numbers: int) -> Iterator[slice]:

@@ -11,6 +11,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
 
@@ -186,29 +187,30 @@ def test_any_error_of_the_thread_is_told(bench: Bench) -> None:
     assert bench.recorder.health.state == "dead"
 
 
-@pytest.fixture
-def full_disk() -> Iterator[Callable[[int | None], None]]:
-    """The kernel refuses to write beyond a length, as a full disk does: EFBIG by RLIMIT_FSIZE (Python ignores SIGXFSZ)."""
+@contextmanager
+def full_disk(length: int) -> Iterator[None]:
+    """The kernel refuses to write beyond a length, as a full disk does: EFBIG by RLIMIT_FSIZE (Python ignores SIGXFSZ).
+
+    No longer than it takes: what pytest says of the test may go into a file that is longer.
+    """
     soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (length, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
 
-    def limit(length: int | None) -> None:
-        resource.setrlimit(resource.RLIMIT_FSIZE, (soft if length is None else length, hard))
 
-    yield limit
-    limit(None)
-
-
-def test_a_full_disk_stops_the_recording_loudly_and_it_goes_on(tmp_path: Path, full_disk: Callable[[int | None], None]) -> None:
+def test_a_full_disk_stops_the_recording_loudly_and_it_goes_on(tmp_path: Path) -> None:
     bench = Bench(backlog_bytes=100_000)
     many = recording(6.0)
-    full_disk(6_000)
-    bench.recorder.begin(tmp_path / "a.mcap", HEADER)
-    admitted = bench.admit(many[:2000])
-    wait_until(lambda: bench.recorder.health.state == "blocked")
-    assert bench.recorder.health.reason == os.strerror(errno.EFBIG)
-    admitted += bench.admit(many[2000:4000])
-    readable = read(tmp_path / "a.mcap.part")
-    full_disk(None)
+    with full_disk(6_000):
+        bench.recorder.begin(tmp_path / "a.mcap", HEADER)
+        admitted = bench.admit(many[:2000])
+        wait_until(lambda: bench.recorder.health.state == "blocked")
+        assert bench.recorder.health.reason == os.strerror(errno.EFBIG)
+        admitted += bench.admit(many[2000:4000])
+        readable = read(tmp_path / "a.mcap.part")
     wait_until(lambda: bench.recorder.health.state == "recording" and not bench.recorder.health.backlog_bytes)
     admitted += bench.admit(many[4000:4300])
     bench.recorder.end("complete")
@@ -223,35 +225,32 @@ def test_a_full_disk_stops_the_recording_loudly_and_it_goes_on(tmp_path: Path, f
     assert log.end.run_stop["lost_events"] == str(bench.recorder.health.lost_events)
 
 
-def test_a_stop_that_a_full_disk_refuses_is_not_captured_until_there_is_space(
-    tmp_path: Path, full_disk: Callable[[int | None], None]
-) -> None:
+def test_a_stop_that_a_full_disk_refuses_is_not_captured_until_there_is_space(tmp_path: Path) -> None:
     """The machine must not move on from a stop that a power cut would take away."""
     bench, told = Bench(), threading.Event()
-    full_disk(6_000)
-    bench.recorder.begin(tmp_path / "a.mcap", HEADER)
-    bench.admit(recording(6.0)[:2000])
-    bench.recorder.promise(STOP, told.set)
-    wait_until(lambda: bench.recorder.health.state == "blocked")
-    assert not told.is_set()
-    full_disk(None)
+    with full_disk(6_000):
+        bench.recorder.begin(tmp_path / "a.mcap", HEADER)
+        bench.admit(recording(6.0)[:2000])
+        bench.recorder.promise(STOP, told.set)
+        wait_until(lambda: bench.recorder.health.state == "blocked")
+        assert not told.is_set()
     assert told.wait(60.0)
     assert open_log_messages(tmp_path / "a.mcap.part")["/machine/stop"] == 1
     bench.recorder.end("complete")
     assert bench.recorder.stop()
 
 
-def test_a_disk_that_stays_full_leaves_what_was_written(tmp_path: Path, full_disk: Callable[[int | None], None]) -> None:
+def test_a_disk_that_stays_full_leaves_what_was_written(tmp_path: Path) -> None:
     bench = Bench()
-    full_disk(8_000)
-    bench.recorder.begin(tmp_path / "a.mcap", HEADER)
-    admitted = bench.admit(EVENTS)
-    bench.recorder.end("complete")
-    wait_until(lambda: bench.recorder.health.state == "blocked")
-    assert not bench.recorder.stop(timeout_s=5.0)
-    kept = read(tmp_path / "a.mcap.part")
-    assert kept == admitted[: len(kept)]
-    assert not (tmp_path / "a.mcap").exists()
+    with full_disk(8_000):
+        bench.recorder.begin(tmp_path / "a.mcap", HEADER)
+        admitted = bench.admit(EVENTS)
+        bench.recorder.end("complete")
+        wait_until(lambda: bench.recorder.health.state == "blocked")
+        assert not bench.recorder.stop(timeout_s=5.0)
+        kept = read(tmp_path / "a.mcap.part")
+        assert kept == admitted[: len(kept)]
+        assert not (tmp_path / "a.mcap").exists()
 
 
 def test_admitting_never_waits_for_the_disk(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

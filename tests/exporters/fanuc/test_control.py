@@ -225,6 +225,18 @@ class TestDirections:
         assert {(table.name, table.direction) for table in report.tables} == {("EXX", 1), ("EXX", -1), ("EYY", 0), ("EZZ", 0)}
         assert b"N03605Q1A1P00000001A2P00000000" in (tmp_path / "out" / "PITCH_UNTESTED_SIGN.TXT").read_bytes()
 
+    def test_without_its_bit_an_axis_has_a_second_table_where_its_own_second_range_holds_data(self):
+        """Where no file holds 3605#0, values in the range of X tell, and those of Y, which begins later, do not."""
+        profile = profile_of("fanuc", VOLUME, direction="both", reference_at=2)
+
+        def directions(points: dict[int, int]) -> list[tuple[str, int]]:
+            lines = ["N03623Q1A1P1A2P1A3P1", "N03627Q1A1P0A2P0A3P0"]
+            lines += [f"N1{point:04}Q0P{points.get(point, 0)}" for point in range(700)]
+            return [(table.name, table.direction) for table in CONTROL.parse([punch(*lines)], profile)]
+
+        assert directions({99: 3, 301: 4}) == [("EXX", 0), ("EYY", 0), ("EZZ", 0)]
+        assert directions({99: 3, 162: 2}) == [("EXX", 1), ("EXX", -1), ("EYY", 0), ("EZZ", 0)]
+
 
 class TestStraightLines:
     def test_straightness_without_parameter_numbers_is_in_the_report_only(self):

@@ -132,11 +132,13 @@ def test_straightness_in_the_file_beside_a_profile_that_says_there_is_none() -> 
     assert "straightness-in-file" not in codes(replace(profile(), existing=files), FUNCTIONS)
 
 
-def test_straight_lines_need_the_pitch_points_that_nobody_sets() -> None:
+@pytest.mark.parametrize("interval_mm", [b"30.0", b"25.4", b"24.999"])
+def test_straight_lines_need_the_pitch_points_that_nobody_sets(interval_mm: bytes) -> None:
     """Y is left alone and its pitch points stand at another interval in the machine's file: four points of Y would lie elsewhere."""
     of = profile()
     pitch, sets = of.existing
-    elsewhere = replace(pitch, data=pitch.data.replace(b"N03624Q1A1P0.0A2P0.0A3P0.0", b"N03624Q1A1P25.0A2P30.0A3P12.5"))
+    intervals = b"N03624Q1A1P25.0A2P%sA3P12.5" % interval_mm
+    elsewhere = replace(pitch, data=pitch.data.replace(b"N03624Q1A1P0.0A2P0.0A3P0.0", intervals))
     with pytest.raises(SafetyError) as refused:
         codes(replace(of, existing=(elsewhere, sets)), ["EXX", "EZZ", "EXY"])
     assert refused.value.code == "pitch-points-unset"

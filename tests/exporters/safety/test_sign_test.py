@@ -143,10 +143,10 @@ class TestVerdict:
         assert shown.sense is None
         assert cause in shown.text
 
-    @pytest.mark.parametrize("share", [0.6, 1.0, 1.8])
-    def test_between_half_and_twice_the_sense_is_told(self, share):
+    @pytest.mark.parametrize(("share", "sense"), [(0.6, "as-error"), (1.8, "as-error"), (-0.6, "as-compensation")])
+    def test_between_half_and_twice_the_sense_is_told(self, share, sense):
         test = siemens_bump()
-        assert verdict(test, POSITIONS, 0 * POSITIONS, share * moved_um(test)).sense == "as-error"
+        assert verdict(test, POSITIONS, 0 * POSITIONS, share * moved_um(test)).sense == sense
 
     def test_a_run_that_does_not_reach_the_bump_is_refused(self):
         with pytest.raises(DataError, match="drive the run over"):

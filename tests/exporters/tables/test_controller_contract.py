@@ -10,11 +10,12 @@ from hypothesis import strategies as st
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.tables.controller import Plan
-from stepdiag.exporters.tables.curves import FUNCTIONS, POSITIONING, Curve, curves_of
+from stepdiag.exporters.tables.curves import FUNCTIONS, Curve, curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import sampled_um
 from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.result.result import POSITIONING
 from testkit.exact.machines import MACHINES, profile_of
 from testkit.exact.results import VOLUME, made_result
 from testkit.examples import few
@@ -72,6 +73,16 @@ class TestEveryController:
         profile = profile_of(name, VOLUME)
         curves = curves_of(made_result({"EXX": [0.0, 1.0, 2.0, 3.0, 5.0]}), profile.machine.functions)
         assert written(name, curves, profile)[2] == written(name, curves, profile)[2]
+
+    def test_the_order_of_the_files_says_nothing(self, name):
+        """A folder may be read from either end; notes for people stand anywhere among the tables."""
+        profile = profile_of(name, VOLUME)
+        curves = curves_of(made_result({"EXX": [0.0, 1.0, 2.0, 3.0, 5.0], "EYY": [0.0, 4.0, 2.0, 1.0, 1.0]}), profile.machine.functions)
+        _, profile, files = written(name, curves, profile)
+        there, back = ({table.label: table for table in controller_named(name).parse(read, profile)} for read in (files, files[::-1]))
+        assert back.keys() == there.keys()
+        for label, table in there.items():
+            np.testing.assert_array_equal(back[label].value_um, table.value_um)
 
     def test_files_are_ascii_without_negative_zero(self, name):
         """A value that rounds to zero has no sign, and no locale enters."""

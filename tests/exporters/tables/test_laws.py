@@ -39,6 +39,17 @@ def test_a_lever_is_held_or_drawn_on(ends, factors):
     assert lever.line == pytest.approx((0.01, 100.0))
 
 
+@pytest.mark.parametrize(("middle", "straight"), [(0.0, True), (0.0009, True), (0.0011, False), (0.02, False), (-0.5, False)])
+def test_a_lever_with_a_bend_of_a_thousandth_is_no_straight_line(middle, straight):
+    lever = Multiplier(axis="Z", position_mm=np.array([0.0, 100.0, 150.0, 200.0]), value=np.array([-1.0, middle, 0.5, 1.0]))
+    assert lever.is_straight is straight
+
+
+def test_a_lever_of_one_a_millimetre_is_a_straight_line_and_a_level_one_is_none():
+    assert Multiplier(axis="Z", position_mm=np.array([0.0, 200.0]), value=np.array([-100.0, 100.0])).is_straight
+    assert not Multiplier(axis="Z", position_mm=np.array([0.0, 200.0]), value=np.array([0.5, 0.5])).is_straight
+
+
 def test_the_vertices_of_a_lattice_are_counted_at_both_ends():
     """Just as many sections as vertices are allowed is too many: every axis has one vertex more."""
     sections = round(MOST_LINES ** (1 / 3))

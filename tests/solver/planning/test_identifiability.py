@@ -2,6 +2,8 @@
 
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stepdiag.solver.geometry.setups import CONTINUOUS_DIAGONALS, FACE_DIAGONALS
 from stepdiag.solver.geometry.volume import BODY_DIAGONALS, LINEAR_RUNS, Volume
@@ -10,7 +12,7 @@ from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.reported import SCALE_SUM
-from stepdiag.solver.planning.identifiability import identified_with_angles
+from stepdiag.solver.planning.identifiability import _Candidate, identified_with_angles
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS
 
@@ -55,6 +57,21 @@ def test_ranks_of_the_separable_model(design, increments, size):
 def test_continuous_diagonals_tell_little():
     """Theory 5.1: ISO 230-6 diagonals, n = 6: rank 21 of 54, so 33 combinations stay unknown."""
     assert rank_and_hidden(lay_out(perfect_readings(plan(CONTINUOUS_DIAGONALS), 0.3))) == (21, 33)
+
+
+@given(rows=st.integers(1, 6), hidden=st.integers(1, 5), own=st.integers(0, 4), seed=st.integers(0, 2**32 - 1))
+def test_what_one_more_run_leaves_hidden(rows, hidden, own, seed):
+    """Of a null space that stays hidden which the run's own unknowns imitate, also where it has fewer readings than unknowns."""
+    rng = np.random.default_rng(seed)
+    null = np.linalg.qr(rng.normal(size=(9, hidden))).Q
+    run = _Candidate(minutes=1.0, machine=rng.normal(size=(rows, 9)), nuisance=rng.normal(size=(rows, own)))
+    left = run.narrow(null)
+    told = max(rows - own, 0)
+    assert left.shape == (9, max(hidden - told, 0))
+    assert null @ (null.T @ left) == pytest.approx(left, abs=1e-9)
+    assert left.T @ left == pytest.approx(np.eye(left.shape[1]), abs=1e-9)
+    seen = run.machine @ left
+    assert seen == pytest.approx(run.nuisance @ np.linalg.lstsq(run.nuisance, seen)[0], abs=1e-6)
 
 
 CHAINS = ["FXYZ", "XFYZ", "XYFZ", "XYZF"]

@@ -8,7 +8,7 @@ import numpy as np
 
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables import angular, fit, lattice
-from stepdiag.exporters.tables.curves import POSITIONING, Curve, curves_of
+from stepdiag.exporters.tables.curves import Curve, curves_of
 from stepdiag.exporters.tables.sampling import is_directional, quantised, sampled_um
 from stepdiag.exporters.tables.tables import (
     Law,
@@ -21,7 +21,7 @@ from stepdiag.exporters.tables.tables import (
     summed_um,
     total_correction_um,
 )
-from stepdiag.solver.result.result import Function, Quantity, Result
+from stepdiag.solver.result.result import POSITIONING, Function, Quantity, Result
 from testkit.recorded import plain
 from testkit.recorded.profiles import profile_of
 from testkit.recorded.results import ANGLES, LEANING, PLAIN, REVERSAL, SHAPES, TURNING, result_of, told
