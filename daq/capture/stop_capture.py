@@ -1,5 +1,6 @@
 """From a dwell on a pass to its stop: which stop it is, what it reads, and whether the laser's count reaches back to the stop before."""
 
+from collections import defaultdict
 from dataclasses import replace
 
 import msgspec
@@ -272,7 +273,7 @@ class PositionCheck:
 
     def __init__(self, signals: SignalMap) -> None:
         self._signals = signals
-        self._said: dict[str, float] = {}
+        self._said_mm: defaultdict[str, float] = defaultdict(float)
 
     def judge(self, walk: Walk, stop: int, signals: Signals) -> list[Finding]:
         """Return what is to be said of the commanded position at a stop; nothing where the register cannot tell it from the plan's."""
@@ -280,10 +281,10 @@ class PositionCheck:
             return []
         rows = zip("xyz", signals.commanded_mm, walk.route.planned_mm(stop), strict=True)
         beyond = [(abs(here - plan), axis, here, plan) for axis, here, plan in rows if abs(here - plan) > self._resolution_mm(axis, plan)]
-        off_mm, axis, here, plan = max(beyond, default=(0.0, "", 0.0, 0.0))
-        if off_mm <= AGAIN * self._said.get(walk.name, 0.0):
+        if not beyond or max(beyond)[0] <= AGAIN * self._said_mm[walk.name]:
             return []
-        self._said[walk.name] = off_mm
+        off_mm, axis, here, plan = max(beyond)
+        self._said_mm[walk.name] = off_mm
         text = (
             f"the machine is commanded to {axis.upper()} {here:.4f} mm, the plan has {plan:.4f} mm ({(here - plan) * 1e3:+.1f} um): "
             "the machine's position counts"

@@ -68,11 +68,11 @@ def _quick(rest_urad: Vector, left_um: Vector, lever_mm: Vector) -> tuple[Vector
     if power <= 0.0:
         return np.zeros_like(rest_urad), np.zeros_like(rest_urad)
     slope = float(of_rest @ of_spot) / power
-    u_slope = float(np.sqrt(BENDS_SHARE * np.mean((of_spot - slope * of_rest) ** 2) / power))
+    u_slope = min(float(np.sqrt(BENDS_SHARE * np.mean((of_spot - slope * of_rest) ** 2) / power)), 1.0)
     # within 0 .. 1 with nothing known before; no part at all where the spot cannot tell
-    real = float(np.clip(slope, 0.0, 1.0)) * max(0.0, 1.0 - min(u_slope, 1.0))
+    real = float(np.clip(slope, 0.0, 1.0)) * (1.0 - u_slope)
     open_share = real * (1.0 - real) * float(np.mean(rest_urad**2))
-    return real * rest_urad, np.sqrt(open_share + min(u_slope, 1.0) ** 2 * rest_urad**2 / 12.0)
+    return real * rest_urad, np.sqrt(open_share + u_slope**2 * rest_urad**2 / 12.0)
 
 
 @dataclass(frozen=True, slots=True)

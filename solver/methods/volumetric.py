@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.findings import Finding
@@ -252,7 +253,7 @@ def budget(
     """
     moved = spread.moved(quantities.combination)
     shares = {"readings": u_readings, **spread.shares(moved)}
-    groups = {name: quantities.of(name) for name in quantities.groups if known.get(name, True)}
+    groups = _known(quantities, known)
     return {
         "assumptions": dict(texts),
         "shares": {name: {source: rms(values[rows]) for source, values in shares.items()} for name, rows in groups.items()},
@@ -260,13 +261,16 @@ def budget(
     }
 
 
+def _known(quantities: Quantities, known: Mapping[str, bool]) -> dict[str, NDArray[np.int64]]:
+    return {name: quantities.of(name) for name in quantities.groups if known.get(name, True)}
+
+
 def drawn_surveys(spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int) -> dict[str, Any]:
     """Return per function (rms over its nodes) or number the standard deviation of drawn surveys, beside the one stated, and the shortest
     95 % interval of a number (JCGM 101)."""
     drawn = monte_carlo(spread, quantities.combination, trials=trials)
     report: dict[str, Any] = {"trials": trials}
-    for name in (name for name in quantities.groups if known.get(name, True)):
-        rows = quantities.of(name)
+    for name, rows in _known(quantities, known).items():
         report[name] = {"u": rms(drawn.u[rows]), "u_stated": rms(u[rows])}
         if len(rows) == 1:
             report[name] |= {"low": float(drawn.low[rows[0]]), "high": float(drawn.high[rows[0]])}

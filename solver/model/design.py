@@ -230,12 +230,11 @@ def _drift_pairs(layout: Layout) -> list[tuple[str, int, NDArray[np.bool_]]]:
 
 
 def _drift_entries(layout: Layout, columns: Columns, pairs: list[tuple[str, int, NDArray[np.bool_]]]) -> tuple[NDArray[np.int64], Vector]:
-    column = np.zeros((len(layout), 1), dtype=np.int64)
-    value = np.zeros((len(layout), 1))
+    column, value = np.zeros(len(layout), dtype=np.int64), np.zeros(len(layout))
     for index, (_, _, mine) in enumerate(pairs):
         column[mine] = columns.drift + index
-        value[mine, 0] = layout.clock[mine]
-    return column, value
+        value[mine] = layout.clock[mine]
+    return column[:, None], value[:, None]
 
 
 def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:

@@ -122,13 +122,11 @@ def _arms(design: Design, axis: int, component: int, position_mm: Vector) -> Vec
 
 
 def of_known_angles(design: Design, one: MeasuredStraightness, angles: Angles) -> Vector:
-    """Return what the known rotations of the axis do to the measured values, shape (k,)."""
+    """Return what the known rotations of the axis do to the measured values, shape (k,), but for a straight line, which these may hold."""
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
     arms = _arms(design, axis, component, one.position_mm)
     total = np.zeros(len(arms))
     for about, name in enumerate(ROTATIONS[3 * axis : 3 * axis + 3]):
         if name in angles:
-            known = angles[name]
-            at_low = np.interp(design.volume.origin_mm[axis], known.position_mm, known.value_urad)
-            total += arms[:, about] * (np.interp(one.position_mm, known.position_mm, known.value_urad) - at_low)
+            total += arms[:, about] * np.interp(one.position_mm, angles[name].position_mm, angles[name].value_urad)
     return total

@@ -27,8 +27,7 @@ def excess_c(layout: Layout, assumed: Assumptions) -> Vector:
     known = layout.temperature_c
     if assumed.reduced_to_20_c or not len(known) or not np.all(np.isfinite(known)) or np.ptp(known) <= STEADY_C:
         return np.zeros(len(known))
-    count = np.maximum(np.bincount(layout.pass_index), 1)
-    of_pass = np.bincount(layout.pass_index, weights=known) / count
+    of_pass = np.bincount(layout.pass_index, weights=known) / np.bincount(layout.pass_index)
     warmer: Vector = of_pass[layout.pass_index] - np.mean(known)
     return warmer
 

@@ -73,7 +73,7 @@ def _each(square: Vector, over_volume: float, total: float, fields: Vector) -> V
     None where what is left of the ``total`` is rounding, and none of values that move nothing in the volume.
     """
     moving = np.sum(fields**2, axis=1)
-    kept = np.where(moving > ROUNDING * np.max(moving, initial=0.0), np.maximum(square, 0.0), 0.0)
+    kept = np.where(moving > ROUNDING * np.max(moving), np.maximum(square, 0.0), 0.0)
     alone = float(kept @ moving)
     share = over_volume / alone if over_volume > ROUNDING * total and alone > 0 else 0.0
     found: Vector = np.sqrt(kept * min(share, 1.0))

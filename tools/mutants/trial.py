@@ -21,7 +21,6 @@ import pytest
 from mutation import Mutation
 from reach import QUICK, Map
 
-BUDGET_S = 40.0  # of what the tests take unchanged: the slowest are left out beyond it
 MEMORY = 8 << 30
 UNTOUCHED = 9
 NO_TESTS = 5
@@ -50,13 +49,8 @@ def function(source: str, line: int) -> range | None:
 def question(root: Path, mutation: Mutation, reach: Map) -> Question:
     """Choose who is asked: the tests that run the line or, where it runs when the file is imported, all that touch the file."""
     lines = function((root / mutation.path).read_text(encoding="utf-8"), mutation.line)
-    spent, taken = 0.0, []
-    for test in reach.tests(mutation.path, lines):
-        if taken and spent + reach.seconds[test] > BUDGET_S:
-            break
-        spent += reach.seconds[test]
-        taken.append(test)
-    return Question(mutation, taken, spent, lines is not None)
+    tests = reach.tests(mutation.path, lines)
+    return Question(mutation, tests, sum(reach.seconds[test] for test in tests), lines is not None)
 
 
 def _functions(code: CodeType) -> Iterator[CodeType]:

@@ -39,7 +39,7 @@ class Route:
     def nominal_at_mm(self, position_mm: tuple[float, float, float]) -> float:
         """Return the nominal reading at any position, relative to that of the first planned stop."""
         travel = self.stops_mm[-1] - self.stops_mm[0]
-        along = travel / np.linalg.norm(travel) * np.sign(self.nominal_mm[-1])
+        along = travel / np.linalg.norm(travel) * np.sign(self.nominal_mm.sum())
         return float((np.asarray(position_mm) - self.stops_mm[0]) @ along)
 
     def step_mm(self, from_stop: int, to_stop: int) -> float:

@@ -10,7 +10,11 @@ from hypothesis import strategies as st
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.model.design import Model, build_design
+from stepdiag.solver.model.lateral import lateral_rows
+from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.solver.result.result import ROTATIONS
 from testkit.exact.straightness import STRAIGHT, straightness
 from testkit.exact.surveys import Bench
 from testkit.examples import few
@@ -132,3 +136,21 @@ def test_unmeasured_rolls_stay_unnamed_in_the_result():
     result = surveyed(replace(MACHINE, seed=3, increments=4), PITCH_YAW)
     assert not set(ROLL) & set(result.errors)
     assert any(finding.code == "angles-unmeasured" and "EAX, EBY, ECZ" in finding.text for finding in result.findings)
+
+
+@pytest.mark.parametrize("chain", ["FXYZ", "XFYZ", "XYZF"])
+def test_an_angle_that_may_move_takes_the_point_under_the_head_along(chain):
+    """Theory 2.2: a urad about an axis moves a point by the arm across it, and the arm of a carriage on the work side is its own travel."""
+    bench = Bench(increments=4, chain=chain)
+    measured, low = straightness(bench, 1, approaches=(1,)), np.array(bench.origin_mm)
+    design = build_design(lay_out(bench.survey()), chain, Model(angles=True, lines=len(measured)))
+    rows = lateral_rows(design, measured, {}).rows.dense()
+    carried = {letter: letter in chain.partition("F")[0] for letter in "XYZ"}
+    for rotation in ROTATIONS:
+        axis, about = "XYZ".index(rotation[2]), np.eye(3)["ABC".index(rotation[1])]
+        places = design.columns.of(1, axis, "ABC".index(rotation[1]))
+        for number, one in enumerate(measured):
+            seen = rows[5 * number : 5 * number + 5, places]
+            arm_mm = (one.position_mm[:, None] - low[axis]) * np.eye(3)[axis] * carried[rotation[2]]
+            moved_um = 1e-3 * np.cross(about, arm_mm)[:, "XYZ".index(one.name[1])] * (one.name[2] == rotation[2])
+            assert seen == pytest.approx(np.diag(moved_um)[:, 1:], abs=1e-12), (rotation, one.name)

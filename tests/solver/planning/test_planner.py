@@ -72,6 +72,15 @@ def test_three_beams_resolve_all_eighteen_functions(bare):
     assert len(steps[-1].forecast.plan.runs) == 12
 
 
+def test_a_step_that_later_ones_made_needless_is_dropped():
+    """On a cube with return passes the shift that shows most per minute comes first, and two others do without it."""
+    cube = Volume(origin_mm=(0, 0, 0), size_mm=(1000, 1000, 1000), increments=4)
+    returning = Plan(volume=cube, runs=tuple(replace(run, return_pass=True) for run in bare_survey(Plan(volume=cube, runs=())).runs))
+    steps = resolving(forecast(returning, USUAL), USUAL)
+    assert len(steps) == 2
+    assert steps[-1].forecast.resolves_all
+
+
 def test_survey_that_resolves_all_needs_no_step():
     advice = plan(BARE, USUAL)
     assert advice.best is None
