@@ -163,6 +163,20 @@ def test_a_lost_count_ends_the_pass_and_is_of_no_matter_before_it():
     assert bench.named(bench.out) == [0, 1, 2]
 
 
+def test_a_count_lost_at_the_first_stop_of_the_way_back_ends_the_pass():
+    """Where that stop is known, the pass has begun with it."""
+    last = float(Bench().out.nominal_mm[-1])
+    bench = Bench(outward=False, known={6: 10.0 + last, 0: 10.0})
+    bench.level = 10.0 + last
+    bench.stand(10.0 + last + 5.0, seconds=0.2)
+    bench.stand(10.0 + last)
+    bench.stand(10.0 + last - 40.0, seconds=0.1)
+    bench.lose()
+    bench.stand(900.0, seconds=3.0)
+    assert bench.named(bench.back) == [0]
+    assert bench.codes == ["aborted"]
+
+
 def test_a_count_lost_after_the_last_stop_is_of_no_matter():
     """The program has ended, and somebody takes the mirror off."""
     bench = Bench()

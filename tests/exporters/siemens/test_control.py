@@ -130,6 +130,16 @@ class TestLoadingPrograms:
         assert lines[off + 1 : off + 3] == ["NEWCONF", "STOPRE"]
         assert "IF $MA_MM_ENC_COMP_MAX_POINTS[0,AX1]<5 GOTOF TOO_SMALL" in lines
 
+    def test_a_table_of_zeros_may_be_switched_off(self):
+        """It does nothing either way: the program that takes an old table away leaves its switch at 0; one with values must not."""
+        profile = plain_profile()
+        for values, refused in (([0.0] * 5, False), ([4.0, 1.0, 0.0, -2.0, -5.0], True)):
+            text = data_files(profile, "EXX", values={"EXX": values})["LOAD_EEC.MPF"]
+            off = text.replace("$MA_ENC_COMP_ENABLE[0,AX1]=1", "$MA_ENC_COMP_ENABLE[0,AX1]=0")
+            assert off != text
+            with pytest.raises(DataError, match="ENC_COMP_ENABLE") if refused else nullcontext():
+                SIEMENS.parse([ControlFile(name="LOAD_EEC.MPF", data=off.encode())], profile)
+
     def test_every_jump_has_its_label(self):
         for text in (text for name, text in data_files(plain_profile(), "EXX", "EYX").items() if name.endswith(".MPF")):
             for line in text.splitlines():

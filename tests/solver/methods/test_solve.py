@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,7 +16,7 @@ from stepdiag.solver.methods.registry import METHODS
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.result.result import same_result
-from testkit.exact.surveys import DIAGONALS, Bench
+from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 from testkit.examples import few
 
 DATA = Path(__file__).parents[2] / "data"
@@ -44,6 +45,18 @@ def test_the_order_of_rows_does_not_change_a_byte(method, random):
 def test_a_survey_from_a_file_gives_the_same_bytes_each_time(method):
     text = render_readings(SURVEY)
     assert solve(parse_readings(text), method=method).to_json() == solve(parse_readings(text), method=method).to_json()
+
+
+def test_many_stops_along_the_axes_alone_give_the_positioning_of_each():
+    """Unknowns of 15 increments are eliminated block by block; here no reading touches more than one block."""
+    bench = Bench(seed=1, increments=15)
+    result = solve(bench.survey(LINEAR))
+    for name in ("EXX", "EYY", "EZZ"):
+        true = bench.machine.errors.functions[name]
+        function = result.errors[name]
+        off = function.value - (true(function.position_mm) - true(function.position_mm[:1]))
+        assert np.all(np.abs(off) <= 4 * function.u + 1e-9)
+        assert np.mean(np.abs(off) <= 2 * function.u + 1e-9) > 0.8
 
 
 def test_a_machine_that_stands_elsewhere_has_the_same_errors():

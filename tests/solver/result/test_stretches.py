@@ -7,7 +7,8 @@ from stepdiag.solver.geometry.volume import anywhere_mm
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result import prediction
 from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.stretches import harmed
+from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.stretches import _worse, harmed
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 
@@ -47,3 +48,13 @@ def test_a_stretch_in_which_the_sign_is_turned_is_named_and_no_other(result, axi
     assert one.times > 1.5
     assert one.before.low_um is not None
     assert one.after.high_um is not None
+
+
+@pytest.mark.parametrize(
+    ("high_before", "high_after", "worse"),
+    [(4.0, 6.0, True), (6.0, 6.0, False), (8.0, 6.0, False), (None, 6.0, True), (4.0, None, True)],
+)
+def test_a_stretch_is_worse_only_where_it_reaches_further_than_before(high_before, high_after, worse):
+    before = Interval(value_um=2.0, low_um=1.0, high_um=high_before)
+    assert _worse(before, Interval(value_um=5.0, low_um=4.0, high_um=high_after)) is worse
+    assert not _worse(before, Interval(value_um=2.0, low_um=1.0, high_um=high_after))
