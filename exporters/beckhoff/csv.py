@@ -133,7 +133,8 @@ def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]
     """Return the position errors that are not zero. Raises ``DataError`` for one that is no squareness of three linear axes."""
     if len(rows) != 1:
         raise DataError(where, expected="position errors in one row", found=f"{len(rows)} rows")
-    values = dict(zip(head, _numbers(rows[0][1], len(head), rows[0][0]), strict=True))
+    ((at, cells),) = rows
+    values = dict(zip(head, _numbers(cells, len(head), at), strict=True))
     foreign = [name for name, value in values.items() if value and name not in SHIFTS]
     if foreign:
         raise DataError(where, expected="C0Y, B0Z and A0Z", found=", ".join(foreign), remedy="fold them into these three first")

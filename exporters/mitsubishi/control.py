@@ -8,7 +8,7 @@ n-1 to n, below it the section n to n+1. Their unit is the output unit times the
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Literal
+from typing import Annotated, Literal, NamedTuple
 
 import msgspec
 import numpy as np
@@ -244,49 +244,62 @@ def _read(file: ControlFile, profile: Profile) -> Iterator[Table]:
     return _pairs(file.name, _values(file), profile)
 
 
-def _values(file: ControlFile) -> dict[int, tuple[str, str]]:
-    """Return, by parameter number, where a value stands and what it is."""
+class _Value(NamedTuple):
+    """A parameter as it is written: the text, and where it stands."""
+
+    text: str
+    where: str
+
+    def whole(self) -> int:
+        """Return the whole number. Raises ``DataError`` for anything else."""
+        return whole(self.text, self.where)
+
+
+def _values(file: ControlFile) -> dict[int, _Value]:
+    """Return the values by parameter number."""
     require_end(file, _MARK, _END)
-    values: dict[int, tuple[str, str]] = {}
+    values: dict[int, _Value] = {}
     for where, line in read_lines(file):
         said = line.partition(";")[0].split()
         if not said:
             continue
         if len(said) != 2 or not said[0].startswith("#"):
             raise DataError(where, expected="#number value", found=repr(line))
-        values[whole(said[0][1:], where)] = (where, said[1])
+        values[whole(said[0][1:], where)] = _Value(said[1], where)
     if 4000 not in values or 4001 not in values or not file.data.endswith(b"\n"):
         raise DataError(file.name, expected="#4000 and #4001, and a line end after the last value", found="nothing like it")
     return values
 
 
-def _pairs(source: str, values: dict[int, tuple[str, str]], profile: Profile) -> Iterator[Table]:
+def _pairs(source: str, values: dict[int, _Value], profile: Profile) -> Iterator[Table]:
     for pair, base in enumerate(range(4000, _FIRST_DATA - 1, 10)):
         if base + 1 in values:
             yield _read_pair(source, values, base, pair + 1, profile)
 
 
-def _read_pair(source: str, values: dict[int, tuple[str, str]], base: int, pair: int, profile: Profile) -> Table:
+def _read_pair(source: str, values: dict[int, _Value], base: int, pair: int, profile: Profile) -> Table:
     options = profile.options_as(MitsubishiOptions)
     missing = [f"#{base + index} {word}" for index, word in enumerate(_HEAD) if index and base + index not in values]
     if missing:
         raise DataError(source, expected=", ".join(missing), found="nothing", remedy="the list is truncated")
-    if whole(values[4000][1], values[4000][0]) != int(options.data == "incremental"):
-        raise DataError(values[4000][0], expected=f"#4000 for {options.data} data, as the profile says", found=values[4000][1])
-    base_axis, moved_axis = (profile.letter_of(values[base + index][1], values[base + index][0]) for index in (1, 2))
-    origin, first, last, scale = (whole(values[base + index][1], values[base + index][0]) for index in (3, 4, 5, 6))
-    step = finite(values[base + 7][1], values[base + 7][0])
+    data_form = values[4000]
+    if data_form.whole() != int(options.data == "incremental"):
+        raise DataError(data_form.where, expected=f"#4000 for {options.data} data, as the profile says", found=data_form.text)
+    base_axis, moved_axis = (profile.letter_of(*values[base + index]) for index in (1, 2))
+    origin, first, last, scale = (values[base + index].whole() for index in (3, 4, 5, 6))
+    interval = values[base + 7]
+    step = finite(*interval)
     if not (_FIRST_DATA <= first <= origin <= last <= _LAST_DATA and first < last and step > 0 and 0 < scale <= _MOST_SCALE):
         expected = f"{_FIRST_DATA} <= lowest <= reference <= highest <= {_LAST_DATA}, scale 1 to {_MOST_SCALE}, interval above 0"
-        raise DataError(values[base + 3][0], expected=expected, found=f"{first} {origin} {last}, scale {scale}, interval {step:g}")
+        raise DataError(values[base + 3].where, expected=expected, found=f"{first} {origin} {last}, scale {scale}, interval {step:g}")
     absent = [number for number in range(first, last + 1) if number not in values]
     if absent:
         raise DataError(source, expected=f"#{first} to #{last}", found=f"no #{absent[0]}", remedy="the list is truncated")
     reference_mm = profile.axis(base_axis).reference_mm
     position = reference_mm + step * np.arange(first - origin, last + 1 - origin, dtype=np.float64)
-    require_rising(position, values[base + 7][0])
+    require_rising(position, interval.where)
     unit_um = options.output_unit_um * scale
-    data = [whole(values[number][1], values[number][0]) for number in range(first, last + 1)]
+    data = [values[number].whole() for number in range(first, last + 1)]
     return Table(
         kind=KIND,
         input_axis=base_axis,

@@ -9,11 +9,13 @@ from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.model.angles import render_angles
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
 from stepdiag.solver.readings.readings import Readings, make_readings, parse_readings, render_readings
-from testkit.exact.straightness import straightness
+from testkit.exact.straightness import STRAIGHT, straightness
 from testkit.exact.surveys import DATA, DIAGONALS, LINEAR, Bench
 
 SMALL = Bench(seed=3, size_mm=(300.0, 200.0, 100.0), increments=4, angle_urad=6.0)
 THREE = replace(SMALL, increments=3, origin_mm=(-100.0, 50.0, 20.0), seed=11)
+TABLE = replace(THREE, chain="XYFZ", seed=21)
+"""Its carriages of X and Y move under the tool, so that their angles have arms along their own travel."""
 PLAY = {"EXX": lambda at: 3.0 + 0.004 * at, "EYX": lambda at: 1.0 - 0.003 * at, "EZZ": lambda at: -2.0 + 0.0 * at}
 RUNS = tuple(Readings.__dataclass_fields__)
 
@@ -411,6 +413,79 @@ SURVEYS = {
     ),
     "faces": ("face diagonals and runs", "solve", _faces),
     "bodies": ("continuous and step diagonals beside each other, repeated", "solve", _bodies),
+    "head-on-table": (
+        "a head on a table that moves: what its angles do to it is along its own travel",
+        "solve",
+        lambda: survey(
+            _back(TABLE), straightness=head(TABLE, STRAIGHT), angles=angles(TABLE, "EAX", "ECX", "EBZ", u_urad=3.0), chain="XYFZ"
+        ),
+    ),
+    "head-off-nodes": (
+        "a head at more stops than the diagonals have, one way, nothing known of the angles",
+        "solve",
+        lambda: survey(
+            replace(TABLE, increments=4, states_u=False).survey(),
+            straightness=head(replace(TABLE, increments=6), STRAIGHT, approaches=(1,), u_um=0.8),
+            chain="XYFZ",
+        ),
+    ),
+    "finer-on-table": (
+        "runs finer than the diagonals, each otherwise, in a hall that becomes warmer",
+        "solve",
+        lambda: survey(
+            warm(
+                joined(
+                    _back(TABLE, setups=(*DIAGONALS, "linear-z")),
+                    replace(TABLE, increments=7).survey(("linear-x",)),
+                    replace(TABLE, increments=5).survey(("linear-y",), linear_passes=(1, 2)),
+                ),
+                lambda share: 19.0 + 0.9 * share,
+            ),
+            chain="XYFZ",
+            assumed=WARM,
+        ),
+    ),
+    "play-on-bed": (
+        "backlash on one count on a machine whose tool stands still, the noise not stated",
+        "solve",
+        lambda: survey(
+            replace(THREE, chain="XYZF", reversal=PLAY, states_u=False, seed=5).survey(passes=(1, 2, 3, 4), joined=True), chain="XYZF"
+        ),
+    ),
+    "slips-on-table": (
+        "a slip, a wrong stop and missing ones beside each other, angles unknown",
+        "solve",
+        lambda: survey(
+            _outliers(
+                moved(without(_back(TABLE, axis_order="zxy"), ("ppp", 2, 4), ("pnp", 1, 2)), "npp", 2, lambda stop: -11.0 * (stop <= 5)),
+                ("ppn", 1, 4, 26.0),
+            ),
+            chain="XYFZ",
+        ),
+    ),
+    "shifted-on-table": (
+        "shifted beams on another chain, two angles known",
+        "solve",
+        lambda: survey(
+            replace((pair := _shifted())[0], chain="XYFZ", increments=2).survey(pair[1]),
+            chain="XYFZ",
+            angles=angles(TABLE, "EBX", "ECZ"),
+        ),
+    ),
+    "wanders-unstated": (
+        "a pass that wanders beside two that do not, one wrong stop, the noise not stated",
+        "solve",
+        lambda: survey(
+            _outliers(walked(replace(TABLE, states_u=False).survey(passes=(1, 2, 3)), "ppn", 2, 5.0), ("ppp", 1, 3, 30.0)),
+            chain="XYFZ",
+            angles=angles(TABLE),
+        ),
+    ),
+    "cut-on-table": (
+        "the count was lost within two passes, out and back on one count",
+        "solve",
+        lambda: survey(_cut(_cut(replace(TABLE, states_u=False).survey(passes=(1, 2)), "npp", 2, 4), "linear-z", 1, 2), chain="XYFZ"),
+    ),
     "outside": (
         "a run that leaves the volume",
         "solve",

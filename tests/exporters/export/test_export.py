@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from stepdiag.exporters.export.export import export
+from stepdiag.exporters.export.planning import _as_it_was
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
@@ -479,3 +480,15 @@ def test_lattice_holds_what_the_angular_errors_do(tmp_path):
     found = verify_files(RESULT, read_given([tmp_path / "lattice.csv"]), nodes=11)
     assert found.controller == report.controller == "lattice"
     assert np.max(np.abs(found.prediction.drawn.after_um)) < 0.01
+
+
+def test_a_function_whose_place_is_taken_was_corrected_by_its_old_tables_each_way():
+    """What was active is read back as the error that it corrects: tables of both directions as two columns."""
+    profile = profile_of("siemens", VOLUME, direction="both", reference_at=2)
+    curves = curves_of(made_result({"EXX": [4.0, 1.0, 0.0, -2.0, -5.0]}, reversal={"EXX": [6.0, 5.0, 4.0, 3.0, 2.0]}), ["EXX"])
+    tables = controller_named("siemens").plan(curves, profile).tables
+    assert {table.direction for table in tables} == {1, -1}
+    was = _as_it_was("EXX", tables, profile)
+    for told, written in ((was.forward_um, curves[0].forward_um), (was.reverse_um, curves[0].reverse_um)):
+        assert np.ptp(told - written) == pytest.approx(0.0, abs=0.2)
+    assert np.mean(was.forward_um - was.reverse_um) == pytest.approx(np.mean(curves[0].forward_um - curves[0].reverse_um), abs=0.2)

@@ -231,3 +231,10 @@ def test_a_slip_of_twice_what_could_hide_is_named(stop):
     errors = [{each.code for each in solve(readings).findings if each.severity != "info"} for readings in (clean, wrong)]
     assert errors[0] == set()
     assert errors[1]
+
+
+def test_in_a_count_of_three_readings_the_first_step_already_is_seen_by_nothing():
+    """A face diagonal of one increment: whatever its size, a slip on the way to the first stop is taken for the machine."""
+    coarse = replace(BOX, increments=1)
+    unseen = forecast(bare_survey(Plan(volume=coarse, runs=())).with_runs(Run(setup="face-xy-pp", return_pass=False)), USUAL).ahead.unseen
+    assert (unseen.place, unseen.stop, unseen.u_um, len(unseen.rows)) == ("face-xy-pp/1", 1, float("inf"), 2)
