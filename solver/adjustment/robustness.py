@@ -79,7 +79,7 @@ def _noise_left(fit: MixedFit, rows: NDArray[np.int64], every: Sequence[Family])
 
     Where few readings check each other, one wrong one is in all their residuals: what the best hypothesis leaves is no noise then either.
     """
-    best = float(np.max(np.concatenate([np.zeros(1), *(family.size * family.shown for family in every)])))
+    best = max(float(np.max(family.size * family.shown)) for family in every)
     left = float(np.sqrt(max(fit.chi_square - best, 0.0) / max(fit.freedom - 1, 1)))
     return max(min(robust_scale(fit, rows) or 1.0, left), 1.0)
 

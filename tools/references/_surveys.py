@@ -481,6 +481,11 @@ SURVEYS = {
             angles=angles(TABLE),
         ),
     ),
+    "drawn-without-a-stop": (
+        "drawn surveys where a wrong stop was left out",
+        "solve",
+        lambda: survey(_outliers(_back(TABLE), ("npp", 1, 4, 60.0)), angles=angles(TABLE), chain="XYFZ", monte_carlo=200),
+    ),
     "cut-on-table": (
         "the count was lost within two passes, out and back on one count",
         "solve",
