@@ -484,7 +484,28 @@ SURVEYS = {
     "drawn-without-a-stop": (
         "drawn surveys where a wrong stop was left out",
         "solve",
-        lambda: survey(_outliers(_back(TABLE), ("npp", 1, 4, 60.0)), angles=angles(TABLE), chain="XYFZ", monte_carlo=200),
+        lambda: survey(_outliers(TABLE.survey(), ("npp", 1, 4, 60.0)), angles=angles(TABLE), chain="XYFZ", monte_carlo=200),
+    ),
+    "coarse": (
+        "readings to four micrometres, of which one is wrong and a pass wanders",
+        "solve",
+        lambda: survey(
+            _outliers(
+                walked(replace(TABLE, diagonal_noise_um=4.0, linear_noise_um=3.0).survey(passes=(1, 2, 3)), "pnp", 3, 25.0),
+                ("npp", 1, 4, 140.0),
+            ),
+            chain="XYFZ",
+        ),
+    ),
+    "coarse-with-head": (
+        "readings to four micrometres beside a head",
+        "solve",
+        lambda: survey(
+            moved(_back(replace(TABLE, diagonal_noise_um=4.0, linear_noise_um=3.0)), "ppp", 2, lambda stop: 60.0 * (stop <= 4)),
+            straightness=head(TABLE, STRAIGHT, u_um=2.0),
+            angles=angles(TABLE, u_urad=8.0),
+            chain="XYFZ",
+        ),
     ),
     "cut-on-table": (
         "the count was lost within two passes, out and back on one count",
