@@ -86,5 +86,7 @@ def render_straightness(measured: Sequence[MeasuredStraightness]) -> str:
 
 
 def _fields(one: MeasuredStraightness | None, at_mm: float) -> str:
-    place = np.flatnonzero(one.position_mm == at_mm) if one is not None else np.zeros(0, dtype=np.int64)
-    return f"{one.value_um[place[0]]:.6f},{one.u_um[place[0]]:.6f}" if one is not None and len(place) else ","
+    if one is None or at_mm not in one.position_mm:
+        return ","
+    place = int(np.argmax(one.position_mm == at_mm))
+    return f"{one.value_um[place]:.6f},{one.u_um[place]:.6f}"

@@ -507,6 +507,11 @@ SURVEYS = {
             chain="XYFZ",
         ),
     ),
+    "short-waves": (
+        "angles that bend often along an axis of many targets, nobody measured them",
+        "solve",
+        lambda: survey(_back(replace(TABLE, increments=6, angle_urad=25.0, waves=5, wave_um=2.0)), chain="XYFZ"),
+    ),
     "cut-on-table": (
         "the count was lost within two passes, out and back on one count",
         "solve",

@@ -6,7 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stepdiag.solver.adjustment.robustness import _too_short
 from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import Readings
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench, solved
 
@@ -120,3 +122,8 @@ def test_a_setup_that_went_wrong_as_a_whole_is_not_mended_stop_by_stop():
     after = solve(replace(readings, reading_mm=readings.reading_mm + np.where(wrong, noise, 0.0)))
     errors = [finding.text for finding in after.findings if finding.severity == "error"]
     assert any("npp" in text for text in errors)
+
+
+@pytest.mark.parametrize(("increments", "short"), [(1, True), (2, True), (3, False)])
+def test_a_run_of_two_or_three_readings_is_too_short_to_show_a_slip(increments, short):
+    assert _too_short(lay_out(Bench(increments=increments).survey((*DIAGONALS, "linear-x")))) == ["linear-x"] * short

@@ -152,3 +152,12 @@ def test_no_readings_and_no_volume_are_refused():
         lay_out(make_readings(setup=[], pass_number=[], stop=[], position_mm=np.zeros((0, 3)), reading_mm=[]))
     with pytest.raises(DataError, match="found no travel in"):
         lay_out(BENCH.survey(["linear-x"]))
+
+
+@pytest.mark.parametrize("first", [0, 1, 7])
+def test_counts_are_numbered_from_anywhere(first):
+    """Out and back on one count is one, whatever its number is."""
+    survey = BENCH.survey(passes=(1, 2), joined=True)
+    layout = lay_out(replace(survey, zero=survey.zero - survey.zero.min() + first))
+    assert np.array_equal(layout.offset_index, lay_out(survey).offset_index)
+    assert len(np.unique(layout.offset_index)) == len(set(survey.setup))
