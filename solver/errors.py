@@ -13,10 +13,17 @@ cause into an exit code.
 LONGEST_PART = 2000
 """Characters of each part of a refusal: a foreign file may put megabytes where a word should be."""
 
+LONGEST_QUOTE = 60
+
 
 def shortened(text: str, most: int = LONGEST_PART) -> str:
     """Return a text, or its beginning and how long it is."""
     return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
+
+
+def excerpt(text: str) -> str:
+    """Return what of a text a message quotes: its beginning where it is long."""
+    return shortened(text, LONGEST_QUOTE)
 
 
 class StepdiagError(Exception):

@@ -19,7 +19,7 @@ from stepdiag.daq.service.metrics import Figures, Tally, disk_free_bytes
 from stepdiag.daq.service.snapshot import expected_stop, snapshot
 from stepdiag.daq.service.supervision import Supervisor
 from stepdiag.daq.timing.host_clock import now_ns
-from stepdiag.solver.errors import UsageError
+from stepdiag.solver.errors import UsageError, excerpt
 from stepdiag.solver.findings import Finding
 
 _ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
@@ -228,5 +228,5 @@ def _planned(session: Session, setup: str) -> str:
 def _line(name: str, text: str) -> str:
     """Return a text that stays on its line of a report. Raises UsageError for another one."""
     if len(text) > LONGEST_NAME or not (text.isprintable() or not text):
-        raise UsageError(name, expected=f"one line of at most {LONGEST_NAME} characters", found=ascii(text[:40]))
+        raise UsageError(name, expected=f"one line of at most {LONGEST_NAME} characters", found=ascii(excerpt(text)))
     return text

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.solver.errors import DataError, SafetyError
+from stepdiag.solver.errors import DataError, SafetyError, excerpt
 
 FIRST_PITCH_LINE = 10000
 EOB = b"\n\r\r"
@@ -107,7 +107,7 @@ def _refuse_foreign(name: str, blocks: tuple[Block, ...]) -> None:
     for block in blocks:
         bad = _FORBIDDEN.search(block.text)
         if bad or not block.text.isascii():
-            raise DataError(block.where, expected="capital ASCII letters, no ';', '?' or '+'", found=repr(block.text[:40]))
+            raise DataError(block.where, expected="capital ASCII letters, no ';', '?' or '+'", found=excerpt(repr(block.text)))
 
 
 def _pitch_value(block: Block) -> re.Match[bytes] | None:

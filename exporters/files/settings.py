@@ -17,7 +17,7 @@ import msgspec
 from msgspec import inspect
 
 from stepdiag.exporters.files.dotted_names import longer_than
-from stepdiag.solver.errors import UsageError
+from stepdiag.solver.errors import UsageError, excerpt
 from stepdiag.solver.readings.csv_table import LARGEST
 
 Model = TypeVar("Model", bound=msgspec.Struct)
@@ -61,7 +61,7 @@ def convert(data: object, model: type[Model], source: str, at: str = "") -> Mode
 def nearest(word: str, known: list[str]) -> str:
     """Return a remedy that names the nearest known word, or all of them."""
     close = _close(word, known)
-    return f"did you mean {close[0]}?" if close else "known names: " + ", ".join(known)
+    return f"did you mean {close}?" if close else "known names: " + ", ".join(known)
 
 
 def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageError:
@@ -79,8 +79,7 @@ def show(value: object) -> str:
     """Return a value as it would stand in the file; what is long is cut."""
     if isinstance(value, dict):
         return "a table"
-    text = json.dumps(value, ensure_ascii=False, default=str)
-    return text if len(text) <= 60 else text[:57] + "..."
+    return excerpt(json.dumps(value, ensure_ascii=False, default=str))
 
 
 def expectation(info: inspect.Type) -> str:
@@ -119,8 +118,8 @@ def _unanswered(value: object, at: str) -> Iterator[str]:
             yield from _unanswered(inner, f"{at}[{index}]")
 
 
-def _close(word: str, known: list[str]) -> list[str]:
-    return difflib.get_close_matches(word, known, n=1, cutoff=0.5)
+def _close(word: str, known: list[str]) -> str:
+    return next(iter(difflib.get_close_matches(word, known, cutoff=0.5)), "")
 
 
 def _check(value: object, hint: Any, source: str, path: str) -> None:

@@ -14,7 +14,7 @@ import numpy as np
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import shortest
-from stepdiag.solver.errors import DataError
+from stepdiag.solver.errors import DataError, excerpt
 from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
 from stepdiag.solver.geometry.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
@@ -153,7 +153,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
         elif rows is not None and len(line.split()) == 2:
             rows.append([finite(cell, where) for cell in line.split()])
         else:
-            raise DataError(where, expected="a block of the Etalon Exchange format", found=line[:60])
+            raise DataError(where, expected="a block of the Etalon Exchange format", found=excerpt(line))
     if rows is not None or not functions:
         raise DataError(file.name, expected="whole blocks", found="no end", remedy="the file is truncated: take it again")
     return values, functions

@@ -81,12 +81,16 @@ def read_profile_text(path: Path) -> str:
     return as_text(data, str(path), UsageError)
 
 
-def quick_profile(controller: Controller, volume: Volume, step_mm: float) -> Profile:
-    """Return the stand-in for a profile (contract 5): axes AX1 AX2 AX3, low to high end in steps, reference at the low end."""
+def quick_profile(controller: Controller, volume: Volume, step_mm: float | None = None) -> Profile:
+    """Return the stand-in for a profile (contract 5): axes AX1 AX2 AX3, low to high end in steps, reference at the low end.
+
+    Without a step those of the volume: to read files with, not to write them.
+    """
+    steps_mm = volume.step_mm if step_mm is None else [step_mm] * len(AXIS_LETTERS)
     axes = {
         letter: AxisSection(
             name=f"AX{index + 1}",
-            step_mm=step_mm,
+            step_mm=float(steps_mm[index]),
             reference_mm=volume.origin_mm[index],
             start_mm=volume.origin_mm[index],
             end_mm=volume.origin_mm[index] + volume.size_mm[index],

@@ -7,7 +7,7 @@ of each control; a machine that needs others states them as texts with placehold
 import string
 from dataclasses import dataclass, fields
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.solver.errors import UsageError, excerpt
 
 LONGEST_TEXT = 1000
 PLACEHOLDERS = {"begin": {"setup"}, "stand": {"setup", "count"}, "leave": {"setup", "count"},
@@ -65,4 +65,4 @@ def _refuse_unprintable(where: str, text: str) -> None:
     """Refuse what an NC program cannot hold, and texts that stand at every stop and would make it endless."""
     if len(text) > LONGEST_TEXT or any(letter != "\n" and not (letter.isascii() and letter.isprintable()) for letter in text):
         expected = f"printable ASCII characters and line ends, at most {LONGEST_TEXT}"
-        raise UsageError(where, expected=expected, found=repr(text[:60]))
+        raise UsageError(where, expected=expected, found=repr(excerpt(text)))

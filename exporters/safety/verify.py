@@ -224,7 +224,7 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
     if len(files) == 1 and lattice.recognises(files[0]):
         return _of_lattice(result, lattice.parse(files[0]), profile, nodes)
     controller = controller_of(files)
-    reading = profile or quick_profile(controller, result.volume, float(result.volume.step_mm[0]))
+    reading = profile or quick_profile(controller, result.volume)
     require_chain(result, reading)
     tables = tables_in(controller, files, reading)
     standing = _standing(controller, files, tables, reading)

@@ -311,7 +311,7 @@ class _Task:
 
     def _find_sizes(self, current: MixedFit) -> MixedFit:
         """Enlarge what reversal changes along an axis, and drift, to what the data show (variance components)."""
-        for _ in range(SIZE_ROUNDS if self.sized else 0):
+        for _ in range(SIZE_ROUNDS):
             before = self.u.copy()
             for rows in self.sized:
                 scale = variance_scale(current, rows) or 1.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.solver.errors import DataError, UsageError, excerpt
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.readings.csv_table import LARGEST
 from stepdiag.solver.readings.readings import PassKey, Readings
@@ -145,7 +145,7 @@ def _rows(sections: Mapping[str, list[str]], source: str) -> Iterator[tuple[int,
 def _row(line: str, where: str) -> tuple[int, int, float]:
     words = line.split()
     if len(words) != 3 or not (words[0].isdecimal() and words[1].isdecimal() and len(words[0]) < 9 and len(words[1]) < 9):
-        raise DataError(where, expected="run, target and deviation", found=repr(line.strip()[:60]))
+        raise DataError(where, expected="run, target and deviation", found=repr(excerpt(line.strip())))
     deviation = _number(words[2], where)
     if abs(deviation) > LARGEST_DEVIATION_UM:
         raise DataError(where, expected=f"a deviation in um, below {LARGEST_DEVIATION_UM:g}", found=words[2])
@@ -154,7 +154,7 @@ def _row(line: str, where: str) -> tuple[int, int, float]:
 
 def _number(word: str, where: str) -> float:
     if not _NUMBER.fullmatch(word) or abs(float(word)) > LARGEST:
-        raise DataError(where, expected="a number with a decimal point", found=repr(word[:40]))
+        raise DataError(where, expected="a number with a decimal point", found=repr(excerpt(word)))
     return float(word)
 
 

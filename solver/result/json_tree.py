@@ -7,7 +7,7 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from stepdiag.solver.errors import DataError
+from stepdiag.solver.errors import DataError, excerpt
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.readings.csv_table import LARGEST
 
@@ -48,9 +48,7 @@ class Node:
     path: str
 
     def refuse(self, expected: str) -> NoReturn:
-        shown = json.dumps(self.value)
-        found = shown if len(shown) <= 60 else shown[:57] + "..."
-        raise DataError(f"{self.source}: {self.path or 'document'}", expected=expected, found=found)
+        raise DataError(f"{self.source}: {self.path or 'document'}", expected=expected, found=excerpt(json.dumps(self.value)))
 
     def mapping(self) -> dict[str, Any]:
         if not isinstance(self.value, dict):

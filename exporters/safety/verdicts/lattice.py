@@ -37,7 +37,7 @@ def judge_lattice(result: Result, moved_um: Moved, axes_mm: Axes) -> tuple[Judge
     """
     curves = _folded([_curve(name, moved_um, axes_mm, result.volume) for name in FUNCTIONS])
     # no profile enters a judgement of a lattice: the neutral control stands in
-    stand_in = quick_profile(controller_named("neutral"), result.volume, float(result.volume.step_mm[0]))
+    stand_in = quick_profile(controller_named("neutral"), result.volume)
     known = replace(result, errors={**result.errors, **result.expected})
     tables = (*curves, *_products(moved_um, result.volume))
     return judge(known, tables, Standing(after=tables, new=tables), stand_in)
