@@ -148,6 +148,8 @@ def test_damaged_and_foreign_files_are_named():
 
     with pytest.raises(DataError, match=r"AXIS_AX1\.COM: expected heading, rows and \[END\], found no end of file"):
         parse(("AXIS_AX1.COM", text.replace("[END]\r\n", "")))
+    with pytest.raises(DataError, match=r"AXIS_AX1\.COM: expected heading, rows and \[END\], found no end of file"):
+        parse(("AXIS_AX1.COM", text.partition("\n")[0] + "\n[END]\r\n"))
     with pytest.raises(DataError, match=r"line 1: expected BEGIN <name> \.\. MM"):
         parse(("AXIS_AX1.COM", text.replace(" MM", " INCH", 1)))
     with pytest.raises(DataError, match=r"line 4: expected row 1 with 6 cells"):

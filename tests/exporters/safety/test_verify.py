@@ -60,6 +60,23 @@ class TestPrediction:
         clean = verify_files(made, control.render(control.plan(curves_of(made), profile).tables, profile))
         assert not [each for each in clean.findings if each.code == "stretch-worse"]
 
+    def test_files_that_do_worse_than_the_tables_that_stand_in_the_control_are_named(self):
+        """They were off while measuring, and everything is better than nothing: what counts is what the owner has."""
+        control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)
+        whole, half = (
+            control.render(
+                control.plan(curves_of(made_result({"EXX": [share * at for at in (0, 6, 16, 24, 40)]})), profile).tables, profile
+            )
+            for share in (1.0, 0.5)
+        )
+        result = made_result({"EXX": [0, 6, 16, 24, 40]})
+        worse, better = (
+            [each.text for each in verify_files(result, new[:1], replace(profile, existing=old[:1])).findings if each.code == "worse-after"]
+            for new, old in ((half, whole), (whole, half))
+        )
+        assert [text.partition(", ")[2].partition(" by")[0] for text in worse] == ["with the tables that are in the control now"]
+        assert better == []
+
     def test_waves_that_no_target_shows_are_said_of_their_tables(self):
         fine = replace(VOLUME, increments=10)
         wave = 8.0 * np.sin(2.0 * np.pi * 4.5 * np.arange(11) / 10 + 0.7)
