@@ -112,7 +112,8 @@ def motion(
     the samples are of one run and the drift is freed of PSD1's noise (`solver.fourdof.drift`); ``u_psd1_urad`` (N, 2) is the noise that
     each sample, a mean, shows by itself.
     """
-    lever = head.lever_mm(np.broadcast_to(travel_mm, len(channels)))[:, None]
+    lever_mm = head.lever_mm(np.broadcast_to(travel_mm, len(channels)))
+    lever = lever_mm[:, None]
     seen = {
         name: spots(detector, channels[:, 3 * i : 3 * i + 2], channels[:, 3 * i + 2])
         for i, (name, detector) in enumerate((("QD", head.qd), ("PSD1", head.psd1), ("PSD2", head.psd2)))
@@ -121,7 +122,7 @@ def motion(
     psd1 = beam_angle_urad(seen["PSD1"].shift_um, head.psd1_focal_length_mm) - np.array(head.crosstalk.psd1_leak) * qd_um
     u_drift = np.zeros_like(psd1)
     if time_s is not None:
-        psd1, u_drift = _freed_of_noise(psd1, qd_um / 2, lever[:, 0], time_s, u_drift if u_psd1_urad is None else u_psd1_urad)
+        psd1, u_drift = _freed_of_noise(psd1, qd_um / 2, lever_mm, time_s, u_drift if u_psd1_urad is None else u_psd1_urad)
     psd2 = beam_angle_urad(seen["PSD2"].shift_um, head.psd2_focal_length_mm)
     # the beam on PSD2 has walked sideways by its angle times the distance
     psd2 = psd2 / (1 + np.array(head.crosstalk.psd2_leak) * lever * 1e-3)

@@ -95,6 +95,15 @@ def test_scale_and_offset() -> None:
     assert value(spec, b"\x00\x64") == 40.0
 
 
+@pytest.mark.parametrize("place", range(17))
+def test_a_coil_is_found_in_its_byte(place: int) -> None:
+    decoder = SignalDecoder({"stopped": SignalSpec(table="coil", address=100 + place, type="bit")})
+    asked = (ReadRange("coil", 100, 24),)
+    alone, beside = ((1 << place).to_bytes(3, "little"), (0xFFFFFF ^ 1 << place).to_bytes(3, "little"))
+    assert decoder.decode(ModbusBlock(1, 2, asked, (alone,))).stopped
+    assert not decoder.decode(ModbusBlock(1, 2, asked, (beside,))).stopped
+
+
 def test_bits_of_coils_registers_and_numbers() -> None:
     """Coils come packed, least significant bit first (Modbus application protocol V1.1b3, 6.1)."""
     signals = {

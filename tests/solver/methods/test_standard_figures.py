@@ -74,6 +74,12 @@ def test_both_directions_on_one_count_give_the_bidirectional_figures():
     assert (vdi["Pa"], vdi["U_max"], vdi["P"]) == pytest.approx((4.0, 3.0, 7.0))
 
 
+@pytest.mark.parametrize(("runs", "told"), [(1, False), (2, True)])
+def test_vdi_asks_for_two_runs_each_way(runs, told):
+    report = standards_report(both_ways(3.0, stretches=(1,) * runs))["linear-x"]
+    assert any(figures["standard"].startswith("VDI") for figures in report) is told
+
+
 def test_every_figure_comes_with_its_uncertainty_and_length_counts_in_none_of_backlash():
     iso = standards_report(both_ways(3.0, noise_um=0.3), Assumptions(reduced_to_20_c=True))["linear-x"][0]
     assert iso["lengths"] == "at 20 C"
