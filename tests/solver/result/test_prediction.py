@@ -146,3 +146,15 @@ def test_between_many_targets_the_signs_cancel() -> None:
         between = Between(np.ones((1, len(EVERYWHERE))), at[None, :], np.zeros(1, dtype=np.int64), np.ones((2000, 1)))
         widths.append(float(np.std(between.across_um2(between.met(np.ones((1, 3 * len(EVERYWHERE))))))))
     assert widths[1] == pytest.approx(widths[0] / 4.0, rel=0.15)
+
+
+def test_deviations_are_the_offset_the_modes_and_the_rest_value_by_value():
+    """What a function has none of is nothing there, also beside one that has."""
+    two, one = np.array([1.0, 2.0]), np.array([5.0])
+    posterior = Posterior(
+        position_mm=NODES, offset={"EXX": two}, modes={"EYX": np.array([[3.0, 4.0]])}, rest={"EYX": 0.5 * two, "C0Y": one}, between_um={}
+    )
+    found = posterior.deviations()
+    assert found["EXX"].tolist() == [[1.0, 2.0], *[[0.0, 0.0]] * 4]
+    assert found["EYX"].tolist() == [[0.0, 0.0], [3.0, 4.0], [0.5, 0.0], [0.0, 1.0], [0.0, 0.0]]
+    assert found["C0Y"].tolist() == [[0.0], [0.0], [0.0], [0.0], [5.0]]
