@@ -228,9 +228,12 @@ def _handshakes() -> Iterator[Case]:
         "frozen": {"frozen": [_at(2, 0.1), _at(3, 0.4)]},
         "deaf": {"deaf": [[_at(2, 0.1), _at(2, 0.6)]]},
         "loss": {"beam_lost": [[_at(3, 0.4), _at(3, 0.42)]]},
+        "loss-early": {"beam_lost": [[_at(3, 0.2), _at(3, 0.22)]]},
     }
     for name, machine in machines.items():
         yield _case(f"shaken-{name}", TRUTH[:5], signals=whole, machine=machine)
+    skips = {"skip_open_dwell": True, "last_count": 65531}
+    yield _case("shaken-skips-open", TRUTH[:4], signals=whole, start=skips, machine={"lead_s": 0.0})
     stands = [*TRUTH[:3], *(replace(stop, seconds=1.3) for stop in OTHER[:3])]
     yield _case("shaken-setup-goes-on", stands, signals=whole, of_survey={"setups": ["ppp", "npp"]})
     long = [replace(stop, seconds=2.6) for stop in TRUTH[:3]]

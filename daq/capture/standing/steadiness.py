@@ -59,7 +59,7 @@ def _leaving(position_mm: NDArray[np.float64]) -> int:
 def step_in_um(position_mm: NDArray[np.float64]) -> float:
     """Return the size of the step between two levels in a window, in um; 0 where it has none."""
     size = -(-len(position_mm) // BLOCKS)
-    count = len(position_mm) // size if size else 0
+    count = len(position_mm) // size
     if count < LEAST_BLOCKS:
         return 0.0
     blocks = np.median(position_mm[: size * count].reshape(count, size), axis=1) * 1e3
