@@ -7,7 +7,6 @@ relay (quDIS) tells the standstills themselves, and counts them.
 """
 
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 
@@ -67,7 +66,7 @@ class ByLaser:
         self._routes = {way: make_route(survey.volume, self._setup, survey.axis_order, outward=way) for way in (True, False)}
         needed_s = survey.stop.settle_s + survey.stop.min_window_s
         self._least_s = max(needed_s, DWELL_SHARE * survey.plan.dwell_s)
-        self._long_ns = LONG * max(needed_s, survey.plan.dwell_s) * 1e9
+        self._long_ns = LONG * survey.plan.dwell_s * 1e9
         self._looked_ns = 0
         self._done_ns = -np.inf
         self._breaks = 0
@@ -129,9 +128,7 @@ class ByLaser:
         self._began_ns = min(self._began_ns, float(span.time_ns[0]))
         found = _marked(span) if self._marked else _joined(_plateaus(span, self._least_s), span)
         over = []
-        for stand, following in pairwise([*found, None]):
-            if stand is None:
-                continue
+        for stand, following in zip(found, [*found, None][1:], strict=True):
             left = lost or following is not None or self._has_left(span, stand)
             if left or stand.to_ns - stand.from_ns > self._long_ns:
                 over.append(stand)
@@ -167,14 +164,14 @@ class ByLaser:
         if first is None:
             return []
         moved = stand.level_mm - first.level_mm
-        ways = [way for way in (self._outward, not self._outward) if agrees(moved, self._routes[way].step_mm(0, 1))]
-        if not ways:
+        way = next((way for way in (self._outward, not self._outward) if agrees(moved, self._routes[way].step_mm(0, 1))), None)
+        if way is None:
             return []
-        if self._fresh and ways[0] is not self._outward:
+        if self._fresh and way is not self._outward:
             text = f"the laser moved by {moved:.3f} mm from the first stop to the second, the geometry wants {-moved:.3f} mm"
             self._say("wrong-laser-sign", f"{text}: the sign of the laser is the wrong way round, or it is another setup", outcomes)
             return []
-        self._place = _Place(self._routes[ways[0]], 1, {0: first.level_mm, 1: stand.level_mm})
+        self._place = _Place(self._routes[way], 1, {0: first.level_mm, 1: stand.level_mm})
         return [(0, first), (1, stand)]
 
     def _nowhere(self, place: _Place, stand: _Stand, outcomes: list[Outcome]) -> None:
@@ -186,8 +183,8 @@ class ByLaser:
             text = "the machine went on by a step of the pass after its last stop: the pass before may be off by a stop, drive it again"
             self._say("pass-off-by-one", text, outcomes)
             return
-        expected = place.route.nominal_mm[min(place.stop + 1, last)] - place.route.nominal_mm[max(place.stop, 0)]
-        moved = stand.level_mm - place.levels[max(place.stop, 0)]
+        expected = place.route.step_mm(place.stop, min(place.stop + 1, last))
+        moved = stand.level_mm - place.levels[place.stop]
         text = f"the machine stands {moved:.3f} mm from the stop before, the geometry wants {expected:.3f} mm: a feed hold; not used"
         self._say("between-stops", text, outcomes)
 
@@ -229,7 +226,7 @@ def _marked(span: Span) -> list[_Stand]:
     """Return the standstills that the marker input tells: while its count of edges is odd, the relay is closed."""
     if span.channels is None:
         return []
-    marker = span.channels[:, 0].astype(np.int64)
+    (marker,) = span.channels.T.astype(np.int64)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], marker % 2, [0]))))
     found = []
     for begin, end in zip(edges[::2], edges[1::2], strict=True):

@@ -20,7 +20,7 @@ from stepdiag.daq.timing.stream import Break, StreamBuffer
 from stepdiag.solver.findings import Finding, Severity
 from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 
-ROUNDED_UM = 1.0
+ROUNDED_MM = 0.001
 """A program written to three decimals is off by half of that: worth a note. More is worth a look at the program."""
 AGAIN = 1.5
 """A difference is said again where it is larger by so much than what was said of the pass before."""
@@ -66,7 +66,7 @@ class StopTaker:
                 self._think_again(walk, reading_mm, outcomes)
             index, odd = walk.locate_by_laser(dwell.signals, _reading_mm(taken), lost=lost)
             if walk.apart:
-                self._before, walk.apart = (*self._before, Break(0, walk.apart, watched=True)), ""
+                self._before, walk.apart = (*self._before, Break(dwell.from_ns, walk.apart)), ""
             self._believed = [*([] if lost else self._believed), (dwell, taken)] if (walk.unsure or walk.nowhere) and taken else []
         else:
             index, odd = walk.locate(dwell.signals)
@@ -114,7 +114,7 @@ class StopTaker:
             return
         outcomes.append(walk.begin_anew())
         self._believed = []
-        self._before = (Break(0, ANEW, watched=True),)
+        self._before = (Break(believed[0][0].from_ns, ANEW),)
         for index, (dwell, windows) in enumerate(believed):
             self._place(walk, index, dwell, windows, outcomes)
 
@@ -157,7 +157,7 @@ class StopTaker:
             along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(0, 1))
             came_back = along is False and self._both_ways and walk.expected > 0
             return FROM_BEYOND if came_back else FROM_WHERE if self._turn_unseen and along is None else ""
-        if not self._both_ways or walk.judge(index, taken.window.mean_mm)[0]:
+        if not self._both_ways or any(walk.judge(index, taken.window.mean_mm)):
             return ""
         along = came_along(self._laser, taken, dwell.from_ns, walk.route.step_mm(index - 1, index))
         counted = dwell.signals.stop_count is not None
@@ -186,13 +186,11 @@ class StopTaker:
         if taken is None:
             text = "Modbus did not show this stop and the laser shows no plateau for it: drive the pass again, or from this stop on"
             outcomes.append(walk.finding("stop-lost", "error", index, text))
-            walk.skip(index, None)
             return
         elsewhere = replace(dwell.signals, x_mm=None, y_mm=None, z_mm=None)
         stop = make_stop(walk.route, index, elsewhere, taken, self._head, self._wall_offset_ns)
-        count = None if dwell.signals.stop_count is None else stop.stop_count
         doubt = "recovered from the laser's plateau, Modbus did not show it"
-        stop = msgspec.structs.replace(stop, stop_count=count, recovered=True, doubtful=doubt)
+        stop = msgspec.structs.replace(stop, recovered=True, doubtful=doubt)
         outcomes.append(walk.finding("stop-recovered", "warning", index, doubt))
         self._looked_until_ns = taken.to_ns
         self._commit(walk, stop, outcomes)
@@ -227,9 +225,9 @@ class StopTaker:
 
     def _breaks_up_to(self, time_ns: int) -> tuple[str, str]:
         """Return why the count was lost since the last stop, and why it may have been; empty where it was not."""
-        breaks = [*self._before, *(event for event in self._laser.breaks[self._breaks_seen :] if event.time_ns <= time_ns)]
-        self._breaks_seen += len(breaks) - len(self._before)
-        self._before = ()
+        seen = [event for event in self._laser.breaks[self._breaks_seen :] if event.time_ns <= time_ns]
+        breaks, self._before = (*self._before, *seen), ()
+        self._breaks_seen += len(seen)
         lost, unseen = ([event.reason for event in breaks if event.watched is watched] for watched in (True, False))
         return "; ".join(lost[-1:]), "; ".join(unseen[-1:])
 
@@ -289,7 +287,7 @@ class PositionCheck:
             f"the machine is commanded to {axis.upper()} {here:.4f} mm, the plan has {plan:.4f} mm ({(here - plan) * 1e3:+.1f} um): "
             "the machine's position counts"
         )
-        severity: Severity = "info" if off_mm * 1e3 <= ROUNDED_UM else "warning"
+        severity: Severity = "info" if off_mm <= ROUNDED_MM else "warning"
         return [walk.finding("position-differs", severity, stop, text)]
 
     def _resolution_mm(self, axis: str, value_mm: float) -> float:

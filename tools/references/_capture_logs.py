@@ -26,8 +26,10 @@ rate_hz = 50.0
 SILENT = [["poll_hz = 40\n", 'transport = "none"\n']]
 
 OVERRUN = replace(TRUTH[-1], reading=TRUTH[-1].reading + 3.0, seconds=0.1, shown=False, counts=0)
+BEYOND = replace(TRUTH[4], reading=TRUTH[4].reading + 3.0, seconds=0.1, shown=False, counts=0)
 BEFORE = replace(TRUTH[0], reading=TRUTH[0].reading - 3.0, seconds=0.1, shown=False, counts=0)
 TURNED = [*TRUTH, *BACK[1:]]
+OTHER = diagonal("npp", n=2)
 OVERRAN = [*TRUTH, OVERRUN, *BACK]
 
 
@@ -62,6 +64,12 @@ def _passes() -> Iterator[Case]:
             yield _case(f"twice-{words}", [*TRUTH[:3], TRUTH[2], *TRUTH[3:]], signals=signals, machine={"move_s": 0.3})
             yield _case(f"driven-past-{words}", past, signals=signals)
             yield _case(f"overrun-{words}", OVERRAN, signals=signals, back=True)
+    first = [replace(stop, shown=k != 1) for k, stop in enumerate(TRUTH[:5])]
+    two = [replace(stop, shown=k not in (2, 3)) for k, stop in enumerate(TRUTH[:6])]
+    for words, signals in SIGNALS.items():
+        yield _case(f"hidden-first-{words}", first, signals=signals)
+        yield _case(f"hidden-two-{words}", two, signals=signals)
+    yield _case("unwatched-twice", TRUTH[:5], machine={"move_s": 2.0, "deaf": [[7.2, 7.9], [8.1, 8.95]]})
     yield _case("beam-lost", TRUTH[:6], machine={"beam_lost": [[_at(3, 0.74), _at(3, 0.8)], [_at(3, 0.9), _at(3, 0.96)]]})
     yield _case("beam-lost-stopped", TRUTH[:6], signals=STOPPED_ONLY, machine={"beam_lost": [[_at(3, 0.8), _at(3, 0.9)]]})
 
@@ -121,19 +129,28 @@ def _machines() -> Iterator[Case]:
 
 
 def _two_ways() -> Iterator[Case]:
-    beyond = replace(TRUTH[4], reading=TRUTH[4].reading + 3.0, seconds=0.1, shown=False, counts=0)
     ways: dict[str, tuple[list[Any], dict[str, Any]]] = {
         "turned": (TURNED[:10], {}),
         "turned-lost": (TURNED[:10], {"beam_lost": [[_at(6, 0.75), _at(6, 0.85)]]}),
         "turned-hidden": ([*TRUTH, replace(BACK[0], shown=False), *BACK[1:4]], {}),
         "overran": (OVERRAN[:11], {"rate_hz": 40.0}),
-        "from-beyond": ([*TRUTH[:4], beyond, *TRUTH[4:]], {}),
+        "from-beyond": ([*TRUTH[:4], BEYOND, *TRUTH[4:]], {}),
         "back-twice": ([*OVERRAN, BEFORE, *TRUTH[:3]], {"rate_hz": 40.0}),
         "zeroed": (OVERRAN[:11], {"zeroed_at": [_at(7, -0.1)], "beam_lost": [[_at(6, 0.8), _at(6, 0.84)]]}),
         "out-again": ([*TRUTH, *TRUTH[:4]], {}),
         "slipped-at-turn": (OVERRAN[:11], {"slips": [[_at(6, 0.75), 26.7]]}),
         "left-in-the-middle": ([*TRUTH[:4], *BACK[:4]], {}),
         "back-first": (BACK[:5], {}),
+        "from-beyond-early": ([TRUTH[0], replace(BEYOND, reading=TRUTH[1].reading + 3.0), *TRUTH[1:]], {}),
+        "first-again": ([TRUTH[0], replace(BEYOND, reading=3.0), *TRUTH], {}),
+        "first-again-before": ([TRUTH[0], BEFORE, *TRUTH[:4]], {}),
+        "stands-again": ([*TRUTH, *BACK[:4]], {}),
+        "stands-again-sparse": ([*TRUTH, *BACK[:4]], {"rate_hz": 25.0}),
+        "turned-sparse": (TURNED[:10], {"rate_hz": 25.0}),
+        "turn-flickers": (
+            [*TRUTH[:-1], replace(TRUTH[-1], seconds=2.0), *BACK[1:4]],
+            {"flicker": [[0.5, 0.6]], "deaf": [[_at(6, 0.48), _at(6, 1.6)]]},
+        ),
     }
     for name, (stops, machine) in ways.items():
         yield _case(f"both-{name}", stops, back=True, machine=machine)
@@ -178,6 +195,28 @@ def _two_ways() -> Iterator[Case]:
         )
 
 
+def _goes_on() -> Iterator[Case]:
+    """Yield logs that begin at a turn, and machines that go on after one."""
+    turn = {"stop": 6, "outward": True, "reading_mm": round(TRUTH[-1].reading, 4)}
+    back = {"outward": False, "turn": turn, "known": {"6": turn["reading_mm"], "0": 0.0}}
+    for beyond in (None, True, False):
+        for words in ("whole", "stopped"):
+            for name, stops in (("turned", BACK[1:5]), ("again", BACK[:4])):
+                start = {"hints": {"ppp": back}, "last_count": 65530 if words == "whole" else None, "beyond": beyond}
+                said = {None: "unsaid", True: "beyond", False: "not-beyond"}[beyond]
+                yield _case(f"{name}-{said}-{words}", stops, back=True, signals=SIGNALS[words], start=start, machine={"lead_s": 0.6})
+    start = {"hints": {"ppp": back}, "last_count": 65530, "beyond": False}
+    for name, machine in (("sparse", {"rate_hz": 25.0}), ("lost", {"beam_lost": [[0.2, 0.3]]})):
+        for words, stops in (("turned", BACK[1:5]), ("again", BACK[:4])):
+            yield _case(f"{words}-not-beyond-{name}", stops, back=True, start=start, machine={"lead_s": 0.6} | machine)
+    edges, ends = diagonal("ppp", n=1), diagonal("ppp", n=1, back=True)
+    past = [replace(stop, reading=stop.reading + 3.0, seconds=0.1, shown=False, counts=0) for stop in edges]
+    for k in (0, 1, 2):
+        stops = [*edges[:k], past[k], *edges[k:], *ends[1:]] if k else [*edges, *ends, past[0], *edges]
+        yield _case(f"both-edges-from-beyond-{k}", stops, back=True, of_survey={"n": 1}, machine={"rate_hz": 40.0})
+    yield _case("setup-goes-on", [*TRUTH[:4], *OTHER[:3]], of_survey={"setups": ["ppp", "npp"]})
+
+
 def _handshakes() -> Iterator[Case]:
     bits = {name: f'address = 2\ntype = "bit"\nbit = {k}' for k, name in enumerate(("stopped", "running", "alarm"))}
     places = {f"{axis}_mm": f'address = {4 + 2 * k}\ntype = "int32"\nscale = 1e-4' for k, axis in enumerate("xyz")}
@@ -189,9 +228,14 @@ def _handshakes() -> Iterator[Case]:
         "frozen": {"frozen": [_at(2, 0.1), _at(3, 0.4)]},
         "deaf": {"deaf": [[_at(2, 0.1), _at(2, 0.6)]]},
         "loss": {"beam_lost": [[_at(3, 0.4), _at(3, 0.42)]]},
+        "loss-early": {"beam_lost": [[_at(3, 0.2), _at(3, 0.22)]]},
     }
     for name, machine in machines.items():
         yield _case(f"shaken-{name}", TRUTH[:5], signals=whole, machine=machine)
+    skips = {"skip_open_dwell": True, "last_count": 65531}
+    yield _case("shaken-skips-open", TRUTH[:4], signals=whole, start=skips, machine={"lead_s": 0.0})
+    stands = [*TRUTH[:3], *(replace(stop, seconds=1.3) for stop in OTHER[:3])]
+    yield _case("shaken-setup-goes-on", stands, signals=whole, of_survey={"setups": ["ppp", "npp"]})
     long = [replace(stop, seconds=2.6) for stop in TRUTH[:3]]
     yield _case(
         "shaken-long", long, signals=whole, machine={"noise_um": 3.0, "slips": [[2.0, 0.01], [2.5, -0.01], [3.0, 0.01], [5.5, 0.02]]}
@@ -246,6 +290,13 @@ def _others() -> Iterator[Case]:
             "machine": never if name == "dark" else moving if name == "saturated" else {},
         }
         yield _case(f"head-{name}", runs, of_survey={"n": 3, "setups": ["fourdof-z"]}, added=head, **told)
+    turned = [*runs, *runs[2::-1]]
+    wide = {"rate_hz": 50.0, "lateral": [*lateral, *lateral]}
+    for name, stops in (("turned", turned), ("again", [*runs, *runs[:1:-1]])):
+        yield _case(f"head-{name}", stops, back=True, of_survey={"n": 3, "setups": ["fourdof-z"]}, added=head, head=wide)
+    beside = {"rate_hz": 25.0, "lateral": [lateral[k % 4] for k in range(10)]}
+    yield _case("head-beside", TURNED[:10], back=True, added=head, head=beside)
+    yield _case("head-beside-again", [*TRUTH, *BACK[:3]], back=True, added=head, head=beside)
     angles = {"rate_hz": 25.0, "angles": [[0.0, 5.0], [12.5, -3.0], [40.0, 80.0], [0.2, 0.1]], "dark": [[_at(2, 0.2), _at(2, 0.3)]]}
     collimator = '[head]\nformat = "elcomat"\nport = "/dev/null1"\nid = "head 2"\n[head.angles]\nz = ["+A", "+B"]\n'
     for name, more in {"angles": {}, "angles-dark": {"dark": [[_at(2, -0.1), _at(2, 0.8)]]}}.items():
@@ -292,6 +343,13 @@ def _by_laser() -> Iterator[Case]:
             "acts": [[levels[-1] + 5.0, 0.3, 0.2], *back, away],
         },
         "back-breaks": turn | {"level_mm": 0.0, "breaks": [[1, "b", True]], "acts": [*back, away]},
+        "back-late": turn | {"level_mm": levels[-1] + 0.5, "acts": [[levels[-1], 0.1, 1.0], *back[1:], away]},
+        "back-soon": turn | {"level_mm": levels[-1] + 0.5, "acts": [[levels[-1], 0.02, 1.0], *back[1:], away]},
+        "out-known": {"hint": {"known": {"0": 0.0, "6": levels[-1]}}, "acts": [[0.0, 0.01, 1.0], *out[1:], end]},
+        "out-known-late": {"hint": {"known": {"0": 0.0}}, "level_mm": -9.0, "acts": [*out[:3], end]},
+        "held-late": {"acts": [*out[:6], [levels[5] + 5.0, 0.2, 1.0], out[6], end]},
+        "shaken-shortly": {"acts": [*out[:3], [levels[2] + 0.05, 0.01, 0.01], [levels[2], 0.01, 0.7], out[3], end]},
+        "shaken-less": {"acts": [*out[:3], [levels[2] + 0.015, 0.01, 0.01], [levels[2], 0.01, 0.7], out[3], end]},
         "back-unwatched": turn | {"breaks": [[1, "b", False]], "acts": [*back, away]},
         "goes-on-instead": turn | {"acts": [[levels[-1] + 26.7, 0.3, 1.0], [levels[-1] + 60.0, 0.3, 1.0]]},
         "drives-out-again": turn | {"acts": [[-1000.0, 0.5, 1.0], *([level - 900.0, 0.3, 1.0] for level in levels), end]},
@@ -314,5 +372,5 @@ def _by_laser() -> Iterator[Case]:
 
 def inputs() -> Iterator[Case]:
     """Yield the name of every case, who plays it, and its input."""
-    for cases in (_by_laser, _passes, _machines, _two_ways, _handshakes, _begun, _others):
+    for cases in (_by_laser, _passes, _machines, _two_ways, _goes_on, _handshakes, _begun, _others):
         yield from cases()

@@ -62,6 +62,9 @@ def _routes() -> Iterator[Case]:
         }
         told = route | {"origin_mm": [0.0, 0.0, 0.0] if outward else [5.0, -10.0, 20.0], "places": places} | more
         yield f"route-{setup}-{'out' if outward else 'back'}", "routes", told
+    short = {"size_mm": [300.0, 200.0, 100.0], "n": 1, "setup": "ppp", "outward": True, "places": places[:5], "pairs": 2}
+    beyond: list[Any] = [[1.0, 0.0, [a, b]] for a, b in ((0, 1), (0, 2), (1, 2), (1, 3), (2, 3))]
+    yield "route-short", "routes", short | {"shares": beyond, "absolutes": [5.0]}
     pairs_of = [(nominal, off) for nominal in (0.0, 1.0, -50.0, 100.0) for off in (0.019, 0.021)]
     agreeing = [
         [measured, nominal]
@@ -129,6 +132,10 @@ def _laser_places() -> Iterator[Case]:
         known = [["stop_at", round(3.0 + each[1] * 1.003, 3)] for each in asked]
         yield f"laser-places-known-{name}", "laser-places", {"route": route, "known": {"0": 3.0, "4": 203.5}, "steps": known}
 
+    near: list[Any] = [["stop_at", -at] for at in (0.0, 3.0, 3.4, 9.9, 10.1, 13.4, 16.6, 16.8, 18.4, 25.0, 63.0, 66.8, 70.1, 80.0)]
+    steps = [["take", 0, 0.0, False], *near, ["take", 1, -13.363, False], *near, ["take", 2, -66.815, True], *near]
+    yield "laser-places-near", "laser-places", {"route": BOX | {"outward": False}, "known": {}, "steps": steps}
+
 
 def _turns() -> Iterator[Case]:
     mm = [
@@ -164,6 +171,8 @@ def _turns() -> Iterator[Case]:
             "positions",
             {"route": BOX, "bare": bare, "stops": [[k % 7, off] for k, off in enumerate(offs)]},
         )
+    rounded = [[k % 7, [off, 0.0, 0.0]] for k, off in enumerate((0.0005, 0.00099, 0.0011, 0.0017, 0.3, 0.44, 0.46, -0.7))]
+    yield "positions-rounded", "positions", {"route": BOX, "bare": True, "stops": rounded}
 
 
 def _stop(index: int, count: int | None = None, reading: Any = -1.0, **more: Any) -> list[Any]:
@@ -342,6 +351,13 @@ def _walks() -> Iterator[Case]:
         _sees(50.0),
     ]
     yield "walk-skipped", "walk", {"route": BOX, "last_count": None, "known": {"3": 160.4, "0": 0.0}, "steps": skipped}
+    for name, readings in (("on", (230.0, 250.0, -60.0)), ("off", (-60.0, 230.0, 173.72))):
+        some = [_stop(0, None, 0.0), ["skip", 1, None], *map(_sees, readings), ["goes_on", [60.0, 180.268]], ["goes_on", [0.0, 53.452]]]
+        yield f"walk-skipped-{name}", "walk", {"route": BOX, "last_count": None, "steps": some}
+    nowhere_yet: list[Any] = [_stop(0), _stop(1), _stop(2), ["goes_on", [5.0, 18.363]], ["goes_on", [5.0, 125.268]], _sees(230.0)]
+    for last in (120.268, 53.452, 13.363):
+        nowhere_yet += [["goes_on", [9.0, 9.0 + last]], ["goes_on", [1.0, 9.0, 9.0 + last]]]
+    yield "walk-goes-on-from-nowhere", "walk", {"route": BOX, "last_count": None, "steps": nowhere_yet}
     before = [_sees(138.6, 8), _sees(85.2, 7), _stop(2, 8, 138.6), ["expected_reading_mm", 3]]
     yield "walk-begun-before", "walk", {"route": BOX, "believed": [5.0, 85.2], "last_count": 7, "steps": before}
     cube = [

@@ -37,6 +37,12 @@ def _conditions() -> Iterator[Case]:
     yield case(
         "hours", [[{}, 0.0], *air, [{"material_temperature_c": 33.0}, 7200.0], [{"relative_humidity_percent": 98.0}, 7200.0], [{}, -100.0]]
     )
+    for name, at_once, an_hour in zip(GOOD, (1.0, 2.0, 2.0, 15.0), (5.0, 10.0, 5.0, 30.0), strict=True):
+        beyond, within = at_once + 0.5 * an_hour + 0.05, at_once + an_hour - 0.05
+        yield case(
+            f"hour-{name.replace('_', '-')}",
+            [[{}, 0.0], *([{name: GOOD[name] + off}, s] for off, s in ((beyond, 1800.0), (within, 3600.0)))],
+        )
     yield case("fixed", [[{"air_pressure_hpa": 5.0}, 0.0]], air=False, added=FIXED)
     before = {name: {"value": value, "time_s": 940.0} for name, value in GOOD.items()}
     yield case("told-before", [[silent, time_s] for time_s in (999.0, 999.999, 1000.001, 1060.0)], air=False, credible=before)

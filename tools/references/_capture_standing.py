@@ -57,6 +57,9 @@ def _windows() -> Iterator[Case]:
     sizes += [added(noise(64, 13, 0.05), step(64, 20, 3.0), step(64, 44, back)) for back in (-3.0, -1.5, 1.5, 3.0)]
     sizes += [added(noise(96, 131, 0.02), step(96, at, size)) for at in (11, 12, 13, 48, 83, 84, 85) for size in (0.45, 0.55)]
     yield "windows-steps-of-few", "windows", list(map(_told, sizes))
+    uneven: list[Series] = [[-2.5, 2.25, ["same", 18, 5.0]], [-3.5, 3.15, 0.0, ["same", 21, 5.0]], [["same", 18, 5.0], 2.25, -2.5]]
+    uneven += [[["same", at, 0.0], ["same", count - at, 5.0]] for count, at in ((12, 1), (12, 11), (96, 9), (96, 87), (15, 2), (16, 1))]
+    yield "windows-steps-near-the-edge", "windows", list(map(_told, uneven))
     wrong = [spiked(noise(120, 14), {(k * 23 + 5) % 100: 40.0 + k for k in range(count)}) for count in (1, 3, 4, 5, 6, 8)]
     wrong += [spiked(noise(120, 14), {50: size, 70: -size}) for size in (0.9, 1.4, 2.0)]
     wrong += [spiked(noise(520, 141), {k * 57 % 500: -30.0 - k for k in range(count)}) for count in (7, 8, 9)]
@@ -151,6 +154,9 @@ def _certain() -> Iterator[Case]:
                 "rules": rules | ({"max_scatter_um": allowed_um} if allowed_um else {}),
             }
             yield f"certain-{name}{at}", "certain", told | {"dwells_ms": dwells[:3], "steps_mm": steps_mm[:2]}
+    thrice = base | {"mm": [*come, *at_mm(10.0, noise(300, 23, 3.0))], "breaks": [[600 * MS, "b", True], [1000 * MS, "c", False]]}
+    dwells_ms = [[200, 1010], [200, 999], [200, 1000], [200, 1001], [200, 1500]]
+    yield "certain-broken-doubtful", "certain", {"stream": thrice, "rules": rules | {"max_scatter_um": 0.15}, "dwells_ms": dwells_ms}
     approaches: dict[str, Series] = {
         "back": [["same", 10, 12.0], ["line", 40, 9.5, -0.5], ["same", 30, 10.0]],
         "near": [["same", 20, 9.9], ["same", 30, 10.0]],
@@ -272,6 +278,16 @@ def _standstills() -> Iterator[Case]:
         [[900, 1000, 800, None, None], [1100, 1200, 400, None, None]],
     ]
     yield "standstills", "standstills", {"streams": streams, "pairs": pairs}
+    fine = {
+        name: {"every_ns": MS, "mm": [["same", 1100, 1.0], ["same", count, 1.5], ["same", 900 - count, 1.0]]}
+        for name, count in (("begins", 9), ("begins-long", 12), ("moves", 30))
+    }
+    soon: list[Any] = [[[500, 1000], [1100, to_ms, 1050, 1]] for to_ms in (1100, 1105, 1119, 1121, 1400)]
+    even: list[Any] = [[[900, 1000], [1100, 1200, 1050, 1]], [[900, 1000], [1101, 1200, 1050, 1]], [[900, 1000], [1100, 1200, 899, 1]]]
+    yield "standstills-begun", "standstills", {"streams": fine, "pairs": soon}
+    yield "standstills-as-long", "standstills", {"streams": {"still": streams["still"]}, "pairs": even}
+    waits: list[Any] = [["add", [500, 1000]], ["add", [1100, 1150, 1050, 1]], *(["settled", now, None] for now in (1599, 1600, 1601))]
+    yield "standstill-parts-unseen", "parts", {"stream": {"every_ns": 10 * MS, "mm": [["same", 110, 1.0]]}, "steps": waits}
     for count in (1, 2, 3):
         late = {"time_ns": [1000 * MS, 1104 * MS, 1110 * MS][:count], "mm": [1.0] * count}
         at = [1000, 1000]

@@ -117,8 +117,8 @@ def _one(before: _Waiting, after: Dwell, placing: Placing | None) -> bool | None
     if len(then) < LEAST_SAMPLES:
         return None
     earlier = placing.span(max(before.dwell.from_ns, before.end_ns - RECENT_MS * MS), after.from_ns).position_mm
-    strays = float(np.mean(np.abs(earlier - np.median(then)) > STILL_MM)) if len(earlier) else 0.0
-    return strays < (MOST if unbroken and soon else STRAYS)
+    strays = np.abs(earlier - np.median(then)) > STILL_MM
+    return not strays.any() or bool(strays.mean() < (MOST if unbroken and soon else STRAYS))
 
 
 def _beginning_mm(dwell: Dwell, placing: Placing) -> NDArray[np.float64]:

@@ -51,15 +51,15 @@ def _leaving(position_mm: NDArray[np.float64]) -> int:
     """
     away_um = (position_mm - np.median(position_mm)) * 1e3
     staying = np.flatnonzero(inliers(away_um) | (np.sign(away_um) != np.sign(away_um[-1])))
-    gone_um = np.abs(away_um[staying[-1] + 1 :]) if len(staying) else away_um[:0]
-    drives = len(gone_um) > 0 and gone_um[0] < ON_THE_WAY * np.max(gone_um)
+    gone_um = np.abs(away_um[staying[-1] + 1 :])
+    drives = bool(np.any(gone_um) and gone_um[0] < ON_THE_WAY * np.max(gone_um))
     return len(gone_um) if drives and len(gone_um) <= LEAVING_SHARE * len(away_um) else 0
 
 
 def step_in_um(position_mm: NDArray[np.float64]) -> float:
     """Return the size of the step between two levels in a window, in um; 0 where it has none."""
     size = -(-len(position_mm) // BLOCKS)
-    count = len(position_mm) // size if size else 0
+    count = len(position_mm) // size
     if count < LEAST_BLOCKS:
         return 0.0
     blocks = np.median(position_mm[: size * count].reshape(count, size), axis=1) * 1e3
@@ -85,7 +85,8 @@ def _best_split(blocks: NDArray[np.float64]) -> int:
 
 
 def _squares_of_a_line(blocks: NDArray[np.float64]) -> float:
-    at = np.arange(len(blocks)) - 0.5 * (len(blocks) - 1)
+    number = np.arange(len(blocks))
+    at = number - np.mean(number)
     off = blocks - np.mean(blocks)
     left = off - (at @ off) / (at @ at) * at
     return float(left @ left)

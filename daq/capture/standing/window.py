@@ -128,7 +128,7 @@ class Plateau:
 
 def find_plateaus(time_ns: NDArray[np.float64], position_mm: NDArray[np.float64], at_least_s: float) -> list[Plateau]:
     """Return the plateaus of at least a duration, in order of time. Both columns have shape (n,), times ascending."""
-    if len(time_ns) < 2:
+    if not len(time_ns):
         return []
     bins = ((time_ns - time_ns[0]) // BIN_NS).astype(np.int64)
     filled, first = np.unique(bins, return_index=True)

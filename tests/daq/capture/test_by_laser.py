@@ -41,8 +41,8 @@ MOVE_S = 0.3
 class Bench:
     """A laser whose readings are laid down second by second."""
 
-    def __init__(self, **hint):
-        self.survey = parse_survey(SURVEY, "survey")
+    def __init__(self, text=SURVEY, **hint):
+        self.survey = parse_survey(text, "survey")
         self.laser = StreamBuffer(laser_decoder(self.survey))
         breaks = hint.pop("breaks", ())
         start = CaptureStart(hints={"ppp": PassHint(**hint)}, breaks=breaks)
@@ -177,6 +177,27 @@ def test_a_count_lost_at_the_first_stop_of_the_way_back_ends_the_pass():
     assert bench.codes == ["aborted"]
 
 
+def test_a_count_lost_before_the_first_stop_of_the_way_back_leaves_it_to_its_first_step():
+    last = float(Bench().out.nominal_mm[-1])
+    bench = Bench(outward=False, known={6: 10.0 + last, 0: 10.0})
+    bench.level = 10.0 + last
+    bench.stand(10.0 + last + 5.0, seconds=0.2)
+    bench.lose()
+    bench.drive(bench.back, 77.0)
+    bench.stand(900.0)
+    assert bench.named(bench.back) == list(range(7))
+    assert bench.codes == []
+
+
+def test_a_count_lost_before_the_last_stop_ends_the_pass():
+    bench = Bench()
+    bench.drive(bench.out, 0.0, range(6))
+    bench.lose()
+    bench.stand(900.0, seconds=3.0)
+    assert bench.named(bench.out) == list(range(6))
+    assert bench.codes == ["aborted"]
+
+
 def test_a_count_lost_after_the_last_stop_is_of_no_matter():
     """The program has ended, and somebody takes the mirror off."""
     bench = Bench()
@@ -185,6 +206,33 @@ def test_a_count_lost_after_the_last_stop_is_of_no_matter():
     bench.stand(900.0, seconds=3.0)
     assert bench.named(bench.out) == list(range(7))
     assert bench.codes == []
+
+
+@pytest.mark.parametrize(
+    ("change", "short_s", "long_s"),
+    [
+        (("dwell_s = 1.0", "dwell_s = 2.0"), 0.9, 1.2),
+        (("[laser]\n", "[stop]\nsettle_s = 0.5\nmin_window_s = 0.4\n[laser]\n"), 0.7, 1.1),
+        (("[laser]\n", "[stop]\nsettle_s = 0.1\nmin_window_s = 0.2\n[laser]\n"), 0.4, 0.7),
+    ],
+)
+def test_a_plateau_too_short_for_a_stop_is_none(change, short_s, long_s):
+    """It lasts half a dwell at least, and for the time that a machine settles and a window takes."""
+    for seconds, wanted in ((short_s, [0, 1, 3]), (long_s, [0, 1, 2, 3])):
+        bench = Bench(SURVEY.replace(*change))
+        for stop in range(4):
+            bench.stand(float(bench.out.nominal_mm[stop]), seconds if stop == 2 else 2.0)
+        bench.stand(900.0)
+        assert bench.named(bench.out) == wanted, seconds
+
+
+@pytest.mark.parametrize(("dwell_s", "until_s"), [(1.0, 2.5), (2.0, 5.0)])
+def test_a_standstill_of_so_many_dwells_is_taken_while_it_lasts(dwell_s, until_s):
+    bench = Bench(SURVEY.replace("dwell_s = 1.0", f"dwell_s = {dwell_s}"))
+    bench.drive(bench.out, 0.0, [0])
+    for stop, more_s in ((1, -0.3), (2, 0.6)):
+        bench.stand(float(bench.out.nominal_mm[stop]), until_s + more_s)
+        assert bench.named(bench.out) == list(range(3 if more_s > 0 else 0)), more_s
 
 
 def test_one_step_too_many_is_said_on_the_way_back():

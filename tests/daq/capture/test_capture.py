@@ -12,7 +12,7 @@ from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.records.events import Chunk
+from stepdiag.daq.records.events import Chunk, Loss
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.findings import Finding
 from testkit.examples import few
@@ -68,6 +68,44 @@ def test_the_result_does_not_depend_on_how_the_bytes_were_cut(seed, cuts):
     again, _, _ = run(cut, text=text)
     assert [(s.stop, s.window_from_ns, s.window_to_ns) for s in again] == [(s.stop, s.window_from_ns, s.window_to_ns) for s in whole]
     assert [s.reading_mm for s in again] == pytest.approx([s.reading_mm for s in whole], abs=1e-4)
+
+
+def babbled(timeline, moment):
+    """Return the events of a timeline with bytes on the laser's line that no instrument sends, at the moment of a chunk."""
+    events = timeline.events()
+    chunk = next(each for each in events if isinstance(each, Chunk) and each.arrival_ns > moment * 1e9)
+    return [msgspec.structs.replace(each, data=b"what is that\r\n" + each.data) if each is chunk else each for each in events]
+
+
+def test_what_a_stream_remarks_is_said_within_a_second():
+    """Not only with the next stop: a machine that stands for ever at the wrong place has none."""
+    survey = parse_survey(survey_text(), "survey.toml")
+    capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
+    timeline = Timeline(diagonal("ppp")[:1], lead_s=4.0)
+    said_s = next(arrival(event) * 1e-9 for event in babbled(timeline, 1.3) if capture.feed(event))
+    assert 1.3 < said_s < 2.4
+
+
+def test_what_a_stream_remarks_last_is_said_with_the_end():
+    """Of a log that somebody ends, and of a pass that the program leaves: before that."""
+    survey = parse_survey(survey_text(), "survey.toml")
+    capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
+    timeline = Timeline(diagonal("ppp")[:1], lead_s=4.0)
+    assert not [outcome for event in babbled(timeline, 1.3) if arrival(event) < 1.35e9 for outcome in capture.feed(event)]
+    assert [outcome.code for outcome in capture.finish()] == ["laser-garbage"]
+    timeline = Timeline(diagonal("ppp")[:2])
+    left_s = timeline.schedule()[-1][1] + 0.3
+    capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
+    outcomes = [outcome for event in babbled(timeline, left_s - 0.02) for outcome in capture.feed(event)]
+    assert [type(outcome) for outcome in outcomes] == [CapturedStop, CapturedStop, Finding, Ended]
+
+
+def test_what_a_stream_remarks_comes_before_what_was_lost_after_it():
+    survey = parse_survey(survey_text(), "survey.toml")
+    capture = Capture(survey, PassBook(survey).start(skip_open_dwell=False))
+    events = [event for event in babbled(Timeline(diagonal("ppp")[:1], lead_s=4.0), 1.3) if arrival(event) < 1.35e9]
+    loss = Loss(1_350_000_000, 5, 60, "the disk is full")
+    assert [outcome.code for event in (*events, loss) for outcome in capture.feed(event)] == ["laser-garbage", "recording-gap"]
 
 
 def test_only_standing_samples_are_used():
