@@ -84,7 +84,7 @@ class PassFinder:
         if signals.stop_count is None or self._start.last_count is None:
             return None
         steps = count_steps(self._start.last_count, signals.stop_count)
-        return steps if steps <= COUNTER_TRUSTED else None
+        return steps if 0 < steps <= COUNTER_TRUSTED else None
 
     def _place(self, forward: Route, hint: PassHint, signals: Signals, reading_mm: float | None) -> int | None:
         """Return the stop of the outward route at which the machine stands, by its position, else by the laser; None where nobody knows."""

@@ -137,13 +137,15 @@ class Walk:
             return False
         if self.expected == 1:
             return self.judge(stop, reading_mm)[0] in BREAKS_COUNT
-        forward = (reading_mm - self._last_reading_mm) / self.route.step_mm(self._last_stop - 1, self._last_stop)
-        return self._last_stop > 0 and forward < BACKWARDS
+        forward = (
+            (reading_mm - self._last_reading_mm) / self.route.step_mm(self._last_stop - 1, self._last_stop) if self._last_stop > 0 else 0.0
+        )
+        return forward < BACKWARDS
 
     def goes_on(self, since: Sequence[float]) -> bool:
         """Tell whether the last step of some readings is that to the stop that comes next."""
         stop = self.expected + (len(since) - 1 if self.nowhere else 0)
-        return stop < len(self.route) and agrees(since[-1] - since[-2], self.route.step_mm(stop - 1, stop))
+        return 0 < stop < len(self.route) and agrees(since[-1] - since[-2], self.route.step_mm(stop - 1, stop))
 
     def begin_anew(self) -> Finding:
         """Go back to before the first stop; return what is to be said of it."""
@@ -180,7 +182,7 @@ class Walk:
 
     def _compared(self, by_laser: int, by_count: int, counted: int | None, odd: list[Finding]) -> list[Finding]:
         """Return what is odd about a stop that the laser names."""
-        if counted is not None and by_laser != by_count:
+        if counted is not None and by_laser != by_count and self.expected > 0:
             text = f"the counter says stop {by_count}, the laser says stop {by_laser}; the laser is believed"
             odd = [*odd, self.finding("count-disagrees", "warning", by_laser, text)]
         if by_laser < self.expected:
@@ -205,7 +207,7 @@ class Walk:
 
     def expected_reading_mm(self, index: int) -> float | None:
         """Return the reading that the geometry wants at a stop, from the stop before; None before the first."""
-        if self._last_reading_mm is None:
+        if self._last_reading_mm is None or self._last_stop < 0:
             return None
         return self._last_reading_mm + self.route.step_mm(self._last_stop, index)
 

@@ -73,7 +73,7 @@ def unbroken_parts(stream: Placing, dwell: Dwell) -> list[Part]:
     parts: list[Part] = []
     begin = dwell.from_ns
     for cut in cuts:
-        seen = Part(begin, min(cut, dwell.to_ns), cut)
+        seen = Part(begin, min(cut - 1, dwell.to_ns), cut)
         taken_ns = seen.span(stream, begin).time_ns
         parts.append(replace(seen, to_ns=float(taken_ns[-1]) if len(taken_ns) else begin))
         begin = cut
