@@ -33,7 +33,8 @@ _LINES: dict[str, LineMethod] = {
 LEAST_FREEDOM = 2
 """Where the diagonals and other passes check less than two of the head's values, nothing is said about agreement."""
 LIKELY = 0.8
-"""What is between the nodes is taken as large as it is with this probability by what a head's values say among themselves."""
+"""With this probability what is between the nodes is no larger than it is taken for, by what a head's values say among themselves. So 6 of
+180 exact surveys were contradictions (12 with 0.5), none where it is no smaller than `BENT` says; of 0.95 wrong signs begin to hide."""
 BENT = 2.0 / 8.0
 """In the middle between two nodes a function leaves the straight line by so much of its second differences at the nodes: by an eighth where
 it is smooth, by twice that where its waves are two increments long."""
@@ -184,9 +185,10 @@ def _sign_hidden(checked: _Checked, rows: NDArray[np.int64], others: MixedFit, a
     if np.all(checked.as_usual == 1.0):
         return False
     signs = checked.fit, _turned_over(checked.fit, rows)
-    seen = [_apart(whole, others, alone) or 0.0 for whole in signs]
-    with_usual = [_apart(*(sized(one, checked.as_usual) for one in (whole, others, alone))) or 0.0 for whole in signs]
-    return max(seen) <= 1.0 < max(with_usual)
+    if max(_apart(whole, others, alone) or 0.0 for whole in signs) > 1.0:
+        return False
+    others, alone = (sized(one, checked.as_usual) for one in (others, alone))
+    return max(_apart(sized(whole, checked.as_usual), others, alone) or 0.0 for whole in signs) > 1.0
 
 
 def _turned_over(whole: MixedFit, rows: NDArray[np.int64]) -> MixedFit:
