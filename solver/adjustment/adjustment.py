@@ -28,7 +28,7 @@ from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.model.between import BETWEEN, Between, between_of, effect_between
+from stepdiag.solver.model.between import BETWEEN, Between, between_beside_head, between_of, effect_between
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.effects import ANGLES, SHORT_ANGLES, TURNING, AngleShapes, Effect, angle_shapes, effects_of
 from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows
@@ -156,7 +156,7 @@ class _Task:
         freed = layout.deviation_um - angular_effect_um(layout, chain, angles)
         self.target = np.concatenate([freed, lateral.target, np.zeros(len(prior.u))])
         self.shapes = angle_shapes(layout, angles, assumed)
-        self.between = between_of(layout)
+        self.between = between_of(layout, straightness)
         self.effects = list(effects_of(layout, chain, self.shapes, assumed))
         if self.between.count:
             self.effects.append(effect_between(layout, self.between))
@@ -164,6 +164,7 @@ class _Task:
         self.beside = {
             ANGLES: turned[:, : self.shapes.long],
             SHORT_ANGLES: turned[:, self.shapes.long :],
+            BETWEEN: np.pad(between_beside_head(layout, straightness, self.between), ((0, len(prior.u)), (0, 0))),
             "angle origin": np.pad(origin_pattern(self.design, angles, len(prior.u)), ((len(lateral.u), 0), (0, 0))),
         }
         if self.beside["angle origin"].shape[1]:

@@ -7,6 +7,7 @@ With the other groups as they were found, a group's amounts fall apart into inde
 so that all sizes cost one eigenvalue decomposition (Harville 1974 for the likelihood, Searle, Casella, McCulloch 1992, 9.2).
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -80,13 +81,25 @@ def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Famil
 
 def _points(seen: Vector, shown: Vector, log_found: float) -> Vector:
     """Return the sizes in the middle of `POINTS` equally likely ranges, relative to the one found."""
+    found: Vector = _sizes_at((np.arange(POINTS) + 0.5) / POINTS, seen, shown, log_found)
+    return found
+
+
+def _sizes_at(probability: Vector, seen: Vector, shown: Vector, log_found: float) -> Vector:
+    """Return the sizes that are not exceeded with probabilities, relative to the one found."""
     log = np.linspace(-FURTHEST, FURTHEST, _FINE) - log_found
     square = np.exp(2.0 * log)[:, None]
     likely = 0.5 * np.sum(square * shown**2 / (1.0 + square * seen) - np.log1p(square * seen), axis=1) + log_prior(log + log_found)
     share = np.cumsum(np.exp(likely - np.max(likely)))
-    middle = (np.arange(POINTS) + 0.5) / POINTS
-    found: Vector = np.exp(np.interp(middle, share / np.max(share), log))
+    found: Vector = np.exp(np.interp(probability, share / np.max(share), log))
     return found
+
+
+def size_by_all(families: Sequence[Family], probability: float) -> float:
+    """Return the size that is not exceeded with a probability, by families of a group in fits that are independent of each other, relative
+    to the size that all of these were made with, the usual one."""
+    seen, shown = (np.concatenate([np.zeros(0), *(getattr(one, field) for one in families)]) for field in ("seen", "shown"))
+    return _sizes_at(np.array([probability]), seen, shown, 0.0).item()
 
 
 def likely_factors() -> Vector:

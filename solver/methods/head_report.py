@@ -5,7 +5,7 @@ the diagonals say, with an uncertainty that reaches to the head's values, and no
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
@@ -16,11 +16,13 @@ from stepdiag.solver.adjustment.diagnostics import chi_square_limit
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import sized
-from stepdiag.solver.linear.fit import fit
+from stepdiag.solver.linear.families import family_of, size_by_all
+from stepdiag.solver.linear.fit import fit, refit
 from stepdiag.solver.linear.mixed import Causes, MixedFit
+from stepdiag.solver.model.between import BETWEEN, USUAL_UM
 from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.lateral import MeasuredStraightness, of_known_angles
-from stepdiag.solver.result.result import Function
+from stepdiag.solver.result.result import DISPLACEMENTS, POSITIONING, Function
 from stepdiag.solver.standards.straightness import LineMethod, residuals_um, straightness_um
 
 _LINES: dict[str, LineMethod] = {
@@ -30,6 +32,12 @@ _LINES: dict[str, LineMethod] = {
 }
 LEAST_FREEDOM = 2
 """Where the diagonals and other passes check less than two of the head's values, nothing is said about agreement."""
+LIKELY = 0.8
+"""With this probability what is between the nodes is no larger than it is taken for, by what a head's values say among themselves. So 6 of
+180 exact surveys were contradictions (12 with 0.5), none where it is no smaller than `BENT` says; of 0.95 wrong signs begin to hide."""
+BENT = 2.0 / 8.0
+"""In the middle between two nodes a function leaves the straight line by so much of its second differences at the nodes: by an eighth where
+it is smooth, by twice that where its waves are two increments long."""
 
 
 class Adjusted(Protocol):
@@ -37,6 +45,8 @@ class Adjusted(Protocol):
 
     @property
     def adjustment(self) -> Adjustment: ...
+
+    def curve(self, name: str, nodes: int) -> tuple[Vector, Vector, Vector] | None: ...
 
 
 Done = TypeVar("Done", bound=Adjusted)
@@ -51,10 +61,10 @@ def agreeing(
     """
     kept, apart = list(measured), dict[str, dict[str, Any]]()
     alone = estimated(())
-    turning = turning_of(alone.adjustment)
+    sizes = sizes_of(alone)
     while kept:
         done = estimated(kept)
-        report = head_report(done.adjustment, kept, turning)
+        report = head_report(done.adjustment, kept, sizes)
         worst = max(_contradicting(report), key=lambda name: float(report[name]["misclosure"]), default=None)
         if worst is None:
             return done, {**report, **apart}
@@ -63,13 +73,19 @@ def agreeing(
     return alone, apart
 
 
-def turning_of(alone: Adjustment) -> dict[str, float]:
-    """Return how large angular functions are beside the usual, by the name of the effect, as the readings alone say; one at least.
+def sizes_of(alone: Adjusted) -> dict[str, float]:
+    """Return how large angular functions and what is between the nodes are beside the usual, by the name of the effect, as the readings
+    alone say; one at least.
 
-    The head's values are held against the diagonals with these: eight micrometres by which it is wrong would else be taken for 80 urad.
+    The head's values are held against the diagonals with these: eight micrometres by which it is wrong would else be taken for 80 urad, or
+    for what a function does between the nodes.
     """
-    found = zip(alone.effects, alone.sizes.factor, strict=True)
-    return {effect.name: max(1.0, float(factor)) for effect, factor in found if effect.name in TURNING}
+    effects = zip(alone.adjustment.effects, alone.adjustment.sizes.factor, strict=True)
+    turning = {effect.name: max(1.0, float(factor)) for effect, factor in effects if effect.name in TURNING}
+    increments = alone.adjustment.layout.volume.increments
+    curves = [alone.curve(name, increments) for name in DISPLACEMENTS if name not in POSITIONING]
+    bends = np.concatenate([np.zeros(1), *(np.diff(curve[0], n=2) for curve in curves if curve is not None)])
+    return {**turning, BETWEEN: max(1.0, BENT * float(np.sqrt(np.sum(bends**2) / max(len(bends) - 1, 1))) / USUAL_UM)}
 
 
 def beside_head(
@@ -99,37 +115,88 @@ def _contradicting(report: Mapping[str, dict[str, Any]]) -> list[str]:
     return [name for name, facts in report.items() if facts["misclosure"] is not None and facts["misclosure"] > 1.0]
 
 
-def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness], turning: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness], sizes: Mapping[str, float]) -> dict[str, dict[str, Any]]:
     """Return for each function the head measured: passes, straightness by each line, its uncertainty, and how it fits the readings.
 
     ``residual_um`` is the rms of the head's values against the adjusted function; ``misclosure`` is `_misclosure` over what chance allows
     (its 99.9 % point): above 1 the head and the diagonals contradict each other. Causes are as usual there, angular functions as large as
-    `turning_of` says.
+    `sizes_of` says, what is between the nodes at least. ``sign_hidden`` where a wrong sign would not be seen (`_sign_hidden`).
     """
-    rows, checked = _rows(found, measured), _checked(found, turning)
     names = dict.fromkeys(one.name for one in measured)
-    return {
-        name: _of_function([(one, rows[index]) for index, one in enumerate(measured) if one.name == name], found, checked) for name in names
-    }
+    passes = {name: [one for one in measured if one.name == name] for name in names}
+    each = _rows(found, measured)
+    rows = {name: np.concatenate([mine for one, mine in zip(measured, each, strict=True) if one.name == name]) for name in names}
+    checked = _checked(found, sizes, list(rows.values()))
+    return {name: _of_function(passes[name], rows[name], found, checked) for name in names}
 
 
-def _checked(found: Adjustment, turning: Mapping[str, float]) -> MixedFit:
-    """Return the fit as usual, with angular functions of the sizes given."""
-    usual = found.as_usual(*turning)
-    factor = [turning.get(effect.name, size) / size for effect, size in zip(found.effects, found.sizes.factor, strict=True)]
-    return sized(usual, np.repeat(factor, [effect.count for effect in found.effects]))
+@dataclass(frozen=True, eq=False)
+class _Checked:
+    """A fit in which the head's values are held against all others, and by how much each cause (q,) is smaller ``as_usual``: those between
+    the nodes, where the head has values there."""
+
+    fit: MixedFit
+    as_usual: Vector
 
 
-def _misclosure(checked: MixedFit, found: Adjustment, rows: NDArray[np.int64]) -> float | None:
-    """Return chi-square of what rows and all others say apart from each other, or of what the rows say among themselves where that is
-    worse, over what chance allows; None where too few of them are checked.
+def _checked(found: Adjustment, sizes: Mapping[str, float], functions: Sequence[NDArray[np.int64]]) -> _Checked:
+    """Return the fit as usual, with angular functions of the sizes given.
+
+    What is between the nodes has the size that the rows of each of the head's functions show among themselves: the size found with all
+    rows would be large enough for a wrong sign where head and diagonals have few positions in common.
+    """
+    between = np.repeat([effect.name == BETWEEN for effect in found.effects], [effect.count for effect in found.effects])
+    on_nodes = _of_sizes(found, {name: size for name, size in sizes.items() if name != BETWEEN})
+    if not np.any(on_nodes.causes.pattern[len(found.layout) :, between]):
+        return _Checked(on_nodes, np.ones(len(between)))
+    usual = _of_sizes(found, {**sizes, BETWEEN: 1.0})
+    every = np.arange(len(usual.weight))
+    shown = [family_of(_with(usual, found, np.isin(every, mine)), between, 0.0) for mine in functions]
+    size = max(sizes[BETWEEN], size_by_all(shown, LIKELY))
+    return _Checked(sized(usual, np.where(between, size, 1.0)), np.where(between, 1.0 / size, 1.0))
+
+
+def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
+    """Return the fit as usual, but for effects of the sizes given."""
+    factor = [sizes.get(effect.name, size) / size for effect, size in zip(found.effects, found.sizes.factor, strict=True)]
+    return sized(found.as_usual(*sizes), np.repeat(factor, [effect.count for effect in found.effects]))
+
+
+def _misclosure(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
+    """Return chi-square of what rows (``alone``) and all ``others`` say apart from each other, or of what the rows say among themselves
+    where that is worse, over what chance allows; None where too few of them are checked.
 
     Passes that agree with each other would hide in one sum what they have against the others.
     """
-    others, alone = (_with(checked, found, ~np.isin(np.arange(len(checked.weight)), rows) == kept) for kept in (True, False))
-    apart = checked.chi_square - others.chi_square - alone.chi_square, checked.freedom - others.freedom - alone.freedom
-    tested = [one for one in (apart, (alone.chi_square, alone.freedom)) if one[1] >= LEAST_FREEDOM]
-    return max((chi_square / chi_square_limit(freedom) for chi_square, freedom in tested), default=None)
+    among = _over_chance(alone.chi_square, alone.freedom)
+    return max((one for one in (_apart(whole, others, alone), among) if one is not None), default=None)
+
+
+def _apart(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
+    return _over_chance(whole.chi_square - others.chi_square - alone.chi_square, whole.freedom - others.freedom - alone.freedom)
+
+
+def _over_chance(chi_square: float, freedom: int) -> float | None:
+    return chi_square / chi_square_limit(freedom) if freedom >= LEAST_FREEDOM else None
+
+
+def _sign_hidden(checked: _Checked, rows: NDArray[np.int64], others: MixedFit, alone: MixedFit) -> bool:
+    """Tell whether neither sign of the head's values contradicts the others, and only because of what may be between the nodes."""
+    if np.all(checked.as_usual == 1.0):
+        return False
+    signs = checked.fit, _turned_over(checked.fit, rows)
+    if max(_apart(whole, others, alone) or 0.0 for whole in signs) > 1.0:
+        return False
+    others, alone = (sized(one, checked.as_usual) for one in (others, alone))
+    return max(_apart(sized(whole, checked.as_usual), others, alone) or 0.0 for whole in signs) > 1.0
+
+
+def _turned_over(whole: MixedFit, rows: NDArray[np.int64]) -> MixedFit:
+    """Return a fit with the values of some rows of the other sign."""
+    before = whole.fixed
+    sign = np.where(np.isin(np.arange(len(before.weight)), rows), -1.0, 1.0)
+    turned = refit(before.rows, sign * (before.residual + before.rows.times(before.unknowns)), before.weight, before.inverse)
+    return MixedFit(turned, Causes.of(turned, whole.causes.pattern), whole.size)
 
 
 def _with(whole: MixedFit, found: Adjustment, kept: NDArray[np.bool_]) -> MixedFit:
@@ -146,18 +213,19 @@ def _rows(found: Adjustment, measured: Sequence[MeasuredStraightness]) -> list[N
     return [np.arange(edges[index], edges[index + 1]) for index in range(len(measured))]
 
 
-def _of_function(passes: Sequence[tuple[MeasuredStraightness, NDArray[np.int64]]], found: Adjustment, checked: MixedFit) -> dict[str, Any]:
-    position = np.concatenate([one.position_mm for one, _ in passes])
-    value = np.concatenate([residuals_um(one.position_mm, one.value_um) for one, _ in passes])
-    rows = np.concatenate([mine for _, mine in passes])
+def _of_function(passes: Sequence[MeasuredStraightness], rows: NDArray[np.int64], found: Adjustment, checked: _Checked) -> dict[str, Any]:
+    position = np.concatenate([one.position_mm for one in passes])
+    value = np.concatenate([residuals_um(one.position_mm, one.value_um) for one in passes])
     at, mean = _mean(position, value)
-    excess = _misclosure(checked, found, rows)
+    mine = np.isin(np.arange(len(checked.fit.weight)), rows)
+    others, alone = (_with(checked.fit, found, mine == kept) for kept in (False, True))
     return {
         "passes": len(passes),
         **{key: straightness_um(at, mean, line) for key, line in _LINES.items()},
-        "u_um": float(np.sqrt(np.mean(np.concatenate([one.u_um for one, _ in passes]) ** 2) / len(passes))),
-        "residual_um": float(np.sqrt(np.mean(checked.residual[rows] ** 2))),
-        "misclosure": excess,
+        "u_um": float(np.sqrt(np.mean(np.concatenate([one.u_um for one in passes]) ** 2) / len(passes))),
+        "residual_um": float(np.sqrt(np.mean(checked.fit.residual[rows] ** 2))),
+        "misclosure": _misclosure(checked.fit, others, alone),
+        **({"sign_hidden": True} if _sign_hidden(checked, rows, others, alone) else {}),
     }
 
 
@@ -167,10 +235,13 @@ def _mean(position: Vector, value: Vector) -> tuple[Vector, Vector]:
 
 
 def head_findings(report: dict[str, dict[str, Any]]) -> list[Finding]:
-    """Return the finding on functions that head and diagonals see differently."""
+    """Return the findings on functions that head and diagonals see differently, and on those of which a wrong sign would not be seen."""
     bad = _contradicting(report)
-    if not bad:
-        return []
+    hidden = [name for name, facts in report.items() if facts.get("sign_hidden") and name not in bad]
+    return [*([_misclosed(report, bad)] if bad else []), *([_unchecked(hidden)] if hidden else [])]
+
+
+def _misclosed(report: dict[str, dict[str, Any]], bad: Sequence[str]) -> Finding:
     worst = max(bad, key=lambda name: float(report[name]["misclosure"]))
     apart = report[worst].get("difference_um")
     size = "" if apart is None else f" (by up to {float(np.max(np.abs(apart['value']))):.2g} um in {worst})"
@@ -179,4 +250,12 @@ def head_findings(report: dict[str, dict[str, Any]]) -> list[Finding]:
         "that bends the head's beam, or a wrong sign of the head; the head's values are not in the result, U reaches to them, and nothing "
         "is exported: find the cause, or solve the readings without the head's straightness"
     )
-    return [Finding(code="straightness-misclosure", severity="error", text=text)]
+    return Finding(code="straightness-misclosure", severity="error", text=text)
+
+
+def _unchecked(hidden: Sequence[str]) -> Finding:
+    text = (
+        f"{', '.join(hidden)}: a wrong sign of the 4-DOF head would not be seen: it was driven at other positions than the diagonals, and "
+        "what these functions do between their targets may be as large; look at the head's signs, or drive it at the diagonals' targets"
+    )
+    return Finding(code="straightness-unchecked", severity="warning", text=text)

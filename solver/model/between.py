@@ -1,9 +1,11 @@
 """Readings off the nodes: what a function does there beside the straight line between its nodes, as unknowns of their own.
 
-A linear run may be driven finer than the diagonals, diagonals with different increments: what such a reading sees of a function is no
-noise. Within a cell the departure is a Brownian bridge (zero at both nodes, smooth in no other sense), its size found with the others.
+A linear run may be driven finer than the diagonals, diagonals with different increments, a 4-DOF head's run with more stops: what such a
+reading sees of a function is no noise. Within a cell the departure is a Brownian bridge (zero at both nodes, smooth in no other sense), its
+size found with the others.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,8 +14,9 @@ from numpy.typing import NDArray
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.design import between_nodes
 from stepdiag.solver.model.effects import Effect
+from stepdiag.solver.model.lateral import MeasuredStraightness, nodes_of
 from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM, Layout
-from stepdiag.solver.result.result import DISPLACEMENTS
+from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS
 
 USUAL_UM = 0.5
 """Standard deviation in the middle between two nodes where the search for it begins."""
@@ -26,7 +29,8 @@ BETWEEN = "between the nodes"
 class AxisBetween:
     """The off-node positions of an axis in mm, ascending, and the ``basis`` (positions, r) of what a function does there.
 
-    ``alone`` (positions,) tells where a run of this axis alone passed: there its positioning is measured, elsewhere only within a sum.
+    ``alone`` (positions,) tells where a laser's run of this axis alone passed: there its positioning is measured, elsewhere only within a
+    sum, or a head measured straightness.
     """
 
     position_mm: Vector
@@ -57,14 +61,17 @@ class Between:
         return slice(first, first + self.of(name).basis.shape[1])
 
 
-def between_of(layout: Layout) -> Between:
-    """Return what is to be found off the nodes: nothing where all readings lie on them."""
+def between_of(layout: Layout, measured: Sequence[MeasuredStraightness] = ()) -> Between:
+    """Return what is to be found off the nodes, by readings or by a head's passes: nothing where all of them lie on the nodes."""
     off = _off_nodes(layout)
-    axes = tuple(_positions(layout, axis, off) for axis in range(3))
+    heads = [(one.name, one.position_mm[_head_off_nodes(layout, one)]) for one in measured]
+    by_head = {name for name, at_mm in heads if len(at_mm)}
+    of_axis = [[at_mm for name, at_mm in heads if name[2] == letter] for letter in AXIS_LETTERS]
+    axes = tuple(_positions(layout, axis, off, of_axis[axis]) for axis in range(3))
     seen = [
         name
         for index, name in enumerate(DISPLACEMENTS)
-        if np.any(np.abs(layout.direction[off[:, index // 3], index % 3]) > 1e-9) and axes[index // 3].basis.size
+        if name in by_head or (np.any(np.abs(layout.direction[off[:, index // 3], index % 3]) > 1e-9) and axes[index // 3].basis.size)
     ]
     found = Between(axes=axes, names=tuple(seen))
     if found.count <= MOST_CAUSES:
@@ -86,6 +93,19 @@ def effect_between(layout: Layout, between: Between) -> Effect:
     return Effect(name=BETWEEN, text=text, pattern_um=pattern, sought=True)
 
 
+def between_beside_head(layout: Layout, measured: Sequence[MeasuredStraightness], between: Between) -> Vector:
+    """Return the effect on the head's values, shape (rows, causes)."""
+    pieces = [np.zeros((0, between.count))]
+    for one in measured:
+        rows = np.flatnonzero(_head_off_nodes(layout, one))
+        effect = np.zeros((len(one.position_mm), between.count))
+        if len(rows):
+            of = between.of(one.name)
+            effect[rows, between.causes_of(one.name)] = of.basis[_places(of.position_mm, one.position_mm[rows])]
+        pieces.append(effect)
+    return np.vstack(pieces)
+
+
 def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
     """Tell for each reading and axis whether it lies off the nodes of an axis that its setup travels, shape (m, 3).
 
@@ -97,8 +117,15 @@ def _off_nodes(layout: Layout) -> NDArray[np.bool_]:
     return found
 
 
-def _positions(layout: Layout, axis: int, off: NDArray[np.bool_]) -> AxisBetween:
-    ordered = np.sort(layout.position_mm[off[:, axis], axis])
+def _head_off_nodes(layout: Layout, one: MeasuredStraightness) -> NDArray[np.bool_]:
+    """Tell for each position of a head's pass whether it lies off the nodes of its axis, shape (k,)."""
+    _, fraction = nodes_of(layout.volume, AXIS_LETTERS.index(one.name[2]), one)
+    found: NDArray[np.bool_] = (fraction > 0) & (fraction < 1)
+    return found
+
+
+def _positions(layout: Layout, axis: int, off: NDArray[np.bool_], of_head_mm: Sequence[Vector]) -> AxisBetween:
+    ordered = np.sort(np.concatenate([layout.position_mm[off[:, axis], axis], *of_head_mm]))
     positions = ordered[np.diff(ordered, prepend=-np.inf) > POSITION_TOLERANCE_MM]
     moved = np.abs(np.array([setup.signs for setup in layout.setups]))[layout.setup_index]
     single = layout.position_mm[off[:, axis] & (np.sum(moved, axis=1) == 1), axis]

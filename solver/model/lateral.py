@@ -82,7 +82,7 @@ def _rows_of(design: Design, number: int, one: MeasuredStraightness) -> tuple[ND
     """Return columns and values, shape (k, 12): two nodes each of displacement, three rotations and reversal, offset and slope."""
     columns = design.columns
     axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
-    lower, fraction = _nodes(design.volume, axis, one)
+    lower, fraction = nodes_of(design.volume, axis, one)
     terms = [(0, component, np.ones(len(lower)))]
     if 1 in columns.parts:
         arms = _arms(design, axis, component, one.position_mm)
@@ -101,7 +101,8 @@ def _rows_of(design: Design, number: int, one: MeasuredStraightness) -> tuple[ND
     return column, value
 
 
-def _nodes(volume: Volume, axis: int, one: MeasuredStraightness) -> tuple[NDArray[np.int64], Vector]:
+def nodes_of(volume: Volume, axis: int, one: MeasuredStraightness) -> tuple[NDArray[np.int64], Vector]:
+    """Return the lower node of each position of a pass along an axis and the fraction towards the next, shapes (k,)."""
     low, size = volume.origin_mm[axis], volume.size_mm[axis]
     outside = (one.position_mm < low - POSITION_TOLERANCE_MM) | (one.position_mm > low + size + POSITION_TOLERANCE_MM)
     if outside.any():

@@ -7,7 +7,8 @@ import pytest
 
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model import between
-from stepdiag.solver.model.between import between_of
+from stepdiag.solver.model.between import USUAL_UM, between_beside_head, between_of
+from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import make_readings
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
@@ -83,3 +84,46 @@ def test_a_program_with_one_decimal_knows_no_more_between_the_nodes_than_an_exac
     assert rounded.extra["volumetric_u_um"] == pytest.approx(found.extra["volumetric_u_um"], rel=0.02)
     for name in ("EXX", "EYY", "EZZ"):
         assert rounded.errors[name].position_mm == pytest.approx(found.errors[name].position_mm)
+
+
+def passed(name, *position_mm):
+    """A head's pass in a function, at positions in mm."""
+    there = np.array(position_mm)
+    return MeasuredStraightness(name=name, position_mm=there, value_um=0.0 * there, u_um=0.0 * there + 0.5)
+
+
+def test_a_head_off_the_nodes_sees_a_bridge_in_every_cell():
+    """Zero at both nodes, `USUAL_UM` in the middle, in no other cell and in no other function; two passes of a function see the same."""
+    layout = lay_out(Bench(size_mm=(400.0, 300.0, 200.0), increments=2).survey())
+    measured = (
+        passed("EYX", 0.0, 50.0, 100.0, 200.0, 250.0, 400.0),
+        passed("EZX", 100.0, 250.0),
+        passed("EYX", 100.0),
+        passed("EXY", 0.0, 150.0, 300.0),
+    )
+    between = between_of(layout, measured)
+    assert between.names == ("EYX", "EZX")
+    assert [axis.position_mm.tolist() for axis in between.axes] == [[50.0, 100.0, 250.0], [], []]
+    effect = between_beside_head(layout, measured, between)
+    share = np.array([0.25, 0.5])
+    cell = 4 * (np.minimum(share[:, None], share) - share[:, None] * share) * USUAL_UM**2
+    wanted = np.zeros((12, 12))
+    wanted[np.ix_([1, 2], [1, 2])] = cell
+    wanted[[2, 8], [8, 2]] = wanted[8, 8] = wanted[6, 6] = cell[1, 1]
+    wanted[[1, 8], [8, 1]] = cell[0, 1]
+    wanted[4, 4] = wanted[7, 7] = cell[0, 0]
+    assert effect @ effect.T == pytest.approx(wanted, abs=1e-12)
+
+
+def test_where_a_head_alone_passed_no_positioning_was_measured():
+    layout = lay_out(joined(Bench(increments=2).survey(DIAGONALS), Bench(increments=4).survey(LINEAR)))
+    step = layout.volume.size_mm[0] / 8
+    between = between_of(layout, (passed("EYX", step, 2 * step + 0.004, 4 * step),))
+    assert between.axes[0].position_mm == pytest.approx([step, 2 * step, 6 * step])
+    assert between.axes[0].alone.tolist() == [False, True, True]
+    assert between.names == ("EXX", "EYX", "EYY", "EZZ")
+
+
+def test_a_head_on_the_nodes_leaves_nothing_between():
+    layout = lay_out(Bench(increments=3).survey())
+    assert between_of(layout, (passed("EYX", *layout.volume.nodes_mm(0)),)).count == 0

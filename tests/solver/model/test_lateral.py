@@ -124,6 +124,82 @@ def test_a_bow_of_the_heads_beam_is_not_taken_for_the_machines_yaw(angle_urad):
     assert "straightness-misclosure" not in {finding.code for finding in agreeing.findings}
 
 
+SEEN = ("EYX", "EZX", "EXZ")
+
+
+def beside_the_nodes(seed, stops, wrong=(), bow_um=0.0):
+    """A survey of four increments and a head with ``stops`` increments in the functions `SEEN`: bench and result.
+
+    Those that are ``wrong`` have the wrong sign, the head's beam along X is bent by ``bow_um``.
+    """
+    bench = Bench(size_mm=(800.0, 600.0, 500.0), seed=seed, increments=4)
+    share = np.linspace(0.0, 1.0, stops + 1)
+    measured = [
+        replace(one, value_um=one.value_um * (1 - 2 * (one.name in wrong)) + 4 * bow_um * share * (1 - share) * (one.name == "EYX"))
+        for one in straightness(replace(bench, increments=stops), seed, approaches=(1,))
+        if one.name in SEEN
+    ]
+    return bench, solve(bench.survey(), straightness=measured)
+
+
+def said(result, code):
+    """Return the functions that a finding names."""
+    return [name for finding in result.findings if finding.code == code for name in finding.text.partition(":")[0].split(", ")]
+
+
+@pytest.mark.parametrize(("seed", "stops"), [(1, 8), (2, 6), (3, 5), (4, 3)])
+def test_a_head_at_other_positions_than_the_diagonals_is_used(seed, stops):
+    """Between two nodes a function is no straight line: a head with twice as many stops contradicted the diagonals in every survey."""
+    bench, result = beside_the_nodes(seed, stops)
+    assert said(result, "straightness-misclosure") == []
+    without = solve(bench.survey())
+    for name in SEEN:
+        function, alone = result.errors[name], without.errors[name]
+        assert np.all(np.abs(function.value - bench.truth.errors[name]) <= 2.5 * function.u + 1e-9), name
+        assert function.position_mm == pytest.approx(alone.position_mm)
+        # three stops a travel tell next to nothing, and the sizes of causes are found anew with them
+        assert np.sum(function.u**2) < (1.1 if stops == 3 else 1.0) * np.sum(alone.u**2)
+
+
+@pytest.mark.parametrize("stops", [8, 6, 5])
+def test_a_wrong_sign_does_not_hide_between_the_nodes(stops):
+    _, result = beside_the_nodes(5, stops, ("EZX",))
+    assert said(result, "straightness-misclosure") == ["EZX"]
+
+
+@pytest.mark.parametrize("stops", [8, 6, 5])
+def test_wrong_signs_of_all_functions_make_nothing_between_the_nodes_that_would_hold_them(stops):
+    _, result = beside_the_nodes(5, stops, SEEN)
+    assert set(said(result, "straightness-misclosure")) == set(SEEN)
+
+
+def test_a_bow_of_the_heads_beam_does_not_hide_between_the_nodes():
+    _, result = beside_the_nodes(1, 8, bow_um=8.0)
+    assert said(result, "straightness-misclosure") == ["EYX"]
+
+
+@pytest.mark.parametrize("stops", [4, 8])
+def test_a_sign_that_the_diagonals_see_is_no_doubt(stops):
+    _, result = beside_the_nodes(6, stops)
+    assert said(result, "straightness-unchecked") == []
+    assert not any("sign_hidden" in facts for facts in result.extra["head_straightness"].values())
+
+
+@pytest.mark.parametrize("wrong", [(), ("EZX",)])
+def test_a_sign_that_the_diagonals_do_not_see_is_said(wrong):
+    """A head that shares no inner position with the diagonals: of a function with short waves either sign may be."""
+    bench, result = beside_the_nodes(6, 5, wrong)
+    assert said(result, "straightness-misclosure") == []
+    assert said(result, "straightness-unchecked") == ["EZX"]
+    (finding,) = [finding for finding in result.findings if finding.code == "straightness-unchecked"]
+    assert finding.severity == "warning"
+    assert "a wrong sign of the 4-DOF head would not be seen" in finding.text
+    assert result.extra["head_straightness"]["EZX"]["sign_hidden"] is True
+    assert "sign_hidden" not in result.extra["head_straightness"]["EYX"]
+    off = np.abs(result.errors["EZX"].value - bench.truth.errors["EZX"])
+    assert np.mean(off <= 2 * result.errors["EZX"].u + 1e-9) >= 0.8
+
+
 def test_a_position_outside_the_volume_is_refused():
     bench = Bench(seed=1, increments=4)
     measured = [replace(one, position_mm=one.position_mm + 1.0) for one in straightness(bench, 1)]
