@@ -184,7 +184,7 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
 def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
     """Yield a warning where the new table holds a shape alone and the old ones held a slope."""
     ends = table.position_mm[[0, -1]]
-    rise_um = sum(float(np.diff(correction_um(each, ends, each.direction or 1))[0]) for each in old) / len({each.direction for each in old})
+    rise_um = sum(float(np.diff(correction_um(each, ends, each.direction))[0]) for each in old) / len({each.direction for each in old})
     if abs(rise_um) > _NOTHING_UM:
         text = f"{table.label}: the result knows its shape alone; the old table holds a slope of {rise_um:.1f} um that is lost"
         yield Finding(code="old-slope-lost", severity="warning", text=f"{text}: measure a linear run, or with the compensation on")

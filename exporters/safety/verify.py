@@ -221,8 +221,8 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
         require_same_machine(result, profile)
         require_agreement(result, profile)
         require_levers(result, profile)
-    if len(files) == 1 and lattice.recognises(files[0]):
-        return _of_lattice(result, lattice.parse(files[0]), profile, nodes)
+    if len(files) == 1 and lattice.recognises(*files):
+        return _of_lattice(result, lattice.parse(*files), profile, nodes)
     controller = controller_of(files)
     reading = profile or quick_profile(controller, result.volume)
     require_chain(result, reading)

@@ -53,6 +53,14 @@ def test_one_wrong_value_is_held_and_named(name, value):
     assert (after.held, after.said) == ((), [])
 
 
+@pytest.mark.parametrize("name", [*GOOD])
+def test_a_register_that_nobody_writes_is_not_believed_from_the_first_stop_on(name):
+    """It says 0, where no hall is; and where it is as dry or as cold as can be, it is believed."""
+    (nothing,), (least,) = judge({name: 0.0}), judge({name: {"air_pressure_hpa": 600.1}.get(name, 0.1)})
+    assert getattr(nothing.signals, name) is None
+    assert getattr(least.signals, name) == pytest.approx(0.1 if name != "air_pressure_hpa" else 600.1)
+
+
 def test_a_plc_without_sensors_gives_none_and_a_doubt_where_the_reading_depends_on_it():
     zeros = dict.fromkeys(GOOD, 0.0)
     first, second = judge(zeros, zeros)

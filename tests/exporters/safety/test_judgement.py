@@ -10,14 +10,15 @@ import pytest
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.standing import Standing
+from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
-from stepdiag.exporters.tables.curves import FUNCTIONS
+from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.exporters.tables.tables import Multiplier, Table
+from stepdiag.exporters.tables.tables import Law, Multiplier, Table, correction_um, joined
 from stepdiag.solver.result.result import ROTATIONS, Result
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
@@ -252,3 +253,26 @@ class TestLattice:
         assert found.right
         codes, found = self.told(lambda v: v, plain, replace(left, extra={"survey": said.as_json()}), known)
         assert not found.right
+
+
+def test_the_steps_of_a_table_that_acted_are_no_error_that_a_table_could_take_out():
+    """Between two points a stepped table is off by up to a step: a residual measured there holds that, and the straight one does not."""
+    grid, fine = np.linspace(0.0, 100.0, 5), np.linspace(0.0, 100.0, 41)
+    law = Law(sense="as-error", between="stepped")
+    active = Table(
+        kind="test",
+        input_axis="X",
+        output_axis="X",
+        position_mm=grid,
+        value_um=np.array([0.0, 4.0, 6.0, 2.0, -2.0]),
+        quantum_um=0.1,
+        law=law,
+        reference_mm=0.0,
+    )
+    smooth = Curve(name="EXX", position_mm=fine, forward_um=np.sin(fine / 20.0), u_um=0.0 * fine, parts=("EXX",))
+    steps = correction_um(active, fine) - correction_um(joined(active), fine)
+    seen = replace(smooth, forward_um=smooth.forward_um + steps)
+    assert np.max(np.abs(steps)) > 2.0
+    assert TableCase(active, [active], [active], VOLUME).unstepped(seen).forward_um == pytest.approx(smooth.forward_um, abs=1e-9)
+    straight = joined(active)
+    assert TableCase(straight, [straight], [straight], VOLUME).unstepped(seen) is seen
