@@ -1,5 +1,6 @@
 """Single files: what is there is never half written nor written over unasked, and what somebody else leaves there is refused by name."""
 
+import os
 from pathlib import Path
 
 import pytest
@@ -60,3 +61,11 @@ def test_bytes_that_are_no_utf_8_are_told_by_their_place() -> None:
     assert as_text("ä".encode(), "a.csv") == "ä"
     with pytest.raises(DataError, match=r"a\.csv: expected text in UTF-8, found byte 2 is not"):
         as_text(b"ab\xff", "a.csv")
+
+
+def test_what_is_synced_is_the_whole_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A sync of a file whose bytes still wait in the process would promise what a power cut takes away."""
+    synced: list[int] = []
+    monkeypatch.setattr(os, "fsync", lambda handle: synced.append(os.fstat(handle).st_size))
+    write_atomically(tmp_path / "table.ini", b"12345")
+    assert synced == [5]

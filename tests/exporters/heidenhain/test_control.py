@@ -164,3 +164,10 @@ def test_damaged_and_foreign_files_are_named():
         parse(("OTHER_AX1.COM", text), ("CONFIG.CMA", files["CONFIG.CMA"].data.decode()))
     with pytest.raises(DataError, match=r"a name that ends with an axis"):
         parse(("SCREW.COM", text))
+
+
+def test_points_half_a_millimetre_apart_are_read():
+    which = profile_of("heidenhain", VOLUME, sections=800)
+    plan = HEIDENHAIN.plan(curves_of(made_result({"EXX": [4.0, 1.0, 0.0, -2.0, -5.0]}), ["EXX"]), which)
+    read = HEIDENHAIN.parse(HEIDENHAIN.render(plan.tables, which), which)
+    assert np.diff(next(table for table in read if table.name == "EXX").position_mm) == pytest.approx(0.5)

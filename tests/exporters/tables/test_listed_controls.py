@@ -99,6 +99,7 @@ class TestMitsubishi:
             (("#4102 2", "#4102 2.5"), r"expected a whole number, found '2\.5'"),
             (("#4003 4103", "#4003 4199"), r"expected 4101 <= lowest <= reference <= highest <= 5124"),
             (("#4002 AX1", "4002=AX1"), r"expected #number value"),
+            (("#4006 1", "#4006 0"), r"scale 1 to 99, interval above 0, found 4101 4103 4105, scale 0"),
         ],
     )
     def test_a_damaged_list_is_named(self, change, message):

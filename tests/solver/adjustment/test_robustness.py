@@ -127,3 +127,13 @@ def test_a_setup_that_went_wrong_as_a_whole_is_not_mended_stop_by_stop():
 @pytest.mark.parametrize(("increments", "short"), [(1, True), (2, True), (3, False)])
 def test_a_run_of_two_or_three_readings_is_too_short_to_show_a_slip(increments, short):
     assert _too_short(lay_out(Bench(increments=increments).survey((*DIAGONALS, "linear-x")))) == ["linear-x"] * short
+
+
+def test_a_count_of_one_reading_has_no_step_that_could_slip():
+    """The count was lost before the last stop of a run of five: four are enough to show a slip, and one alone has none."""
+    readings = Bench(increments=4).survey((*DIAGONALS, "linear-x"))
+    mine = np.array(readings.setup) == "linear-x"
+    zero = np.where(mine, 1 + (readings.stop == 4), readings.zero)
+    last = mine & (readings.stop == 4)
+    cut = replace(readings, zero=zero, reading_mm=np.where(last, 0.0, readings.reading_mm))
+    assert _too_short(lay_out(cut)) == []
