@@ -271,6 +271,20 @@ class TestStraightLines:
         at = np.array([-200.0, -100, 0, 100, 200])
         np.testing.assert_allclose(sum(correction_um(table, at) for table in plan.tables), [-30, -16, 0, 14, 30], atol=0.5)
 
+    def test_inclination_beside_pitch_data_of_each_direction(self):
+        """The slope is taken off both, also of a machine that stands 6 um lower in -."""
+        profile = profile_of("fanuc", VOLUME, direction="both", reference_at=2)
+        axes = {**profile.options.axes, "X": msgspec.structs.replace(profile.options.axes["X"], inclination=True)}
+        profile = replace(profile, options=msgspec.structs.replace(profile.options, axes=axes))
+        errors = made_result({"EXX": [30, 16, 0, -14, -30]}, reversal={"EXX": [6.0] * 5})
+        tables = CONTROL.plan(curves_of(errors, ["EXX"]), profile).tables
+        assert [(table.kind, table.direction) for table in tables] == [("inclination", 0), ("pitch", 1), ("pitch", -1)]
+        at, wanted = np.array([-200.0, -100, 0, 100, 200]), np.array([-30, -16, 0, 14, 30])
+        there, back = (sum(correction_um(table, at, way) for table in tables) for way in (1, -1))
+        np.testing.assert_allclose(there - there[2], wanted, atol=0.6)
+        np.testing.assert_allclose(back - back[2], wanted, atol=0.6)
+        assert back[2] - there[2] == pytest.approx(6.0, abs=0.6)
+
     def test_inclination_without_parameter_lines_is_refused(self):
         """Pitch data that count on an inclination which nobody loads would make the machine worse."""
         axes = {**fanuc_profile().options.axes, "X": AxisPoints(number=1, reference_point=40, inclination=True)}
