@@ -279,9 +279,10 @@ class PositionCheck:
             return []
         rows = zip("xyz", signals.commanded_mm, walk.route.planned_mm(stop), strict=True)
         beyond = [(abs(here - plan), axis, here, plan) for axis, here, plan in rows if abs(here - plan) > self._resolution_mm(axis, plan)]
-        if not beyond or max(beyond)[0] <= AGAIN * self._said_mm[walk.name]:
+        worst = max(beyond, default=None)
+        if worst is None or worst[0] <= AGAIN * self._said_mm[walk.name]:
             return []
-        off_mm, axis, here, plan = max(beyond)
+        off_mm, axis, here, plan = worst
         self._said_mm[walk.name] = off_mm
         text = (
             f"the machine is commanded to {axis.upper()} {here:.4f} mm, the plan has {plan:.4f} mm ({(here - plan) * 1e3:+.1f} um): "
