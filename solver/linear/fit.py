@@ -37,6 +37,11 @@ class Fit:
         return some
 
     @property
+    def target(self) -> Vector:
+        """Return what was fitted, shape (m,)."""
+        return self.residual + self.rows.times(self.unknowns)
+
+    @property
     def packed(self) -> Packed:
         """Return the rows in pieces: for products with many columns."""
         return self.inverse.packed

@@ -76,8 +76,7 @@ def _without(found: Adjustment, rows: NDArray[np.bool_]) -> float:
     before = found.fit.fixed
     weight = before.weight.copy()
     weight[: len(rows)][rows] = 0.0
-    target = before.residual + before.rows.times(before.unknowns)
-    after = fit(before.rows, found.design.blocks, target, weight)
+    after = fit(before.rows, found.design.blocks, before.target, weight)
     return after.chi_square / max(after.freedom, 1)
 
 

@@ -122,38 +122,40 @@ def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness], siz
     (its 99.9 % point): above 1 the head and the diagonals contradict each other. Causes are as usual there, angular functions as large as
     `sizes_of` says, what is between the nodes at least. ``sign_hidden`` where a wrong sign would not be seen (`_sign_hidden`).
     """
-    names = dict.fromkeys(one.name for one in measured)
-    passes = {name: [one for one in measured if one.name == name] for name in names}
-    each = _rows(found, measured)
-    rows = {name: np.concatenate([mine for one, mine in zip(measured, each, strict=True) if one.name == name]) for name in names}
-    checked = _checked(found, sizes, list(rows.values()))
-    return {name: _of_function(passes[name], rows[name], found, checked) for name in names}
+    rows = _rows(found, measured)
+    checked = _checked(found, sizes, rows)
+    return {
+        name: _of_function([one for one in measured if one.name == name], mine, checked.alone[name], found, checked)
+        for name, mine in rows.items()
+    }
 
 
 @dataclass(frozen=True, eq=False)
 class _Checked:
-    """A fit in which the head's values are held against all others, and by how much each cause (q,) is smaller ``as_usual``: those between
-    the nodes, where the head has values there."""
+    """A fit in which the head's values are held against all others, that of each function's values ``alone``, and by how much each cause
+    (q,) is smaller ``as_usual``: those between the nodes, where the head has values there."""
 
     fit: MixedFit
+    alone: Mapping[str, MixedFit]
     as_usual: Vector
 
 
-def _checked(found: Adjustment, sizes: Mapping[str, float], functions: Sequence[NDArray[np.int64]]) -> _Checked:
+def _checked(found: Adjustment, sizes: Mapping[str, float], functions: Mapping[str, NDArray[np.bool_]]) -> _Checked:
     """Return the fit as usual, with angular functions of the sizes given.
 
     What is between the nodes has the size that the rows of each of the head's functions show among themselves: the size found with all
     rows would be large enough for a wrong sign where head and diagonals have few positions in common.
     """
     between = np.repeat([effect.name == BETWEEN for effect in found.effects], [effect.count for effect in found.effects])
-    on_nodes = _of_sizes(found, {name: size for name, size in sizes.items() if name != BETWEEN})
-    if not np.any(on_nodes.causes.pattern[len(found.layout) :, between]):
-        return _Checked(on_nodes, np.ones(len(between)))
-    usual = _of_sizes(found, {**sizes, BETWEEN: 1.0})
-    every = np.arange(len(usual.weight))
-    shown = [family_of(_with(usual, found, np.isin(every, mine)), between, 0.0) for mine in functions]
-    size = max(sizes[BETWEEN], size_by_all(shown, LIKELY))
-    return _Checked(sized(usual, np.where(between, size, 1.0)), np.where(between, 1.0 / size, 1.0))
+    beside = bool(np.any(found.fit.causes.pattern[len(found.layout) :, between]))
+    of_turning = {name: size for name, size in sizes.items() if name != BETWEEN}
+    usual = _of_sizes(found, {**of_turning, BETWEEN: 1.0} if beside else of_turning)
+    alone = {name: _with(usual, found, mine) for name, mine in functions.items()}
+    if not beside:
+        return _Checked(usual, alone, np.ones(len(between)))
+    size = max(sizes[BETWEEN], size_by_all([family_of(one, between, 0.0) for one in alone.values()], LIKELY))
+    grown = np.where(between, size, 1.0)
+    return _Checked(sized(usual, grown), {name: sized(one, grown) for name, one in alone.items()}, 1.0 / grown)
 
 
 def _of_sizes(found: Adjustment, sizes: Mapping[str, float]) -> MixedFit:
@@ -180,7 +182,7 @@ def _over_chance(chi_square: float, freedom: int) -> float | None:
     return chi_square / chi_square_limit(freedom) if freedom >= LEAST_FREEDOM else None
 
 
-def _sign_hidden(checked: _Checked, rows: NDArray[np.int64], others: MixedFit, alone: MixedFit) -> bool:
+def _sign_hidden(checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit) -> bool:
     """Tell whether neither sign of the head's values contradicts the others, and only because of what may be between the nodes."""
     if np.all(checked.as_usual == 1.0):
         return False
@@ -191,34 +193,35 @@ def _sign_hidden(checked: _Checked, rows: NDArray[np.int64], others: MixedFit, a
     return max(_apart(sized(whole, checked.as_usual), others, alone) or 0.0 for whole in signs) > 1.0
 
 
-def _turned_over(whole: MixedFit, rows: NDArray[np.int64]) -> MixedFit:
+def _turned_over(whole: MixedFit, rows: NDArray[np.bool_]) -> MixedFit:
     """Return a fit with the values of some rows of the other sign."""
     before = whole.fixed
-    sign = np.where(np.isin(np.arange(len(before.weight)), rows), -1.0, 1.0)
-    turned = refit(before.rows, sign * (before.residual + before.rows.times(before.unknowns)), before.weight, before.inverse)
+    sign = np.where(rows, -1.0, 1.0)
+    turned = refit(before.rows, sign * before.target, before.weight, before.inverse)
     return MixedFit(turned, Causes.of(turned, whole.causes.pattern), whole.size)
 
 
 def _with(whole: MixedFit, found: Adjustment, kept: NDArray[np.bool_]) -> MixedFit:
     """Return a fit with some of its rows alone."""
     before = whole.fixed
-    target = before.residual + before.rows.times(before.unknowns)
-    some = fit(before.rows, found.design.blocks, target, np.where(kept, before.weight, 0.0))
+    some = fit(before.rows, found.design.blocks, before.target, np.where(kept, before.weight, 0.0))
     return MixedFit(some, Causes.of(some, whole.causes.pattern), whole.size)
 
 
-def _rows(found: Adjustment, measured: Sequence[MeasuredStraightness]) -> list[NDArray[np.int64]]:
-    """Return the rows of the fit that belong to each pass: they follow the readings."""
-    edges = len(found.layout) + np.concatenate([[0], np.cumsum([len(one.position_mm) for one in measured])])
-    return [np.arange(edges[index], edges[index + 1]) for index in range(len(measured))]
+def _rows(found: Adjustment, measured: Sequence[MeasuredStraightness]) -> dict[str, NDArray[np.bool_]]:
+    """Tell for each function which rows of the fit are its: the head's passes follow the readings."""
+    name = np.array([one.name for one in measured for _ in one.position_mm])
+    before, after = len(found.layout), len(found.fit.weight) - len(found.layout) - len(name)
+    return {one.name: np.pad(name == one.name, (before, after)) for one in measured}
 
 
-def _of_function(passes: Sequence[MeasuredStraightness], rows: NDArray[np.int64], found: Adjustment, checked: _Checked) -> dict[str, Any]:
+def _of_function(
+    passes: Sequence[MeasuredStraightness], rows: NDArray[np.bool_], alone: MixedFit, found: Adjustment, checked: _Checked
+) -> dict[str, Any]:
     position = np.concatenate([one.position_mm for one in passes])
     value = np.concatenate([residuals_um(one.position_mm, one.value_um) for one in passes])
     at, mean = _mean(position, value)
-    mine = np.isin(np.arange(len(checked.fit.weight)), rows)
-    others, alone = (_with(checked.fit, found, mine == kept) for kept in (False, True))
+    others = _with(checked.fit, found, ~rows)
     return {
         "passes": len(passes),
         **{key: straightness_um(at, mean, line) for key, line in _LINES.items()},

@@ -102,7 +102,7 @@ def usual_rows(found: Quantities, known: Mapping[str, bool], assumed: Assumption
 def with_usual(mixed: MixedFit, design: Design, rows: Rows, u: Vector) -> MixedFit:
     """Return the fit with further rows whose target is zero."""
     fixed = mixed.fixed
-    target = np.concatenate([fixed.residual + fixed.rows.times(fixed.unknowns), np.zeros(len(rows))])
+    target = np.concatenate([fixed.target, np.zeros(len(rows))])
     weight = np.concatenate([np.minimum(fixed.weight, 1.0 / FINEST_UM**2), 1.0 / u**2])
     again = fit(fixed.rows.followed_by(rows), design.blocks, target, weight)
     pattern = np.vstack([mixed.causes.pattern, np.zeros((len(rows), mixed.causes.pattern.shape[1]))])
