@@ -29,7 +29,7 @@ from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.between import BETWEEN, Between, between_beside_head, between_of, effect_between
-from stepdiag.solver.model.design import Design, Model, build_design
+from stepdiag.solver.model.design import Design, Model, build_design, machine_rows
 from stepdiag.solver.model.effects import ANGLES, SHORT_ANGLES, TURNING, AngleShapes, Effect, angle_shapes, effects_of
 from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows
 from stepdiag.solver.model.layout import Layout
@@ -271,7 +271,7 @@ class _Task:
         return self._with_effects(fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse))
 
     def _target_for(self, unknowns: Vector) -> Vector:
-        """Return the deviations freed of what is of second order in the tilts just found, shape (m,).
+        """Return the deviations freed of what is of second order in the tilts just found, and of what lies beside the targets, shape (m,).
 
         Mirror and beam lean together (theory 4.2): every reading is short by nu^2/2 of itself, and the machine's errors are seen
         along the normal, not along the diagonal. Taking this off the deviations leaves the rows, and what they cannot see, exact.
@@ -280,11 +280,12 @@ class _Task:
         self._refuse_impossible(tilt_mrad)
         leaning = self.layout.leaning(tilt_mrad)
         machine = np.where(np.arange(len(unknowns)) < self.design.columns.machine, unknowns, 0.0)
-        seen_more = build_design(leaning, self.chain, self.model).rows.times(machine) - self.design.rows.times(machine)
+        seen_more, seen = (machine_rows(each, self.chain, self.design.columns).times(machine) for each in (leaning, self.layout))
         lean = np.sum(tilt_mrad**2, axis=1)[self.layout.setup_index]
         travel_um = self.layout.since_zero_mm() * 1e3
         known = angular_effect_um(leaning, self.chain, self.angles)
-        corrected: Vector = self.layout.deviation_um + 0.5e-6 * lean * travel_um - known - seen_more
+        beside_um = np.sum(tilt_mrad[self.layout.setup_index] * self.layout.beside_mm, axis=1)
+        corrected: Vector = self.layout.deviation_um + 0.5e-6 * lean * travel_um - known - (seen_more - seen) - beside_um
         return corrected
 
     def _refuse_impossible(self, tilt_mrad: Vector) -> None:

@@ -15,7 +15,8 @@ from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.design import between_nodes
 from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.lateral import MeasuredStraightness, nodes_of
-from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM, Layout
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.model.snapping import POSITION_TOLERANCE_MM
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS
 
 USUAL_UM = 0.5

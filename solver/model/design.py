@@ -3,6 +3,7 @@
     deviation = d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)     theory 4.3, first order exact for a rigid body
               + approach_a / 2 * d . (play_a + reversal_a(a))                     where out-and-back data separate the directions
               + nu . (P - P_0) + offset of the count + drift * time               mirror tilt: theory 4.2
+              + d . sum_a miss_a(move that brought axis a there)                  how the machine repeats: solver.model.scatter
 
 ``play_a`` is the reversal at the low end, an unknown where an outward pass and its return share the zero of the laser's count:
 otherwise the offset of each pass takes it.
@@ -11,6 +12,7 @@ Units: um, urad, mm; tilts in mrad. Unknowns of the machine are node values, zer
 between nodes. Rigid rotations are left free here: what the readings do not see is found by `solver.linear.least_squares`, not assumed.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,21 +22,27 @@ from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
 from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.linear.elimination import Blocks, order_blocks
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM, Layout
+from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.readings.readings import PassKey
 
+_ROUNDING = 1e-9
+"""Of an increment."""
 FEW_UNKNOWNS = 128
 """So many are eliminated at once: blocks would cost more calls than they save."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Model:
-    """What is unknown besides displacements, offsets, tilts and drifts. ``lines`` counts passes of the 4-DOF head by direction."""
+    """What is unknown besides displacements, offsets, tilts and drifts. ``lines`` counts passes of the 4-DOF head by direction.
+
+    ``misses``: what each move misses its target by, which only a prior keeps apart from the machine (`solver.model.priors`).
+    """
 
     angles: bool = False
     reversal: bool = False
     play: bool = False
     lines: int = 0
+    misses: bool = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,7 +50,7 @@ class Columns:
     """Where each unknown stands. Functions are numbered by part (0 displacement, 1 rotation, 2 reversal), axis and component.
 
     From ``play`` on stand the nine reversals at the low end, by axis and component; none where ``play == offset``.
-    From ``line`` on stand offset and slope of every line that `solver.model.lateral` fits with.
+    From ``line`` on stand offset and slope of every line that `solver.model.lateral` fits with, from ``miss`` on what the moves miss by.
     """
 
     nodes: int
@@ -53,6 +61,7 @@ class Columns:
     tilt_setup: tuple[int, ...]
     drift: int
     line: int
+    miss: int
     count: int
 
     @property
@@ -96,6 +105,7 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
     tilt = offset + int(layout.offset_index.max(initial=-1)) + 1
     drift = tilt + len(tilt_setup)
     line = drift + len(pairs)
+    miss = line + 2 * model.lines
     columns = Columns(
         nodes=nodes,
         parts=parts,
@@ -105,11 +115,12 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
         tilt_setup=tilt_setup,
         drift=drift,
         line=line,
-        count=line + 2 * model.lines,
+        miss=miss,
+        count=miss + (int(layout.arrival.max(initial=-1)) + 1 if model.misses else 0),
     )
     pieces = [_machine_entries(layout, chain, columns), _play_entries(layout, columns), _offset_entries(layout, columns)]
-    pieces += [_tilt_entries(layout, columns, tilt_direction), _drift_entries(layout, columns, pairs)]
-    rows = Rows(np.hstack([column for column, _ in pieces]), np.hstack([value for _, value in pieces]), columns.count)
+    pieces += [_tilt_entries(layout, columns, tilt_direction), _drift_entries(layout, columns, pairs), _miss_entries(layout, columns)]
+    rows = _rows(pieces, columns)
     return Design(
         volume=layout.volume,
         chain=chain,
@@ -122,11 +133,20 @@ def build_design(layout: Layout, chain: str, model: Model) -> Design:
     )
 
 
+def machine_rows(layout: Layout, chain: str, columns: Columns) -> Rows:
+    """Return what the machine's own unknowns do to every reading of a layout, as `build_design` has it."""
+    return _rows([_machine_entries(layout, chain, columns), _play_entries(layout, columns)], columns)
+
+
+def _rows(pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns) -> Rows:
+    return Rows(np.hstack([column for column, _ in pieces]), np.hstack([value for _, value in pieces]), columns.count)
+
+
 def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64], Vector]:
-    """Return the lower node and the fraction towards the next for positions (m, 3); positions near a node lie on it."""
+    """Return the lower node and the fraction towards the next for positions (m, 3); what rounding makes of a node lies on it."""
     steps = (position_mm - volume.origin_mm) / volume.step_mm
     near = np.round(steps)
-    steps = np.where(np.abs(steps - near) * volume.step_mm <= POSITION_TOLERANCE_MM, near, steps)
+    steps = np.where(np.abs(steps - near) <= _ROUNDING, near, steps)
     lower = np.clip(np.floor(steps), 0, volume.increments - 1)
     return lower.astype(np.int64), steps - lower
 
@@ -237,6 +257,14 @@ def _drift_entries(layout: Layout, columns: Columns, pairs: list[tuple[str, int,
     return column[:, None], value[:, None]
 
 
+def _miss_entries(layout: Layout, columns: Columns) -> tuple[NDArray[np.int64], Vector]:
+    """Return three entries a row, none without misses: an axis stands beside its target by what its last move missed."""
+    if columns.count == columns.miss:
+        return np.zeros((len(layout), 0), dtype=np.int64), np.zeros((len(layout), 0))
+    travels = layout.arrival >= 0
+    return columns.miss + np.where(travels, layout.arrival, 0), layout.direction * travels
+
+
 def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
     """Return the block of every unknown, -1 for the border: nuisances, end nodes, and nodes where an axis stands during a pass."""
     group = np.full(columns.count, -1, dtype=np.int64)
@@ -252,6 +280,11 @@ def _groups(layout: Layout, columns: Columns, rows: Rows) -> NDArray[np.int64]:
     touched = rows.column[:, : 9 * (rows.column.shape[1] // 9)].reshape(len(layout), -1, 3, 3)
     for axis in range(3):
         group[touched[standing[:, axis], :, axis].ravel()] = -1
+    if columns.count > columns.miss:
+        travels = layout.arrival >= 0
+        lower, fraction = between_nodes(layout.volume, layout.position_mm)
+        at = np.rint(lower + fraction).astype(np.int64)[travels]
+        group[columns.miss + layout.arrival[travels]] = np.maximum(np.minimum(at, columns.nodes - at) - 1, 0)
     return _merged(group, rows)
 
 

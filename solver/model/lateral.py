@@ -20,7 +20,7 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.design import Design, between_nodes
 from stepdiag.solver.model.effects import AngleShapes
-from stepdiag.solver.model.layout import POSITION_TOLERANCE_MM
+from stepdiag.solver.model.snapping import POSITION_TOLERANCE_MM, snapped_mm
 from stepdiag.solver.model.noise import LEAST_U_UM
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 
@@ -110,6 +110,7 @@ def nodes_of(volume: Volume, axis: int, one: MeasuredStraightness) -> tuple[NDAr
         raise DataError(f"4-DOF head: {one.name}", expected=f"positions from {low:g} to {low + size:g} mm, the volume", found=found)
     points = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (len(one.position_mm), 1))
     points[:, axis] = one.position_mm
+    points = snapped_mm(volume, points)
     lower, fraction = between_nodes(volume, points)
     return lower[:, axis], fraction[:, axis]
 

@@ -11,17 +11,19 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.setups import Kind, Setup, setup_of
 from stepdiag.solver.geometry.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.readings.readings import PassKey, Readings, missing_stops
+from stepdiag.solver.model.snapping import POSITION_TOLERANCE_MM, arrivals, box_edge_mm, snapped_mm
 from stepdiag.solver.readings.travel import check_laser, check_route, laser_sense
 
 MOST_SETUPS = 200
-POSITION_TOLERANCE_MM = 0.01
-"""Commanded positions closer than this are the same: registers resolve 0.1 um, and files are rounded."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Layout:
     """The readings of a survey with their geometry, one row a reading (shape (m,) or (m, 3)), sorted by pass and stop.
 
+    ``position_mm`` is the target of a stop (`solver.model.snapping`), ``beside_mm`` how far beside it the machine reported to stand; the
+    deviation counts from the reported position, so that a target and its readings belong together. ``arrival`` numbers the moves that
+    brought each axis to its place, -1 for an axis that stands during the pass.
     ``direction`` is the unit vector of the setup's outward travel, ``beam_mm`` a point of its beam line, ``spot_mm`` the one under
     the mirror (theory 4.3), ``approach`` the sign in which every axis came to the stop, ``deviation_um`` the reading minus its nominal
     value. Readings of one ``zero_index`` share the zero of the laser's count; of them, an outward pass and its return have one
@@ -40,6 +42,8 @@ class Layout:
     offset_index: NDArray[np.int64]
     stop: NDArray[np.int64]
     position_mm: Vector
+    beside_mm: Vector
+    arrival: NDArray[np.int64]
     direction: Vector
     beam_mm: Vector
     spot_mm: Vector
@@ -77,18 +81,19 @@ class Layout:
         return replace(self, **{name: getattr(self, name)[rows] for name in _COLUMNS})
 
     def leaning(self, tilt_mrad: Vector) -> "Layout":
-        """Return the layout with mirror and beam of every setup leaning by ``tilt_mrad`` (setups, 3).
+        """Return the layout as the machine stood: at the positions it reported, mirror and beam leaning by ``tilt_mrad`` (setups, 3).
 
         Machine errors are seen along the mirror's normal, and the spot runs along the beam, which autocollimation makes the same
         line. What the lean does to the nominal travel stays with the deviation, where the tilt unknowns explain it.
         """
         leaning = self.direction + 1e-3 * tilt_mrad[self.setup_index]
         leaning /= np.linalg.norm(leaning, axis=1, keepdims=True)
-        return replace(self, direction=leaning, spot_mm=_foot(self.beam_mm, leaning, self.position_mm))
+        position = self.position_mm + self.beside_mm
+        return replace(self, position_mm=position, direction=leaning, spot_mm=_foot(self.beam_mm, leaning, position))
 
 
 _COLUMNS = (
-    "setup_index", "pass_index", "zero_index", "offset_index", "stop", "position_mm", "direction", "beam_mm", "spot_mm", "approach",
+    "setup_index", "pass_index", "zero_index", "offset_index", "stop", "position_mm", "beside_mm", "arrival", "direction", "beam_mm", "spot_mm", "approach",
     "reading_mm", "deviation_um", "u_um", "clock", "timed", "hours",
     "temperature_c",
 )  # fmt: skip
@@ -123,8 +128,8 @@ def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "rea
     kind = next(kind for kind in kinds if kind in by_kind)
     names = np.array(readings.setup)
     rows = {setup: readings.position_mm[names == setup.name] for setup in by_kind[kind]}
-    low = np.min([points.min(axis=0) for points in rows.values()], axis=0)
-    high = np.max([points.max(axis=0) for points in rows.values()], axis=0)
+    every = np.concatenate(list(rows.values()))
+    low, high = box_edge_mm(every, every.min(axis=0)), box_edge_mm(every, every.max(axis=0))
     if np.any(high - low <= POSITION_TOLERANCE_MM):
         axis = "XYZ"[int(np.argmin(high - low))]
         raise DataError(source, expected="a volume with length in X, Y and Z", found=f"no travel in {axis}", remedy="add a body diagonal")
@@ -164,16 +169,18 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
     pass_index = np.repeat(np.arange(len(keys)), [len(rows) for rows in passes.values()])
     place = {setup.name: index for index, setup in enumerate(setups)}
     setup_index = np.array([place[key.setup] for key in keys])[pass_index]
-    position = readings.position_mm[order]
+    reported = readings.position_mm[order]
+    position = snapped_mm(volume, reported)
     first = np.searchsorted(pass_index, np.arange(len(keys)))
     zero_index, offset_index, origin = _zeros(readings.zero[order], keys, pass_index)
     beam = np.where(np.isfinite(readings.beam_mm[order]), readings.beam_mm[order], position[first][pass_index])
     senses = np.array([laser_sense(readings, setup, passes) for setup in setups])
     direction = (senses[:, None] * np.array([_direction(setup, volume) for setup in setups]))[setup_index]
     reading = readings.reading_mm[order]
-    nominal = np.sum((position - position[origin]) * direction, axis=1)
+    nominal = np.sum((reported - reported[origin]) * direction, axis=1)
     clock, timed = _drift_clock(readings.time_s[order], keys, pass_index)
-    travel = np.array([readings.position_mm[rows[-1]] - readings.position_mm[rows[0]] for rows in passes.values()])
+    last = np.append(first[1:], len(position)) - 1
+    travel = position[last] - position[first]
     return Layout(
         source=source,
         volume=volume,
@@ -185,6 +192,8 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
         offset_index=offset_index,
         stop=readings.stop[order],
         position_mm=position,
+        beside_mm=reported - position,
+        arrival=arrivals(position, pass_index, readings.turned[order]),
         direction=direction,
         beam_mm=beam,
         spot_mm=_foot(beam, direction, position),
@@ -228,7 +237,7 @@ def _approach(travelled: Vector, pass_index: NDArray[np.int64], position_mm: Vec
         approach[first] = -travelled[first]
         for row in range(first + 1, int(np.searchsorted(pass_index, pass_index[first], side="right"))):
             moved = position_mm[row] - position_mm[row - 1]
-            approach[row] = np.where(np.abs(moved) > POSITION_TOLERANCE_MM, np.sign(moved), approach[row - 1])
+            approach[row] = np.where(moved != 0, np.sign(moved), approach[row - 1])
     return approach
 
 
