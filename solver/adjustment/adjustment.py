@@ -20,6 +20,7 @@ from stepdiag.solver.adjustment.robustness import (
     weight_without,
     with_apart,
 )
+from stepdiag.solver.adjustment.scatter import ROUNDS, Misses, Scatter, estimated, unshown
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
@@ -33,28 +34,14 @@ from stepdiag.solver.model.design import Design, Model, build_design, machine_ro
 from stepdiag.solver.model.effects import ANGLES, SHORT_ANGLES, TURNING, AngleShapes, Effect, angle_shapes, effects_of
 from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.model.noise import (
-    LEAST_U_UM,
-    assumed_noise,
-    noise_classes,
-    repeatability_factor,
-    robust_scale,
-    starting_u_um,
-    variance_scale,
-)
+from stepdiag.solver.model.noise import assumed_noise, variance_scale
 from stepdiag.solver.model.priors import angular_effect_um, has_stated_u, make_prior, origin_pattern
 from stepdiag.solver.model.warmth import at_one_temperature
 
 TILT_ROUNDS = 2
-COMMON_ROUNDS = 2
 SIZE_ROUNDS = 4
 SETTLED = 0.02
 """Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
-LEAST_NOISE = 1e-4
-"""Of a variance, relative to the usual: readings a hundred times better than usual are not told apart from perfect ones."""
-STEADY = {"setup scale": 0.02 / 0.15}
-"""What contradicts a survey is looked for with scales of setups that vary by this share of what is usual (0.02 C where 0.15 C are): U holds
-the usual, so that a setup which is off unseen lies within it, and one that is seen to be off is still named."""
 MOST_TILT_MRAD = 200.0
 """A tenth of it sends the beam past the laser after a quarter of a metre."""
 
@@ -65,8 +52,7 @@ class Adjustment:
 
     ``effects`` are the random effects in the order of the fit's causes, ``shapes`` describes those that are angular functions, ``between``
     those that are values off the nodes, ``sizes`` says what became of their sizes. ``u_um`` (m,) is the standard uncertainty used for every
-    reading, infinite where a stop was left out. ``chi_square`` is the square sum of the residuals by the uncertainties stated and assumed,
-    before the repeatability was enlarged by ``enlarged``.
+    reading by noise, infinite where a stop was left out; ``scatter`` says how the machine repeats and how noisy its setups are.
     """
 
     layout: Layout
@@ -78,9 +64,8 @@ class Adjustment:
     shapes: AngleShapes
     between: Between
     sizes: Sizes
+    scatter: Scatter
     u_um: Vector
-    chi_square: float
-    enlarged: float
     findings: tuple[Finding, ...] = field(default=())
 
     @property
@@ -89,7 +74,7 @@ class Adjustment:
         return _tilts(self.design, _smallest_machine(self.design, self.fit), len(self.layout.setups))
 
     def as_usual(self, *found: str) -> MixedFit:
-        """Return the fit with no cause larger than usual, or `STEADY`: what contradicts it is named, however large a cause could hold it.
+        """Return the fit with no cause larger than usual: what contradicts it is named, however large a cause could hold it.
 
         Causes of the names ``found`` keep the size that was found.
         """
@@ -103,8 +88,7 @@ class Adjustment:
 
 def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()) -> MixedFit:
     kept = np.array([effect.name in found for effect in effects], dtype=np.bool_)
-    steady = np.array([STEADY.get(effect.name, 1.0) for effect in effects])
-    factor = np.where(kept, 1.0, np.minimum(1.0, steady / sizes.factor))
+    factor = np.where(kept, 1.0, np.minimum(1.0, 1.0 / sizes.factor))
     return sized(fit, np.repeat(factor, [effect.count for effect in effects]))
 
 
@@ -143,13 +127,23 @@ class _Task:
         self.chain = chain
         self.angles = angles
         self.assumed = assumed
-        self.model = Model(angles=has_stated_u(angles), reversal=_both_ways(layout), play=layout.joined, lines=len(straightness))
+        self.model = Model(
+            angles=has_stated_u(angles),
+            reversal=_both_ways(layout),
+            play=layout.joined,
+            lines=len(straightness),
+            misses=assumed.repeatability_um > 0.0,
+        )
         self.design = build_design(layout, chain, self.model)
         lateral = lateral_rows(self.design, straightness, angles)
         prior = make_prior(self.design, angles)
-        self.u = np.concatenate([starting_u_um(layout, assumed.repeatability_um, assumed.reading_um), lateral.u, prior.u])
+        self.u = np.concatenate([np.ones(len(layout)), lateral.u, prior.u])
         self.usual_u = self.u.copy()
-        self.sized = [len(self.u) - len(prior.u) + rows for rows in prior.found]
+        first = len(self.u) - len(prior.u)
+        self.sized = [first + rows for rows in prior.found]
+        self.misses = Misses(rows=first + prior.misses, axis=_axes_of_misses(layout)[: len(prior.misses)])
+        self.usual_scatter = Scatter.assumed(layout, assumed)
+        self._take(self.usual_scatter)
         self.kept = np.ones(len(self.u))
         self.findings: list[Finding] = []
         self.rows = self.design.rows.followed_by(lateral.rows).followed_by(prior.rows)
@@ -171,22 +165,19 @@ class _Task:
             text = "a head's angles are relative to the first position: its error is in all the others"
             nothing = np.zeros((len(layout), self.beside["angle origin"].shape[1]))
             self.effects.append(Effect(name="angle origin", text=text, pattern_um=nothing))
-        self.sizes = Sizes(np.ones(0), np.ones(0, dtype=np.bool_), 1.0)
+        self.sizes = Sizes(np.ones(0), np.ones(0, dtype=np.bool_))
         self.known: tuple[Fit | None, tuple[Effect, ...], Causes | None] = (None, (), None)
-        self.settled = self.clean = False
+        self.clean = False
 
     def run(self) -> Adjustment:
         """Return the adjustment after all rounds."""
-        current = self._fit_with_tilts()
-        current = self._find_common_noise(current)
+        current = self._find_scatter(self._fit_with_tilts(), robust=True)
         for suspicious in self._suspicions(current):
             current = suspicious
         # a wrong stop must not hide in drift or wander that grow to hold it: their sizes are found without it
-        chi_square, enlarged = current.chi_square, 1.0
         self.clean = True
-        current = self._find_noise_by_class(self._find_sizes(self._with_effects(current.fixed)))
-        if not len(self._unstated()):
-            current, enlarged = self._find_repeatability(current)
+        current = self._find_scatter(self._find_sizes(self._with_effects(current.fixed)), robust=False)
+        self.findings += assumed_noise(unshown(self.scatter, self.layout))
         used = self.kept > 0
         u = np.where(used, self.u / np.sqrt(np.where(used, self.kept, np.nan)), np.inf)
         return Adjustment(
@@ -199,9 +190,8 @@ class _Task:
             shapes=self.shapes,
             between=self.between,
             sizes=self.sizes,
+            scatter=self.scatter,
             u_um=u[: len(self.layout)],
-            chi_square=chi_square,
-            enlarged=enlarged,
             findings=tuple(self.findings),
         )
 
@@ -221,8 +211,8 @@ class _Task:
         group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
         usual = MixedFit(fixed, self._causes(fixed, effects), np.ones(len(group)))
         sought = [effect.sought and (self.clean or effect.name in (*TURNING, BETWEEN)) for effect in effects]
-        sizes = scored(usual, group, np.array(sought, dtype=np.bool_), self._noise)
-        return sized(usual, sizes.factor[group] / np.sqrt(sizes.noise)), sizes
+        sizes = scored(usual, group, np.array(sought, dtype=np.bool_))
+        return sized(usual, sizes.factor[group]), sizes
 
     def _causes(self, fixed: Fit, effects: Sequence[Effect]) -> Causes:
         """Return what a fit leaves of the effects; of the same fit and effects it is not worked out again."""
@@ -242,29 +232,21 @@ class _Task:
                 pattern[len(self.layout) :, first:last] = self.beside[effect.name]
         return pattern
 
-    def _noise(self, chi_square: float, freedom: int) -> float:
-        """Return the variance of the noise relative to what the weights say."""
-        if self.settled or freedom < 1:
-            return 1.0
-        if len(self._unstated()):
-            floor = (LEAST_U_UM / float(np.min(self.u[self._unstated()]))) ** 2
-            return max(chi_square / freedom, LEAST_NOISE, floor)
-        stated, repeatability = self._stated_um(), self.assumed.repeatability_um
-        factor = repeatability_factor(stated, repeatability, chi_square, freedom)
-        return float(np.mean((stated**2 + (factor * repeatability) ** 2) / (stated**2 + repeatability**2)))
+    def _take(self, scatter: Scatter) -> None:
+        """Weigh readings and misses by their scatter."""
+        self.scatter = scatter
+        self.u[: len(self.layout)] = scatter.u_um(self.layout)
+        self.u[self.misses.rows] = scatter.repeatability_um[self.misses.axis]
 
-    def _stated_um(self) -> Vector:
-        return np.maximum(self.layout.u_um[self.kept[: len(self.layout)] > 0], LEAST_U_UM)
-
-    def _find_repeatability(self, current: MixedFit) -> tuple[MixedFit, float]:
-        """Return the fit with the repeatability that the residuals show, and by how much that enlarged the readings' uncertainty."""
-        usual = self.assumed.repeatability_um
-        factor = repeatability_factor(self._stated_um(), usual, current.chi_square, current.freedom)
-        before = self.u[: len(self.layout)].copy()
-        self.u[: len(self.layout)] = np.maximum(np.hypot(self.layout.u_um, factor * usual), LEAST_U_UM)
-        self.settled = True
-        enlarged = float(np.sqrt(np.mean(self.u[: len(self.layout)] ** 2) / np.mean(before**2)))
-        return self._again(current), max(enlarged, 1.0)
+    def _find_scatter(self, current: MixedFit, *, robust: bool) -> MixedFit:
+        """Return the fit with the scatter that the residuals show, unmoved by wrong stops where ``robust``."""
+        for _ in range(ROUNDS):
+            before = self.scatter
+            self._take(estimated(current, self.layout, self.misses, before, self.usual_scatter, robust=robust))
+            if self.scatter.near(before):
+                break
+            current = self._again(current)
+        return current
 
     def _again(self, current: AnyFit) -> MixedFit:
         """Fit with the weights as they are now."""
@@ -304,13 +286,6 @@ class _Task:
         weight: Vector = self.kept / self.u**2
         return weight
 
-    def _find_common_noise(self, current: MixedFit) -> MixedFit:
-        """Bring all readings of unstated noise to the one weight that their residuals show, unmoved by wrong stops."""
-        unknown = self._unstated()
-        for _ in range(COMMON_ROUNDS if len(unknown) else 0):
-            current = self._rescaled(current, {"readings": unknown}, {"readings": robust_scale(current, unknown)})
-        return current
-
     def _find_sizes(self, current: MixedFit) -> MixedFit:
         """Enlarge what reversal changes along an axis, and drift, to what the data show (variance components)."""
         for _ in range(SIZE_ROUNDS):
@@ -322,24 +297,6 @@ class _Task:
                 break
             current = self._again(current)
         return current
-
-    def _find_noise_by_class(self, current: MixedFit) -> MixedFit:
-        """Tell diagonals from linear runs by one step of variance components; more steps would fit the noise to the residuals."""
-        classes = noise_classes(self.layout)
-        scales = {name: variance_scale(current, rows) for name, rows in classes.items()}
-        self.findings += assumed_noise(name for name, scale in scales.items() if scale is None)
-        self.settled = bool(classes)
-        return self._rescaled(current, classes, scales) if classes else current
-
-    def _unstated(self) -> NDArray[np.int64]:
-        return np.concatenate([np.zeros(0, dtype=np.int64), *noise_classes(self.layout).values()])
-
-    def _rescaled(self, current: MixedFit, classes: dict[str, NDArray[np.int64]], scales: dict[str, float | None]) -> MixedFit:
-        for name, rows in classes.items():
-            scale = scales[name]
-            if scale is not None:
-                self.u[rows] = np.maximum(self.u[rows] * scale, LEAST_U_UM)
-        return self._again(current)
 
     def _worst(self, current: MixedFit) -> Suspicion | None:
         """Return the worst contradiction.
@@ -355,8 +312,8 @@ class _Task:
 
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
         """Tell whether the readings are likelier with the suspicion true, all sizes found anew, than without it."""
-        with_it, sizes = self._found(current.fixed, [*self.effects, trial_of(self.layout, suspicion)])
-        return surprise(current, self.sizes) - surprise(with_it, sizes) + max(suspicion.smoother, 0.0) > BETTER
+        with_it, _ = self._found(current.fixed, [*self.effects, trial_of(self.layout, suspicion)])
+        return surprise(current) - surprise(with_it) + max(suspicion.smoother, 0.0) > BETTER
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
         """Take out one contradiction after the other and yield the fit without it."""
@@ -372,8 +329,16 @@ class _Task:
             self.kept = weight_without(self.kept / self.u**2, suspicion) * self.u**2
             self.effects += effects_for(self.layout, suspicion)
             self.findings.append(name_suspicion(self.layout, suspicion))
-            current = self._find_common_noise(self._fit_with_tilts())
+            current = self._find_scatter(self._fit_with_tilts(), robust=True)
             yield current
+
+
+def _axes_of_misses(layout: Layout) -> NDArray[np.int64]:
+    """Return the axis of every arrival, in their order."""
+    travels = layout.arrival >= 0
+    axis = np.zeros(int(layout.arrival.max(initial=-1)) + 1, dtype=np.int64)
+    axis[layout.arrival[travels]] = np.nonzero(travels)[1]
+    return axis
 
 
 def _smallest_machine(design: Design, current: AnyFit) -> Vector:

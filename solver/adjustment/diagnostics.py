@@ -23,8 +23,6 @@ NOISE_LIMIT_UM = 1.0
 MISCLOSED, MISCLOSED_FAR = 2.0, 2.6
 """A scale misclosure beyond so many standard uncertainties is said, and stops an export. Of 36 good surveys with
 angles of 0, 10 and 30 urad that it was not set on, two were said and none stopped; of twelve that drifted by 15 um/h an axis, one."""
-NORMAL_999 = 3.09
-"""The 99.9 % point of the normal distribution."""
 
 
 def setup_reports(found: Adjustment) -> dict[str, dict[str, Any]]:
@@ -120,18 +118,6 @@ def closure_report(layout: Layout) -> dict[str, Vector] | None:
     return {axis: closure[index] for index, axis in enumerate(AXES)}
 
 
-def chi_square_limit(freedom: int) -> float:
-    """Return the 99.9 % point of chi-square (Wilson and Hilferty's approximation, good to a per cent from 3 degrees of freedom)."""
-    spread = 2.0 / (9.0 * freedom)
-    return float(freedom * (1.0 - spread + NORMAL_999 * np.sqrt(spread)) ** 3)
-
-
-def inflation(found: Adjustment) -> float:
-    """Return the factor by which uncertainties grow because the residuals are larger than the stated noise allows, else 1."""
-    freedom = found.fit.freedom
-    return found.enlarged if freedom > 0 and found.chi_square > chi_square_limit(freedom) else 1.0
-
-
 def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     """Return by how much the scales of the diagonals and of the linear runs disagree, as end-to-end length of a body diagonal in um, with
     its standard uncertainty; None where the readings do not compare them (theory 6.4: S measured minus S from the runs).
@@ -180,13 +166,6 @@ def scale_findings(found: Adjustment) -> list[Finding]:
 def setup_findings(found: Adjustment, reports: dict[str, dict[str, Any]]) -> list[Finding]:
     """Return what is remarkable about setups and residuals."""
     findings = [finding for name, report in reports.items() for finding in _of_setup(name, report)] + _poor(reports) + scale_findings(found)
-    factor = inflation(found)
-    if factor > 1.0:
-        text = (
-            f"the readings disagree {factor:.2g} times more than their uncertainties allow (chi-square {found.chi_square:.4g} "
-            f"for {found.fit.freedom} degrees of freedom): angular errors, drift or poor repeatability; uncertainties are enlarged by it"
-        )
-        findings.append(Finding(code="chi-square-high", severity="warning", text=text))
     return findings
 
 

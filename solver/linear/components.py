@@ -4,7 +4,6 @@ Fisher scoring on the logarithm of the sizes (Searle, Casella, McCulloch 1992, 8
 order of magnitude and goes on to nothing: a cause may be absent (after the half-t of Gelman 2006, Bayesian Analysis 1, 515-534).
 """
 
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -26,12 +25,10 @@ _LEAST_CURVED = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sizes:
-    """What became of the groups: ``factor`` (groups,) by which each is larger than usual, whether it was ``sought``, and the variance of
-    the noise relative to what the weights say."""
+    """What became of the groups: ``factor`` (groups,) by which each is larger than usual, and whether it was ``sought``."""
 
     factor: Vector
     sought: NDArray[np.bool_]
-    noise: float
 
 
 def log_prior(log_factor: Vector) -> Vector:
@@ -47,33 +44,27 @@ def _prior_slope(log_factor: Vector) -> tuple[Vector, Vector]:
     return first, np.maximum(2.0 * (TAIL + HEAD) * square / (1.0 + square) ** 2, _LEAST_CURVED)
 
 
-Noise = Callable[[float, int], float]
-"""The variance of the noise relative to what the weights say, from chi-square and degrees of freedom."""
-
-
-def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_], noise_of: Noise) -> Sizes:
+def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_]) -> Sizes:
     """Return the sizes that the readings make most likely.
 
     ``mixed`` brings the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought`` (groups,) says whose size is not known.
     """
     log = np.zeros(len(sought))
     free = np.flatnonzero(sought)
-    noise = noise_of(mixed.chi_square, mixed.freedom)
     member = (group[:, None] == free).astype(np.float64)
     furthest, before = np.full(len(free), LARGEST_STEP), np.zeros(len(free))
     for _ in range(ROUNDS if len(free) else 0):
-        here = sized(mixed, np.exp(log)[group] / np.sqrt(noise))
-        gradient, information = _slope(here, member, noise)
+        here = sized(mixed, np.exp(log)[group])
+        gradient, information = _slope(here, member)
         first, curved = _prior_slope(log[free])
         step = np.linalg.solve(information + np.diag(curved), gradient + first)
         # a size that has gone past the likeliest goes back half as far: expected information may promise too much
         furthest = np.where(step * before < 0, 0.5 * furthest, furthest)
         before = np.clip(step, -furthest, furthest)
         log[free] = np.clip(log[free] + before, -FURTHEST, FURTHEST)
-        noise = noise_of(here.chi_square, here.freedom)
         if np.max(np.abs(before)) < SETTLED:
             break
-    return Sizes(np.exp(log), sought, noise)
+    return Sizes(np.exp(log), sought)
 
 
 def sized(mixed: MixedFit, factor: Vector) -> MixedFit:
@@ -81,17 +72,17 @@ def sized(mixed: MixedFit, factor: Vector) -> MixedFit:
     return MixedFit(mixed.fixed, mixed.causes, mixed.size * factor)
 
 
-def _slope(here: MixedFit, member: Vector, noise: float) -> tuple[Vector, Vector]:
+def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector]:
     """Return gradient and expected information of the restricted likelihood by the logarithm of every group's size."""
     told = np.eye(len(here.size)) - here.damped_root.T @ here.damped_root
     safe = np.where(here.size > 0, here.size, 1.0)
-    scaled = here.amount / safe / np.sqrt(noise)
+    scaled = here.amount / safe
     gradient = member.T @ (scaled**2 - np.diag(told))
     information = 2.0 * member.T @ (told**2) @ member
     return gradient, information
 
 
-def surprise(found: MixedFit, sizes: Sizes) -> float:
+def surprise(found: MixedFit) -> float:
     """Return twice the negative logarithm of the restricted likelihood, up to a constant of the rows, with the sizes as they are."""
     log_damped = -2.0 * float(np.sum(np.log(np.diag(found.damped_root))))
-    return found.freedom * float(np.log(sizes.noise)) + found.chi_square / sizes.noise + log_damped
+    return found.chi_square + log_damped

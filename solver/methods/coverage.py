@@ -8,7 +8,6 @@ import numpy as np
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.model.noise import noise_classes
 from stepdiag.solver.model.quantities import Quantities
 
 WORTH_SAYING = 2.1
@@ -27,7 +26,7 @@ def t_factor(freedom: float) -> float:
 def coverage(found: Adjustment, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector) -> dict[str, Any]:
     """Return effective degrees of freedom and k for 95 % by name, for those of which k is not about 2: readings that state their own
     uncertainty are known well enough."""
-    if not noise_classes(found.layout):
+    if np.all(np.isfinite(found.layout.u_um)):
         return {}
     report = {}
     for name in (name for name in quantities.groups if known.get(name, True)):

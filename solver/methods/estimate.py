@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
-from stepdiag.solver.adjustment.diagnostics import closure_report, inflation, scale_misclosure, setup_findings, setup_reports
+from stepdiag.solver.adjustment.diagnostics import closure_report, scale_misclosure, setup_findings, setup_reports
 from stepdiag.solver.adjustment.slips import slips_report
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
@@ -156,7 +156,7 @@ def solve_estimate(
         *_missing(done),
         *found.findings,
         *setup_findings(found, reports),
-        *contradictions(found, reports),
+        *contradictions(reports),
         *standards_findings(layout),
         *temperature_findings(layout.temperature_c, found.assumed),
     )
@@ -287,8 +287,7 @@ def _extra(done: Estimate) -> dict[str, Any]:
         "rank": found.fit.inverse.rank,
         "unknowns": found.design.columns.count,
         "degrees_of_freedom": found.fit.freedom,
-        "chi_square": found.chi_square,
-        "u_enlarged_by": inflation(found),
+        "chi_square": found.fit.chi_square,
     }
     extra: dict[str, Any] = {"fit": fit}
     if number is not None:

@@ -12,7 +12,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.adjustment.diagnostics import chi_square_limit
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import sized
@@ -31,6 +30,7 @@ _LINES: dict[str, LineMethod] = {
     "minimum_zone_um": "minimum-zone",
 }
 LEAST_FREEDOM = 2
+NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
 """Where the diagonals and other passes check less than two of the head's values, nothing is said about agreement."""
 LIKELY = 0.8
 """With this probability what is between the nodes is no larger than it is taken for, by what a head's values say among themselves. So 6 of
@@ -178,8 +178,14 @@ def _apart(whole: MixedFit, others: MixedFit, alone: MixedFit) -> float | None:
     return _over_chance(whole.chi_square - others.chi_square - alone.chi_square, whole.freedom - others.freedom - alone.freedom)
 
 
+def _chi_square_limit(freedom: int) -> float:
+    """Return the 99.9 % point of chi-square (Wilson and Hilferty's approximation, good to a per cent from 3 degrees of freedom)."""
+    spread = 2.0 / (9.0 * freedom)
+    return float(freedom * (1.0 - spread + NORMAL_999 * np.sqrt(spread)) ** 3)
+
+
 def _over_chance(chi_square: float, freedom: int) -> float | None:
-    return chi_square / chi_square_limit(freedom) if freedom >= LEAST_FREEDOM else None
+    return chi_square / _chi_square_limit(freedom) if freedom >= LEAST_FREEDOM else None
 
 
 def _sign_hidden(checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit) -> bool:

@@ -20,8 +20,8 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.design import Design, between_nodes
 from stepdiag.solver.model.effects import AngleShapes
-from stepdiag.solver.model.snapping import POSITION_TOLERANCE_MM, snapped_mm
 from stepdiag.solver.model.noise import LEAST_U_UM
+from stepdiag.solver.model.snapping import POSITION_TOLERANCE_MM, snapped_mm
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 
 

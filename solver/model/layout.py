@@ -10,8 +10,8 @@ from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.setups import Kind, Setup, setup_of
 from stepdiag.solver.geometry.volume import MOST_INCREMENTS, Vector, Volume
-from stepdiag.solver.readings.readings import PassKey, Readings, missing_stops
 from stepdiag.solver.model.snapping import POSITION_TOLERANCE_MM, arrivals, box_edge_mm, snapped_mm
+from stepdiag.solver.readings.readings import PassKey, Readings, missing_stops
 from stepdiag.solver.readings.travel import check_laser, check_route, laser_sense
 
 MOST_SETUPS = 200

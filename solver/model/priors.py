@@ -25,12 +25,13 @@ the axis look alike between the outward pass and its return: neither is ever tak
 class Prior:
     """Rows whose target is zero, and their standard uncertainty.
 
-    ``found`` names the places of those whose size the data may enlarge, group by group.
+    ``found`` names the places of those whose size the data may enlarge, group by group, ``misses`` those of what the moves miss by.
     """
 
     rows: Rows
     u: Vector
-    found: tuple[NDArray[np.int64], ...] = ()
+    found: tuple[NDArray[np.int64], ...]
+    misses: NDArray[np.int64]
 
 
 def angular_effect_um(layout: Layout, chain: str, angles: Angles) -> Vector:
@@ -54,7 +55,8 @@ def has_stated_u(angles: Angles) -> bool:
 
 
 def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> Prior:
-    """Return the rows for what angular functions may differ from those given, and for how much reversal changes along an axis.
+    """Return the rows for what angular functions may differ from those given, for how much reversal changes along an axis, and for what
+    moves miss by (1 um each: `solver.adjustment.scatter` says how much).
 
     A function given with uncertainty may differ by it, one without may not; what was not given is no unknown of the rows
     but an effect (`solver.model.effects`); ``free_angles`` leaves it free, to ask what the rows see of it.
@@ -70,6 +72,8 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
     pieces += [(*change, REVERSAL_CHANGE_UM / np.sqrt(columns.nodes)) for change in changes]
     drifts = np.arange(columns.drift, columns.line)[:, None] if changes else np.zeros((0, 1), dtype=np.int64)
     pieces.append((drifts, np.ones(drifts.shape), DRIFT_UM / np.array(design.drift_spans[: len(drifts)])))
+    moves = np.arange(columns.miss, columns.count)[:, None]
+    pieces.append((moves, np.ones(moves.shape), 1.0))
     groups = np.split(np.arange(held, held + len(changes) * columns.nodes + len(drifts)), [len(changes) * columns.nodes])
     width = max((column.shape[1] for column, _, _ in pieces), default=1)
     column = [np.pad(column, ((0, 0), (0, width - column.shape[1]))) for column, _, _ in pieces]
@@ -80,7 +84,8 @@ def make_prior(design: Design, angles: Angles, *, free_angles: bool = False) -> 
         np.vstack([np.zeros((0, width)), *value]),
         columns.count,
     )
-    return Prior(rows=rows, u=np.concatenate([np.zeros(0), *u]), found=tuple(group for group in groups if len(group)))
+    misses = np.arange(len(rows) - len(moves), len(rows))
+    return Prior(rows=rows, u=np.concatenate([np.zeros(0), *u]), found=tuple(group for group in groups if len(group)), misses=misses)
 
 
 def origin_pattern(design: Design, angles: Angles, count: int) -> Vector:

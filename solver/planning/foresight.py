@@ -7,6 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.solver.adjustment.scatter import Scatter
 from stepdiag.solver.adjustment.slips import KINDS, Unseen, hidden_in_volume_um, least_seen
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import sized
@@ -18,7 +19,7 @@ from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.effects import TURNING, AngleShapes, angle_shapes, effects_of
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.model.noise import starting_u_um
+from stepdiag.solver.model.priors import make_prior
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import identified, reported, variance
 from stepdiag.solver.result.interval import Interval
@@ -94,12 +95,14 @@ def foresee(layout: Layout, chain: str, assumed: Assumptions, increments: int) -
     ``increments`` is how fine the survey is: the layout may be a coarser one of the same runs, for the uncertainty at a node hardly
     depends on how many others there are.
     """
-    design = build_design(layout, chain, Model())
+    design = build_design(layout, chain, Model(misses=assumed.repeatability_um > 0.0))
     shapes = angle_shapes(layout, {}, assumed)
     effects = effects_of(layout, chain, shapes, assumed)
-    weight = 1.0 / starting_u_um(layout, assumed.repeatability_um, assumed.reading_um) ** 2
-    fixed = fit(design.rows, design.blocks, np.zeros(len(weight)), weight)
-    pattern = np.hstack([np.zeros((len(weight), 0)), *(effect.pattern_um for effect in effects)])
+    prior = make_prior(design, {})
+    u = np.concatenate([Scatter.assumed(layout, assumed).u_um(layout), assumed.repeatability_um * prior.u])
+    fixed = fit(design.rows.followed_by(prior.rows), design.blocks, np.zeros(len(u)), 1.0 / u**2)
+    pattern = np.hstack([np.zeros((len(layout), 0)), *(effect.pattern_um for effect in effects)])
+    pattern = np.pad(pattern, ((0, len(prior.u)), (0, 0)))
     mixed = MixedFit(fixed, Causes.of(fixed, pattern), np.ones(pattern.shape[1]))
     group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
     spread = Spread(mixed, group, tuple(effect.name for effect in effects), usual_sizes(len(effects)))

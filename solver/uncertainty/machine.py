@@ -234,4 +234,4 @@ def _fields_um(names: tuple[str, ...], node: tuple[int, ...], volume: Volume, ch
 
 def usual_sizes(groups: int) -> Sizes:
     """Return sizes as assumed, for a survey that was not driven yet."""
-    return Sizes(np.ones(groups), np.zeros(groups, dtype=np.bool_), 1.0)
+    return Sizes(np.ones(groups), np.zeros(groups, dtype=np.bool_))

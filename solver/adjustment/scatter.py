@@ -1,0 +1,157 @@
+"""How much a machine and its laser scatter: estimated before anything is called a contradiction.
+
+Theory of operation. A reading differs from the model by two kinds of chance:
+
+    miss    each move of an axis ends beside its target by a miss along that axis. An axis that stands keeps its place: all stops
+            until its next move share its miss. Standard deviation: the repeatability of that axis.
+    noise   the laser's own scatter, which each stop states, and beside it vibration and turbulence of the setup, of each stop alone.
+
+Misses are unknowns of the adjustment that a prior holds to zero within the repeatability (`solver.model.priors`); noise is the inverse root of
+a reading's weight. Repeats, the way out against the way back, and the pattern of three stops that a miss makes in a step diagonal tell the
+two apart. A standard deviation s that was taken for s0 has the likelihood (Foerstner 1979; restricted maximum likelihood where it has settled)
+
+    log L(s) = -1/2 (n log(s^2 / s0^2) + S s0^2 / s^2),    n = sum of redundancies,    S = sum of weighted squared residuals
+
+over the rows it stands for. Before wrong stops are found, S comes from the median of the residuals, which single stops do not move. The
+prior is normal in the logarithm: the axes of a machine repeat alike, setups of a survey are alike, and both lie within a broad range of
+what is assumed. All are most likely together; where the readings show nothing, the assumed size stays.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.mixed import AnyFit
+from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.model.noise import CHECKED, LEAST_FREEDOM, LEAST_U_UM
+
+BROAD = 1.0
+"""Standard deviation of the logarithm of a size: 0.5 um means 0.07 to 3.5 um (95 %), from a grinding machine to a worn one."""
+AXES_ALIKE = 0.3
+"""Of an axis beside the others of its machine: by a third up or down."""
+SETUPS_ALIKE = 0.5
+"""Of the noise of a setup beside the others': beams differ in length and in their air."""
+BESIDE_STATED_UM = 0.05
+"""Noise beside what the stops state: the mean over a dwell averages vibration out."""
+SETTLED = 0.03
+"""Sizes that change by less than this share are found."""
+ROUNDS = 8
+_LOG = np.linspace(-8.0, 8.0, 641)
+_NORMAL = 1.4826
+"""Standard deviation of a normal variable over the median of its size."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Scatter:
+    """``repeatability_um`` (3,): standard deviation of what a move of each axis misses by; ``noise_um`` (setups,): of a reading of each
+    setup beside what it states, or of all of it where it states nothing. ``freedom_repeatability`` and ``freedom_noise``: how many degrees
+    of freedom showed them.
+    """
+
+    repeatability_um: Vector
+    noise_um: Vector
+    freedom_repeatability: Vector
+    freedom_noise: Vector
+
+    @classmethod
+    def assumed(cls, layout: Layout, assumed: Assumptions) -> Self:
+        """Return what is assumed of a survey."""
+        unstated = np.array([not np.all(np.isfinite(layout.u_um[layout.setup_index == index])) for index in range(len(layout.setups))])
+        return cls(
+            repeatability_um=np.full(3, assumed.repeatability_um),
+            noise_um=np.where(unstated, assumed.reading_um, BESIDE_STATED_UM),
+            freedom_repeatability=np.zeros(3),
+            freedom_noise=np.zeros(len(layout.setups)),
+        )
+
+    def u_um(self, layout: Layout) -> Vector:
+        """Return the standard uncertainty of every reading by noise, shape (m,)."""
+        stated = np.where(np.isfinite(layout.u_um), layout.u_um, 0.0)
+        u: Vector = np.maximum(np.hypot(stated, self.noise_um[layout.setup_index]), LEAST_U_UM)
+        return u
+
+    def near(self, other: "Scatter") -> bool:
+        """Tell whether the sizes differ by less than `SETTLED`."""
+        own, others = (np.log(np.concatenate([one.repeatability_um, one.noise_um])) for one in (self, other))
+        return bool(np.max(np.abs(own - others)) < SETTLED)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Misses:
+    """The rows of the adjustment that hold misses to zero: their places ``rows`` (k,) and the ``axis`` (k,) of each."""
+
+    rows: NDArray[np.int64]
+    axis: NDArray[np.int64]
+
+
+def estimated(fit: AnyFit, layout: Layout, misses: Misses, before: Scatter, assumed: Scatter, *, robust: bool) -> Scatter:
+    """Return the sizes that a fit makes most likely that was made with the sizes ``before``; ``robust`` where stops may be wrong."""
+    shown = [_shown(fit, misses.rows[misses.axis == axis], robust=robust) for axis in range(3)]
+    repeatability = _together(
+        [_likely(np.exp(2.0 * _LOG), *one) for one in shown], np.log(before.repeatability_um), assumed.repeatability_um, AXES_ALIKE
+    )
+    noise, freedom = _noise(fit, layout, before, assumed, robust=robust)
+    return replace(
+        before,
+        repeatability_um=np.maximum(repeatability, LEAST_U_UM) if len(misses.rows) else before.repeatability_um,
+        noise_um=np.maximum(noise, LEAST_U_UM),
+        freedom_repeatability=np.array([one[0] for one in shown]),
+        freedom_noise=freedom,
+    )
+
+
+def _noise(fit: AnyFit, layout: Layout, before: Scatter, assumed: Scatter, *, robust: bool) -> tuple[Vector, Vector]:
+    """Return the noise of every setup, and how many degrees of freedom showed it, shapes (setups,)."""
+    stated = np.where(np.isfinite(layout.u_um), layout.u_um, 0.0)
+    used_um = before.u_um(layout)
+    likely, freedom = [], np.zeros(len(layout.setups))
+    for index in range(len(layout.setups)):
+        rows = np.flatnonzero((layout.setup_index == index) & (fit.weight[: len(layout)] > 0))
+        freedom[index], squares = _shown(fit, rows, robust=robust)
+        size = before.noise_um[index] * np.exp(_LOG)
+        share = (stated[rows, None] ** 2 + size**2) / used_um[rows, None] ** 2 if len(rows) else np.ones((1, len(_LOG)))
+        likely.append(_likely(np.mean(share, axis=0), freedom[index], squares))
+    return _together(likely, np.log(before.noise_um), assumed.noise_um, SETUPS_ALIKE), freedom
+
+
+def _shown(fit: AnyFit, rows: NDArray[np.int64], *, robust: bool) -> tuple[float, float]:
+    """Return degrees of freedom and square sum that the residuals of some rows show of their scatter."""
+    redundancy = fit.redundancy_of(rows)
+    checked = rows[(redundancy > CHECKED) & (fit.weight[rows] > 0)]
+    freedom = float(np.sum(redundancy[(redundancy > CHECKED) & (fit.weight[rows] > 0)]))
+    if freedom < 1.0:
+        return 0.0, 0.0
+    weighted = fit.weight[checked] * fit.residual[checked] ** 2
+    if not robust:
+        return freedom, float(np.sum(weighted))
+    normalised = np.sqrt(weighted / fit.redundancy_of(checked))
+    return freedom, freedom * (_NORMAL * float(np.quantile(normalised, 0.5))) ** 2
+
+
+def _likely(ratio: Vector, freedom: float, squares: float) -> Vector:
+    """Return the log-likelihood of variances larger by ``ratio`` than those of the fit."""
+    found: Vector = -0.5 * (freedom * np.log(ratio) + squares / ratio)
+    return found
+
+
+def _together(likely: Sequence[Vector], log_before: Vector, assumed: Vector, alike: float) -> Vector:
+    """Return the sizes of a class that are most likely together, shape (k,).
+
+    ``likely`` (k, sizes) are the log-likelihoods of sizes ``before`` * exp(`_LOG`); the class has a size of its own beside the assumed.
+    """
+    common, size = np.linspace(-8.0, 8.0, 321)[:, None], np.log(assumed)
+    each = [one - 0.5 * ((at + _LOG - own - common) / alike) ** 2 for one, at, own in zip(likely, log_before, size, strict=True)]
+    best = int(np.argmax(sum((np.max(one, axis=1) for one in each), -0.5 * (common[:, 0] / BROAD) ** 2)))
+    return np.array([np.exp(at + _LOG[np.argmax(one[best])]) for one, at in zip(each, log_before, strict=True)])
+
+
+def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
+    """Return the setups whose readings state no noise and show none."""
+    unstated = [not np.all(np.isfinite(layout.u_um[layout.setup_index == index])) for index in range(len(layout.setups))]
+    shown = found.freedom_noise + np.sum(found.freedom_repeatability) >= LEAST_FREEDOM
+    return [setup.name for setup, lacking, seen in zip(layout.setups, unstated, shown, strict=True) if lacking and not seen]
