@@ -1,12 +1,14 @@
 """What the user takes for granted about machine, laser and hall, from the ``[uncertainty]`` of a survey file."""
 
 from dataclasses import replace
+from typing import Any
 
+import msgspec
 import numpy as np
 
 from stepdiag.daq.survey.models import Environment, Survey, Uncertainty
 from stepdiag.exporters.files.settings import convert, read_toml, refuse
-from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.assumptions import Assumptions, usual_sizes
 from stepdiag.solver.standards.air import Air, AirUncertainty, index_u
 
 VACUUM_WAVELENGTH_NM = 633.0
@@ -55,11 +57,7 @@ def _index(section: Uncertainty, environment: Environment) -> float:
 
 def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
     return Assumptions(
-        angles_urad=section.angles_urad,
-        drift_um=section.drift_um,
-        wander_um=section.wander_um,
-        repeatability_um=section.repeatability_um,
-        setup_c=section.setup_c,
+        **_sizes(section),
         index=_index(section, environment),
         index_setup=1e-6 * section.index_setup_ppm,
         u_material_c=section.u_material_c,
@@ -67,9 +65,12 @@ def _stated(section: Uncertainty, environment: Environment) -> Assumptions:
         material_stated=section.u_material_c != Assumptions().u_material_c,
         u_expansion_um_m_c=section.u_expansion_um_m_c,
         alignment_mrad=section.alignment_mrad,
-        between_um=section.between_um,
         reading_um=section.reading_um,
-        shape_um=section.shape_um,
-        squareness_urad=section.squareness_urad,
-        scale_um_m=section.scale_um_m,
     )
+
+
+def _sizes(section: Uncertainty) -> dict[str, Any]:
+    """Return the machine's sizes by their names in `Assumptions`: each as the section states it, else as usual in its class."""
+    stated = msgspec.structs.asdict(section)
+    usual = usual_sizes(section.machine_class, section.feedback)
+    return {name: size if stated[name] is None else stated[name] for name, size in usual.items()}

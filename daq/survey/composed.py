@@ -16,6 +16,23 @@ _SILENT = 'transport = "none"\n'
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class MachineClass:
+    """The class of a machine for ``[uncertainty]``: one of `CLASSES`, its feedback one of `FEEDBACKS`, the pitch of its screws in mm."""
+
+    name: str = "ordinary"
+    feedback: str = "screw"
+    pitch_mm: float = 10.0
+
+    def settings(self) -> list[tuple[str, str, str]]:
+        """Return section, key and value of each setting, as TOML."""
+        return [
+            ("uncertainty", "machine_class", _quoted(self.name)),
+            ("uncertainty", "feedback", _quoted(self.feedback)),
+            ("uncertainty", "pitch_mm", str(float(self.pitch_mm))),
+        ]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Answers:
     """A first survey: ``control`` is one of `CONTROLS` or "none"; ``tcp_port`` 0 stands for that of its protocol."""
 
@@ -32,6 +49,7 @@ class Answers:
     chain: str = "FXYZ"
     compensation: str = "?"
     baud: int = 0
+    usual: MachineClass = MachineClass()
 
 
 def composed(answers: Answers, source: str) -> str:
@@ -42,6 +60,15 @@ def composed(answers: Answers, source: str) -> str:
     before, _, rest = text.partition("[plc]\n")
     after = rest.partition("[stop]\n")[2]
     text = f"{before}[plc]\n{_plc(answers)}\n[stop]\n{after}"
+    parse_survey(text, source)
+    return text
+
+
+def begun(usual: MachineClass, source: str) -> str:
+    """Return the template with a class of machine. Raises UsageError, as reading it would, for a value that a survey cannot have."""
+    text = template()
+    for section, key, value in usual.settings():
+        text = _set(text, section, key, value)
     parse_survey(text, source)
     return text
 
@@ -71,6 +98,7 @@ def _settings(answers: Answers) -> list[tuple[str, str, str]]:
         ("laser", "port", _quoted(answers.laser_port)),
         ("laser", "baud", str(answers.baud or _BAUDS.get(answers.laser_format, 115200))),
         ("environment", "source", _quoted(air)),
+        *answers.usual.settings(),
     ]
 
 

@@ -5,9 +5,12 @@ from collections.abc import Iterator
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS
+from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, MOST_INCREMENTS
 from stepdiag.solver.planning.planner import Circumstances, forecast
 from stepdiag.solver.planning.runs import Pace, Plan, Run
+
+IN_STEP = 0.05
+"""Of a wave's length: by so little more or less than whole waves from target to target ten increments see less than one slow wave of it."""
 
 
 def planned(survey: Survey) -> Plan:
@@ -39,3 +42,28 @@ def hidden_slip(survey: Survey) -> Iterator[Finding]:
     if hides := forecast(planned(survey), circumstances(survey)).ahead.hides():
         cure = "drive out and back (return_pass = true), or each setup twice (repeats = 2)"
         yield Finding(code="slip-hidden", severity="info", text=f"each setup is driven once: {hides}; to see it, {cure}")
+
+
+def hidden_waves(survey: Survey) -> Iterator[Finding]:
+    """Yield the axes whose targets do not show waves of the screw's pitch, and the next number of increments that shows them.
+
+    Silent where the survey file does not state a pitch, and for linear scales.
+    """
+    pitch_mm, volume = survey.uncertainty.pitch_mm, survey.volume
+    if pitch_mm is None or survey.uncertainty.feedback != "screw":
+        return
+    steps_mm = {axis: edge_mm / volume.increments for axis, edge_mm in zip(AXES, volume.size_mm, strict=True)}
+    hidden = [f"{axis} {step_mm:g} mm" for axis, step_mm in steps_mm.items() if _in_step(step_mm, pitch_mm)]
+    if not hidden:
+        return
+    finer = range(volume.increments + 1, MOST_INCREMENTS + 1)
+    better = next((n for n in finer if not any(_in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)), None)
+    cure = "" if better is None else f"; increments = {better} shows them"
+    text = f"steps of {', '.join(hidden)} do not show waves of the screw's pitch of {pitch_mm:g} mm{cure}"
+    yield Finding(code="pitch-hidden", severity="info", text=text)
+
+
+def _in_step(step_mm: float, pitch_mm: float) -> bool:
+    """Return whether targets meet a wave of one or of half a pitch always in the same place, within a twentieth of its length."""
+    turns = [step_mm / length_mm for length_mm in (pitch_mm, pitch_mm / 2.0)]
+    return any(round(turn) >= 1 and abs(turn - round(turn)) <= IN_STEP for turn in turns)

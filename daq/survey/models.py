@@ -363,13 +363,25 @@ class Solver(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is taken for granted (k = 1 unless a range or a limit is named); the meaning stands in `stepdiag.solver.model.assumptions`."""
+    """What is taken for granted (k = 1 unless a range or a limit is named); the meaning stands in `stepdiag.solver.model.assumptions`.
 
-    angles_urad: Assumed = 10.0
-    drift_um: Assumed = 0.15
-    wander_um: Assumed = 0.1
-    repeatability_um: Assumed = 0.1
-    setup_c: Assumed = 0.15
+    A size of the machine that is None is the usual one of ``machine_class`` and ``feedback``.
+    """
+
+    machine_class: Literal["good", "ordinary", "poor"] = "ordinary"
+    feedback: Literal["screw", "scale"] = "screw"
+    pitch_mm: Stated | None = None
+    """Pitch of the screws in mm; None where the file does not state it."""
+    angles_urad: Assumed | None = None
+    drift_um: Assumed | None = None
+    wander_um: Assumed | None = None
+    repeatability_um: Assumed | None = None
+    setup_c: Assumed | None = None
+    growth_um_m: Assumed | None = None
+    between_um: Assumed | None = None
+    shape_um: Stated | None = None
+    squareness_urad: Stated | None = None
+    scale_um_m: Stated | None = None
     index_ppm: Assumed = 0.2
     u_air_temperature_c: Assumed = 0.0
     u_air_pressure_hpa: Assumed = 0.0
@@ -379,12 +391,8 @@ class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fiel
     u_material_c: Assumed = 0.3
     u_expansion_um_m_c: Assumed = 1.0
     alignment_mrad: Assumed = 0.5
-    between_um: Assumed = 0.3
     reading_um: Stated = 0.3
     source_shift_um: Assumed = 1.0
-    shape_um: Stated = 5.0
-    squareness_urad: Stated = 30.0
-    scale_um_m: Stated = 20.0
 
 
 class Export(msgspec.Struct, frozen=True, kw_only=True):

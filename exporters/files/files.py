@@ -91,6 +91,12 @@ def write_once(path: Path, text: str) -> None:
     write_atomically(path, data)
 
 
+def refuse_existing(path: Path) -> None:
+    """Raise UsageError where a file is there already, before a command asks anything."""
+    if path.exists():
+        raise UsageError(str(path), expected="a new file", found="one that exists", remedy="name another one")
+
+
 def write_new(path: Path, text: str) -> None:
     """Write a text file that must not be there yet, whole or not at all. Raises UsageError where it is, or where it cannot be written."""
     try:

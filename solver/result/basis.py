@@ -7,7 +7,7 @@ from typing import Any, Literal
 from stepdiag.solver.result.result import AXIS_LETTERS, Result
 
 ASSUMED = (
-    "angles_urad", "drift_um", "wander_um", "repeatability_um", "setup_c", "index_ppm", "alignment_mrad", "between_um",
+    "angles_urad", "drift_um", "wander_um", "repeatability_um", "setup_c", "growth_um_m", "index_ppm", "alignment_mrad", "between_um",
     "u_material_c", "u_expansion_um_m_c", "shape_um", "squareness_urad", "scale_um_m",
 )  # fmt: skip
 """The sizes that a person meets, by their names in `Assumptions.as_json`."""

@@ -12,7 +12,7 @@ from stepdiag.daq.capture.remarks.unchecked import WITHOUT, assumed, unchecked
 from stepdiag.daq.formats.recognise import refused, senseless
 from stepdiag.daq.formats.signals import describe
 from stepdiag.daq.survey.bundle import compensation_findings
-from stepdiag.daq.survey.foreseen import hidden_slip
+from stepdiag.daq.survey.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.survey.models import Plc
 from stepdiag.daq.timing.samples import Flag
 from stepdiag.solver.findings import Finding
@@ -45,7 +45,7 @@ _FLAG_WORDS = {
 
 def diagnose(seen: Observation) -> tuple[Finding, ...]:
     """Return everything that is to be said, in the order compensation, plan, laser, head, sensor of air, machine."""
-    found = [*compensation_findings(seen.survey), *hidden_slip(seen.survey)]
+    found = [*compensation_findings(seen.survey), *hidden_slip(seen.survey), *hidden_waves(seen.survey)]
     found += [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
     found += _told(seen) if seen.sensor.samples else ()
     silent = seen.survey.plc.silent

@@ -47,7 +47,7 @@ def plan(
     survey = load_survey(file)
     advice = _advise(planned(survey), circumstances(survey), minutes, target_um)
     asked = minutes is not None or target_um is not None
-    _say_unchecked(survey)
+    _print_foreseen(survey)
     if as_json:
         typer.echo(json.dumps(_advice_json(advice), indent=2, ensure_ascii=False))
     else:
@@ -56,14 +56,14 @@ def plan(
         _apply(file, survey, advice, asked=asked)
 
 
-def _say_unchecked(survey: "Survey") -> None:
-    """Say what cannot be told apart without signals of the machine, before anything is driven."""
+def _print_foreseen(survey: "Survey") -> None:
+    """Print what the survey cannot tell apart without signals of the machine, and the axes whose targets hide the pitch of the screw."""
     from stepdiag.daq.capture.remarks.unchecked import unchecked
+    from stepdiag.daq.survey.foreseen import hidden_waves
     from stepdiag.terminal.tables import finding_lines
 
-    if survey.plc.silent:
-        for line in finding_lines(unchecked(survey)):
-            typer.echo(line, err=True)
+    for line in finding_lines([*(unchecked(survey) if survey.plc.silent else ()), *hidden_waves(survey)]):
+        typer.echo(line, err=True)
 
 
 def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> None:

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
+from stepdiag.cli.questions import Feedback, MachineClassName, Pitch, asked, machine_class_asked
 from stepdiag.solver.errors import DeviceError, UsageError
 
 if TYPE_CHECKING:
@@ -39,6 +40,9 @@ def setup(
     increments: Annotated[str | None, typer.Option(help="Increments per axis.")] = None,
     chain: Annotated[str | None, typer.Option(help="From workpiece to tool, F the foundation: FXYZ.")] = None,
     compensation: Annotated[str | None, typer.Option(help="off while measuring; ? where it is to be said later.")] = None,
+    machine_class: MachineClassName = None,
+    feedback: Feedback = None,
+    pitch_mm: Pitch = None,
     seconds: Annotated[float, typer.Option(help="How long to listen and to show the signals.")] = 3.0,
 ) -> None:
     """Ask for a first survey, show what is there, write its file.
@@ -47,25 +51,25 @@ def setup(
     nothing is written to the machine.
     """
     from stepdiag.daq.survey.composed import Answers, composed
-    from stepdiag.exporters.files.files import write_new
+    from stepdiag.exporters.files.files import refuse_existing, write_new
 
     if not 1.0 <= seconds < float("inf"):
         raise UsageError("--seconds", expected="a number of 1 or more", found=f"{seconds:g}")
-    if file.exists():
-        raise UsageError(str(file), expected="a new file", found="one that exists", remedy="name another one")
+    refuse_existing(file)
     line, form, rate = _laser(laser_port, laser_format, baud, seconds)
     found_control, found_host = _control(control, host, port)
     answers = Answers(
         name=_name(file),
-        machine=_asked("machine", "The machine as it is to stand in the report", machine, _text),
-        size_mm=_asked("size", "Edges of the volume in mm (x y z)", size, _three),
-        origin_mm=_asked("origin", "Its low corner in machine coordinates, mm", origin, _three, "0 0 0"),
-        increments=_asked("increments", "Increments per axis", increments, _whole, "10"),
-        chain=_asked("chain", "Chain from workpiece to tool, F the foundation", chain, _chain, "FXYZ"),
-        compensation=_asked("compensation", "Its compensation while measuring (off, or ?: said later)", compensation, _switched, "?"),
+        machine=asked("machine", "The machine as it is to stand in the report", machine, _text),
+        size_mm=asked("size", "Edges of the volume in mm (x y z)", size, _three),
+        origin_mm=asked("origin", "Its low corner in machine coordinates, mm", origin, _three, "0 0 0"),
+        increments=asked("increments", "Increments per axis", increments, _whole, "10"),
+        chain=asked("chain", "Chain from workpiece to tool, F the foundation", chain, _chain, "FXYZ"),
+        compensation=asked("compensation", "Its compensation while measuring (off, or ?: said later)", compensation, _switched, "?"),
         laser_port=line,
         laser_format=form,
         baud=rate,
+        usual=machine_class_asked(machine_class, feedback, pitch_mm),
         control=found_control,
         host=found_host,
         tcp_port=port,
@@ -87,7 +91,7 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
         for number, each in enumerate(seen, start=1):
             typer.echo(f"  {number}  {each.name}  {each.words}")
         known = {str(number): each.name for number, each in enumerate(seen, start=1)}
-        port = _asked(
+        port = asked(
             "laser-port", "The laser's port (number, name, or socket://host:port)", None, lambda text: known.get(text, _port(text))
         )
     port = _port(port)
@@ -101,7 +105,7 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
         return port, heard.format, heard.baud
     begins = f"it begins with {heard.data[:SHOWN_BYTES].hex(' ')}" if heard.data else "silence"
     typer.echo(f"nothing known speaks there ({begins}); lines and frames of your own are described in a file that `stepdiag init` writes")
-    return port, _asked("laser-format", f"Which format is it ({', '.join(_FORMATS)})", None, _format), baud
+    return port, asked("laser-format", f"Which format is it ({', '.join(_FORMATS)})", None, _format), baud
 
 
 def _control(control: str | None, host: str | None, port: int) -> tuple[str, str]:
@@ -110,7 +114,7 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
 
     if control is not None and _known_control(control, "--control") == "none":
         return "none", ""
-    host = _asked("host", "Name or address of the control (none: a machine without signals)", host, _text)
+    host = asked("host", "Name or address of the control (none: a machine without signals)", host, _text)
     if host == "none" or control is not None:
         return control if control is not None and host != "none" else "none", host
     from stepdiag.checking.hearing import probe
@@ -118,7 +122,7 @@ def _control(control: str | None, host: str | None, port: int) -> tuple[str, str
     answered = _while_saying(f"asking {host} over Modbus, S7 and LSV2 ...", lambda: probe(host, port))
     for each in answered:
         typer.echo(f"  {each.control}: {each.words}")
-    return _asked("control", f"Which one ({', '.join((*CONTROLS, 'none'))})", None, _known_control, _likely(answered)), host
+    return asked("control", f"Which one ({', '.join((*CONTROLS, 'none'))})", None, _known_control, _likely(answered)), host
 
 
 def _while_saying(words: str, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
@@ -154,27 +158,6 @@ def _shown(text: str, source: str, seconds: float) -> bool:
 def _next(answers: "Answers", file: Path) -> str:
     question = " answer machine.compensation before you export;" if answers.compensation == "?" else ""
     return f"watch it with `stepdiag check {file}`;{question} `stepdiag plan {file}` says what the survey will tell"
-
-
-def _asked(option: str, question: str, given: str | None, understood: Callable[[str], Any], default: str | None = None) -> Any:
-    """Return an answer: the option's, or the person's, who is asked until it can be understood; without a terminal the default."""
-    import sys
-
-    import click
-
-    if given is not None:
-        return understood(given)
-    if not sys.stdin.isatty():
-        if default is None:
-            raise UsageError(f"--{option}", expected="an answer", found="no terminal to ask on", remedy=f"say it: --{option} ...")
-        return understood(default)
-    while True:
-        try:
-            return understood(str(typer.prompt(question, default=default)).strip())
-        except UsageError as refusal:
-            typer.echo(str(refusal))
-        except click.Abort as end:
-            raise UsageError("setup", expected="an answer", found="the end of the questions; nothing is written") from end
 
 
 def _name(file: Path) -> str:

@@ -5,16 +5,27 @@ from typing import Annotated
 
 import typer
 
+from stepdiag.cli.questions import Feedback, MachineClassName, Pitch, machine_class_asked
+
 
 def register(app: typer.Typer) -> None:
     """Add the command to the application."""
     app.command("init")(init)
 
 
-def init(file: Annotated[Path, typer.Argument(help="The survey file to write.")] = Path("survey.toml")) -> None:
-    """Write a commented survey file; never over an existing one."""
-    from stepdiag.daq.survey.template import template
-    from stepdiag.exporters.files.files import write_new
+def init(
+    file: Annotated[Path, typer.Argument(help="The survey file to write.")] = Path("survey.toml"),
+    machine_class: MachineClassName = None,
+    feedback: Feedback = None,
+    pitch_mm: Pitch = None,
+) -> None:
+    """Write a commented survey file; never over an existing one.
 
-    write_new(file, template())
+    On a terminal it asks for the class of the machine, which sets the usual sizes of its errors.
+    """
+    from stepdiag.daq.survey.composed import begun
+    from stepdiag.exporters.files.files import refuse_existing, write_new
+
+    refuse_existing(file)
+    write_new(file, begun(machine_class_asked(machine_class, feedback, pitch_mm), file.name))
     typer.echo(f"{file} written: fill in [volume], [laser] and [plc], then run `stepdiag check {file}`")

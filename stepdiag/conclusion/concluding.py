@@ -180,10 +180,14 @@ def _basis(found: Basis) -> Iterator[Sentence]:
 
 
 def taken_for_granted(assumed: Mapping[str, float]) -> Sentence | None:
-    """Return the sizes on which U rests, as they stand beside every U; None where not all of them are said."""
-    if not assumed.keys() >= set(ASSUMED):
+    """Return the sizes on which U rests, as they stand beside every U; None where a size is missing.
+
+    Results of older versions assumed no growth and do not name it.
+    """
+    sizes = {"growth_um_m": 0.0, **assumed}
+    if not sizes.keys() >= set(ASSUMED):
         return None
-    return Sentence(key="basis_assumed", arguments={name: f"{assumed[name]:g}" for name in ASSUMED})
+    return Sentence(key="basis_assumed", arguments={name: f"{sizes[name]:g}" for name in ASSUMED})
 
 
 def _figure(when: str, rms: Interval, largest: Interval) -> Sentence:

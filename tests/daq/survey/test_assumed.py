@@ -1,8 +1,46 @@
-"""What a survey takes for granted: certificates of the air's sensors reach the index as one error of the whole survey."""
+"""What a survey takes for granted: by class of machine, as stated, and by the certificates of the air's sensors."""
+
+from dataclasses import asdict
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from stepdiag.daq.survey.assumed import parse_uncertainty
+from stepdiag.daq.survey.assumed import assumptions_of, parse_uncertainty
+from stepdiag.daq.survey.file import parse_survey
+from stepdiag.daq.survey.template import template
+from stepdiag.solver.errors import UsageError
+from stepdiag.solver.model.assumptions import CLASSES, FEEDBACKS, Assumptions, usual_sizes
+
+STATED = st.dictionaries(st.sampled_from(sorted(usual_sizes())), st.floats(0.001, 1000.0))
+
+
+@given(st.sampled_from(sorted(CLASSES)), st.sampled_from(sorted(FEEDBACKS)), STATED)
+def test_a_stated_size_takes_the_place_of_that_of_the_class(machine, feedback, stated):
+    lines = [f'machine_class = "{machine}"', f'feedback = "{feedback}"', *(f"{name} = {size!r}" for name, size in stated.items())]
+    found = asdict(parse_uncertainty("[uncertainty]\n" + "\n".join(lines) + "\n", "u.toml"))
+    assert {name: found[name] for name in usual_sizes()} == usual_sizes(machine, feedback) | stated
+
+
+def test_a_section_without_sizes_is_an_ordinary_machine_with_screws():
+    assert parse_uncertainty("[uncertainty]\n", "u.toml") == Assumptions()
+
+
+def test_a_size_of_zero_is_stated():
+    assert parse_uncertainty("[uncertainty]\ndrift_um = 0\n", "u.toml").drift_um == 0.0
+
+
+def test_the_template_shows_the_sizes_of_its_class():
+    text = template()
+    for name, size in usual_sizes().items():
+        assert f"\n#{name} = {size}\n" in text
+    assert assumptions_of(parse_survey(text, "s")) == assumptions_of(parse_survey(text.replace("\n#angles_urad", "\nangles_urad"), "s"))
+
+
+@pytest.mark.parametrize("line", ['machine_class = "excellent"', 'feedback = "encoder"', "pitch_mm = 0", "growth_um_m = -1"])
+def test_a_class_or_size_that_does_not_exist_is_refused(line):
+    with pytest.raises(UsageError, match=line.split(" ", maxsplit=1)[0]):
+        parse_uncertainty(f"[uncertainty]\n{line}\n", "u.toml")
 
 
 def test_without_certificates_the_assumed_index_stands():

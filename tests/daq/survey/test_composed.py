@@ -4,10 +4,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stepdiag.daq.survey.composed import Answers, composed
+from stepdiag.daq.survey.composed import Answers, MachineClass, begun, composed
 from stepdiag.daq.survey.controls import CONTROLS
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.errors import UsageError
+from stepdiag.solver.model.assumptions import CLASSES, FEEDBACKS
 
 LENGTH = st.floats(20.0, 5000.0)
 
@@ -41,3 +42,14 @@ def test_an_answer_that_no_survey_can_have_is_refused(field, value):
     answers = {"name": "s", "machine": "m", "size_mm": (1e3, 1e3, 1e3), "laser_port": "p", "laser_format": "umd", "control": "none"}
     with pytest.raises(UsageError):
         composed(Answers(**answers | {field: value}), "s.toml")
+
+
+@pytest.mark.parametrize("name", CLASSES)
+@pytest.mark.parametrize("feedback", FEEDBACKS)
+def test_a_class_of_machine_reaches_both_files(name, feedback):
+    usual = MachineClass(name=name, feedback=feedback, pitch_mm=16)
+    answers = Answers(name="s", machine="m", size_mm=(1e3, 1e3, 1e3), laser_port="p", laser_format="umd", control="none", usual=usual)
+    for text in (begun(usual, "s.toml"), composed(answers, "s.toml")):
+        section = parse_survey(text, "s.toml").uncertainty
+        assert (section.machine_class, section.feedback, section.pitch_mm) == (name, feedback, 16.0)
+        assert section.angles_urad is None

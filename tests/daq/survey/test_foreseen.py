@@ -1,9 +1,14 @@
 """What is said of a survey before it is driven."""
 
+import re
+
+import msgspec
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.foreseen import circumstances, hidden_slip, planned
+from stepdiag.daq.survey.foreseen import circumstances, hidden_slip, hidden_waves, planned
 from stepdiag.solver.planning.planner import forecast
 from testkit.timeline import survey_text
 
@@ -16,7 +21,7 @@ def test_a_survey_driven_once_is_told_the_slip_that_the_plan_foresees(n):
     survey = parse_survey(survey_text(n=n, setups=FOUR), "survey.toml")
     (said,) = hidden_slip(survey)
     ahead = forecast(planned(survey), circumstances(survey)).ahead
-    assert 2.0 < ahead.unseen.half_um < 10.0
+    assert 2.0 < ahead.unseen.half_um < 20.0
     assert f"a slip of the laser's count of {ahead.unseen.half_um:.2g} um could hide" in said.text
     assert f"make {ahead.unseen_volume_um:.2g} um of the volume's errors" in said.text
     assert "return_pass = true" in said.text
@@ -25,3 +30,31 @@ def test_a_survey_driven_once_is_told_the_slip_that_the_plan_foresees(n):
 @pytest.mark.parametrize("text", [survey_text(setups=FOUR, back=True), TWICE, survey_text(setups=("linear-x",))])
 def test_nothing_is_said_where_a_slip_shows_or_no_diagonal_is_driven(text):
     assert not list(hidden_slip(parse_survey(text, "survey.toml")))
+
+
+def with_pitch(pitch_mm, size_mm, n, feedback="screw"):
+    text = survey_text(n=n, setups=FOUR) + f'[uncertainty]\nfeedback = "{feedback}"\npitch_mm = {pitch_mm!r}\n'
+    survey = parse_survey(text, "survey.toml")
+    return msgspec.structs.replace(survey, box=msgspec.structs.replace(survey.box, size_mm=size_mm))
+
+
+def test_targets_a_whole_number_of_turns_apart_are_named():
+    (said,) = hidden_waves(with_pitch(10.0, (500.0, 430.0, 350.0), 10))
+    assert (said.code, said.severity) == ("pitch-hidden", "info")
+    assert "steps of x 50 mm, z 35 mm do not show waves of the screw's pitch of 10 mm; increments = 11 shows them" in said.text
+
+
+@pytest.mark.parametrize(("size_mm", "feedback"), [((430.0, 430.0, 430.0), "screw"), ((500.0, 500.0, 500.0), "scale")])
+def test_other_steps_and_scales_are_not_named(size_mm, feedback):
+    assert not list(hidden_waves(with_pitch(10.0, size_mm, 10, feedback)))
+
+
+def test_a_file_that_states_no_pitch_is_not_asked():
+    assert not list(hidden_waves(parse_survey(survey_text(n=5, setups=FOUR), "survey.toml")))
+
+
+@given(st.floats(2.0, 50.0), st.floats(50.0, 5000.0), st.integers(1, 40))
+def test_the_advised_number_of_increments_shows_the_waves(pitch_mm, edge_mm, n):
+    for said in hidden_waves(with_pitch(pitch_mm, (edge_mm,) * 3, n)):
+        if advised := re.search(r"increments = (\d+)", said.text):
+            assert not list(hidden_waves(with_pitch(pitch_mm, (edge_mm,) * 3, int(advised[1]))))

@@ -50,6 +50,27 @@ def test_init_writes_a_survey_that_validates_and_nothing_over_it(tmp_path: Path)
         run("init", tmp_path / "none" / "survey.toml")
 
 
+def test_init_takes_the_class_of_the_machine_and_its_screws(tmp_path: Path) -> None:
+    run("init", tmp_path / "a.toml", "--machine-class", "poor", "--feedback", "scale", "--pitch-mm", "16")
+    stated = load_survey(tmp_path / "a.toml").uncertainty
+    assert (stated.machine_class, stated.feedback, stated.pitch_mm) == ("poor", "scale", 16.0)
+    for wrong in (("--machine-class", "best"), ("--feedback", "none"), ("--pitch-mm", "nan"), ("--pitch-mm", "0")):
+        with pytest.raises(UsageError):
+            run("init", tmp_path / "b.toml", *wrong)
+    assert not (tmp_path / "b.toml").exists()
+
+
+def test_init_asks_on_a_terminal_until_it_understands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    app = typer.Typer()
+    survey.register(app)
+    monkeypatch.setattr("stepdiag.cli.questions.on_terminal", lambda: True)
+    asked = CliRunner().invoke(app, [str(tmp_path / "a.toml")], input="best\ngood\n\n20\n")
+    assert asked.exit_code == 0, asked.output
+    assert "ordinary  a machining centre in a shop: repeats to 0.5 µm, angular errors of 15 µrad" in asked.output
+    stated = load_survey(tmp_path / "a.toml").uncertainty
+    assert (stated.machine_class, stated.feedback, stated.pitch_mm) == ("good", "screw", 20.0)
+
+
 def test_info_says_whether_a_log_is_whole(tmp_path: Path, cut_off: Path) -> None:
     whole = run("info", tmp_path / "whole.mcap")
     assert "whole.mcap: whole, complete" in whole

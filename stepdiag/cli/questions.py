@@ -1,0 +1,84 @@
+"""Questions to a person on a terminal; every answer may be an option of the command instead."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from stepdiag.solver.errors import UsageError
+
+if TYPE_CHECKING:
+    from stepdiag.daq.survey.composed import MachineClass
+
+MachineClassName = Annotated[str | None, typer.Option("--machine-class", help="good, ordinary or poor: the usual sizes of its errors.")]
+Feedback = Annotated[str | None, typer.Option(help="screw (rotary encoders on ball screws) or scale (linear scales).")]
+Pitch = Annotated[str | None, typer.Option("--pitch-mm", help="Pitch of the screws in mm.")]
+
+_WORDS = {
+    "good": "new, in a tempered hall",
+    "ordinary": "a machining centre in a shop",
+    "poor": "old or large, in an open hall",
+}
+
+
+def on_terminal() -> bool:
+    """Return whether a person can answer."""
+    import sys
+
+    return sys.stdin.isatty()
+
+
+def asked(option: str, question: str, given: str | None, understood: Callable[[str], Any], default: str | None = None) -> Any:
+    """Return an answer: the option's, or the person's, who is asked until it can be understood; without a terminal the default."""
+    import click
+
+    if given is not None:
+        return understood(given)
+    if not on_terminal():
+        if default is None:
+            raise UsageError(f"--{option}", expected="an answer", found="no terminal to ask on", remedy=f"say it: --{option} ...")
+        return understood(default)
+    while True:
+        try:
+            return understood(str(typer.prompt(question, default=default)).strip())
+        except UsageError as refusal:
+            typer.echo(str(refusal))
+        except click.Abort as end:
+            raise UsageError("questions", expected="an answer", found="the end of the questions; nothing is written") from end
+
+
+def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | None) -> "MachineClass":
+    """Return the class of the machine, its feedback and the pitch of its screws, which is not asked for scales."""
+    from stepdiag.daq.survey.composed import MachineClass
+    from stepdiag.solver.model.assumptions import CLASSES, FEEDBACKS
+
+    if name is None and on_terminal():
+        for each, sizes in CLASSES.items():
+            typer.echo(
+                f"  {each:<9} {_WORDS[each]}: repeats to {sizes['repeatability_um']:g} µm, angular errors of {sizes['angles_urad']:g} µrad"
+            )
+    usual = MachineClass()
+    chosen = asked("machine-class", "Class of the machine (good, ordinary, poor)", name, _one_of("machine-class", CLASSES), usual.name)
+    kind = asked("feedback", "Position feedback (screw, scale)", feedback, _one_of("feedback", FEEDBACKS), usual.feedback)
+    stated = f"{usual.pitch_mm:g}" if kind == "scale" and pitch_mm is None else pitch_mm
+    pitch = asked("pitch-mm", "Pitch of the screws in mm", stated, _length, f"{usual.pitch_mm:g}")
+    return MachineClass(name=chosen, feedback=kind, pitch_mm=pitch)
+
+
+def _one_of(option: str, names: Any) -> Callable[[str], str]:
+    def understood(text: str) -> str:
+        if text not in names:
+            raise UsageError(option, expected=f"one of {', '.join(names)}", found=repr(text))
+        return text
+
+    return understood
+
+
+def _length(text: str) -> float:
+    try:
+        length = float(text)
+    except ValueError:
+        length = 0.0
+    if not 0.0 < length <= 10_000.0:
+        raise UsageError("pitch-mm", expected="a length in mm above 0", found=repr(text))
+    return length
