@@ -12,7 +12,8 @@ from functools import partial
 import numpy as np
 
 from benchmarks.exact import left_um
-from benchmarks.honesty import BOX, POINTS, SETUPS, Case, Told, drive, machine_of, within
+from benchmarks.honesty import BOX, POINTS, SETUPS, Case, drive, machine_of
+from benchmarks.told import Told, within
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.field import error_field_um
@@ -103,7 +104,7 @@ def judge(case: Case, seed: int, spoil: Callable[[Readings, np.random.Generator]
         named=any(words in one.text for one in told),
         codes=tuple(one.code for one in told),
         after=_after(result, machine),
-        squareness=tuple(within(result, machine, case)["squareness"]),
+        squareness=tuple(within(result, machine, case.increments)["squareness"]),
         clean_um=_after(solve(clean, chain=case.chain), machine).true,
     )
 

@@ -10,16 +10,16 @@ together instead: a class by itself cannot tell an interval that is too wide fro
 import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 
 from benchmarks.exact import ExactModel, left_um
+from benchmarks.told import Told, within
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import Readings, make_readings
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.prediction import predicted
-from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
+from stepdiag.solver.result.result import DISPLACEMENTS
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
 from stepdiag.virtual.physics.environment import Course, Environment
@@ -84,26 +84,6 @@ POINTS = 500
 MIXED_URAD = 30.0
 CHAINS = ("FXYZ", "XYFZ", "XFYZ", "XYZF")
 MIXED_WAVES = (0, 0, 0, 2, 3, 4, 6)
-
-
-class Told(NamedTuple):
-    """A true figure and what was predicted of it."""
-
-    true: float
-    value: float
-    low: float
-    high: float
-
-    @property
-    def inside(self) -> bool:
-        """Tell whether the interval holds it."""
-        return self.low <= self.true <= self.high
-
-    @property
-    def used(self) -> float:
-        """Return how much of the interval's side it uses up: 1 at its end."""
-        side = self.high - self.value if self.true > self.value else self.value - self.low
-        return abs(self.true - self.value) / max(side, 1e-9)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -186,28 +166,7 @@ def judge(case: Case, seed: int, exact: ExactModel | None) -> Verdict:
     before, after = (Told(left_um(points, field), **said[when]["rms_um"]) for when, field in (("before", true), ("after", true - found)))
     best = exact.solve(readings.reading_mm * 1e3) if exact else None
     bound = left_um(points, true - best.error_at(points)) if best else float("nan")
-    return Verdict(within=within(result, machine, case), before=before, after=after, bound_um=bound)
-
-
-def within(result: Result, machine: Machine, case: Case) -> dict[str, list[bool]]:
-    """Return whether each true value lies within 2 u, by class of quantity."""
-    truth = machine.truth(case.increments)
-    found: dict[str, list[bool]] = {"functions": [], "squareness": [], "scale": []}
-    for name in DISPLACEMENTS:
-        function = result.errors[name]
-        if function.value is not None and function.u is not None:
-            told, true = function.u > 1e-9, truth.errors[name]
-            if not function.slope_identified:
-                true = true - true[-1] * np.linspace(0.0, 1.0, len(true))
-            found["functions"] += (np.abs(function.value - true)[told] <= 2 * function.u[told]).tolist()
-    for name in SQUARENESS:
-        number = result.squareness[name]
-        if number.value is not None and number.u is not None:
-            found["squareness"].append(abs(number.value - truth.squareness_urad[name]) <= 2 * number.u)
-    for axis, scale in result.scale.items():
-        if scale.value is not None and scale.u is not None:
-            found["scale"].append(abs(scale.value - truth.scale_um_m[axis]) <= 2 * scale.u)
-    return found
+    return Verdict(within=within(result, machine, case.increments), before=before, after=after, bound_um=bound)
 
 
 def _exact(case: Case) -> ExactModel:

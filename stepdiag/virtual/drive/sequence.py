@@ -19,13 +19,15 @@ REGISTER_OF_SETUP = {
 class Box:
     """The measured volume, cut in ``increments`` per axis (contract 1).
 
-    ``decimals`` are the places to which whoever wrote the NC program rounded its positions, None for a program that does not round.
+    ``decimals`` are the places to which whoever wrote the NC program rounded its positions, None for a program that does not round. An
+    ``incremental`` program (G91) states steps: their rounding adds up along the pass.
     """
 
     origin_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     size_mm: tuple[float, float, float] = (500.0, 400.0, 300.0)
     increments: int = 10
     decimals: int | None = None
+    incremental: bool = False
 
 
 def base_name(setup: str) -> str:
@@ -77,8 +79,18 @@ def outward_stops_mm(box: Box, setup: str, axis_order: str = "xyz") -> Array:
             here = here.copy()
             here[axis] = start + (end - start) * number / box.increments
             stops.append(here)
-    planned: Array = np.array(stops)
-    return planned if box.decimals is None else planned.round(box.decimals)
+    return _written(np.array(stops), box)
+
+
+def _written(stop_mm: Array, box: Box) -> Array:
+    """Return the positions as the NC program states them, shape like ``stop_mm``."""
+    if box.decimals is None:
+        return stop_mm
+    if not box.incremental:
+        return stop_mm.round(box.decimals)
+    steps = np.diff(stop_mm, axis=0).round(box.decimals)
+    start = stop_mm[:1].round(box.decimals)
+    return np.concatenate([start, start + np.cumsum(steps, axis=0)]).round(box.decimals + 3)
 
 
 def _moved_axes(setup: str, axis_order: str) -> Iterator[int]:

@@ -1,9 +1,10 @@
 """Laser and target set up for a diagonal or a line, aligned as well as a person does it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from stepdiag.virtual.drive.arrivals import Registers, Scatter, Standing, arrivals, standing_at_end
 from stepdiag.virtual.drive.sequence import Box, axis_of_run, driven_pass, outward_direction, outward_stops_mm
 from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.physics.kinematics import Stand
@@ -62,9 +63,10 @@ def _mirror(direction: Array, how: Alignment) -> Target:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedPass:
-    """The readings of one pass as columns: positions and readings in mm, relative to the pass's first stop.
+    """The readings of one pass as columns: positions (as the registers show them) and readings in mm, relative to the pass's first stop.
 
-    ``first_mm`` is the count at that stop: passes of one set-up whose beam is not broken share its zero.
+    ``first_mm`` is the count at that stop: passes of one set-up whose beam is not broken share its zero. ``end`` is where the axes stand
+    after the pass.
     """
 
     setup: str
@@ -76,16 +78,26 @@ class SimulatedPass:
     temperature_c: Array
     beam_mm: Array
     first_mm: float
+    end: Standing
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """How a pass is taken: white noise of ``noise_um`` (standard deviation) on each reading, drawn by ``seed``, and when."""
+    """How a pass is taken.
+
+    White noise of ``noise_um`` (standard deviation) on each reading, drawn by ``seed``, and when. ``scatter`` is how the axes miss their
+    targets, ``registers`` what the control shows as position. ``before`` is where the axes stood before the pass, ``overrun`` whether they
+    come to its first stop in the direction of the pass (`stepdiag.virtual.drive.arrivals`).
+    """
 
     noise_um: float = 0.0
     seed: int = 0
     start_s: float = 0.0
     seconds_per_stop: float = 10.0
+    scatter: Scatter = field(default_factory=Scatter)
+    registers: Registers = field(default_factory=Registers)
+    before: Standing | None = None
+    overrun: bool = True
 
 
 def simulate_pass(
@@ -104,16 +116,19 @@ def simulate_pass(
     placed = aligned_setup(machine, box, setup, how)
     driven = driven_pass(box, setup, number, axis_order)
     times: Array = taken.start_s + taken.seconds_per_stop * np.arange(len(driven.stop_mm), dtype=np.float64)
-    indicated = machine.indicated_mm(placed, driven.stop_mm, direction=driven.approach, time_s=times)
+    drawing = np.random.default_rng((taken.seed, 1))
+    came = arrivals(driven, taken.scatter, drawing, before=taken.before, overrun=taken.overrun)
+    indicated = machine.indicated_mm(placed, driven.stop_mm + came.off_mm, direction=came.side, time_s=times)
     noisy = indicated + np.random.default_rng(taken.seed).normal(scale=taken.noise_um * 1e-3, size=len(times))
     return SimulatedPass(
         setup=setup,
         number=number,
         stop=np.arange(len(times), dtype=np.int64),
-        position_mm=driven.stop_mm,
+        position_mm=taken.registers.shown_mm(driven.stop_mm, came.servo_um, drawing),
         reading_mm=noisy - noisy[0],
         time_s=times,
         temperature_c=machine.environment.material_c.at(times),
         beam_mm=np.broadcast_to(placed.zero_mm + how.beam_offset_mm, driven.stop_mm.shape),
         first_mm=float(noisy[0]),
+        end=standing_at_end(driven, came),
     )

@@ -48,6 +48,37 @@ class Table:
         return np.interp(position_mm, self.position_mm, self.value)
 
 
+@dataclass(frozen=True, slots=True)
+class Waved:
+    """A function with a periodic error on it, as of a ball screw or a scale; nothing is added at ``low_mm``."""
+
+    base: ErrorFunction
+    amplitude: float
+    period_mm: float
+    phase_rad: float
+    low_mm: float = 0.0
+
+    def __call__(self, position_mm: Array) -> Array:
+        turns = 2.0 * np.pi / self.period_mm * (np.asarray(position_mm, dtype=np.float64) - self.low_mm)
+        value: Array = self.base(position_mm) + self.amplitude * (np.sin(turns + self.phase_rad) - np.sin(self.phase_rad))
+        return value
+
+
+@dataclass(frozen=True, slots=True)
+class Sloped:
+    """A function with a straight line added that is ``at_low`` at ``low_mm`` and rises by ``slope_per_mm``."""
+
+    base: ErrorFunction
+    low_mm: float
+    slope_per_mm: float
+    at_low: float = 0.0
+
+    def __call__(self, position_mm: Array) -> Array:
+        travelled = np.asarray(position_mm, dtype=np.float64) - self.low_mm
+        value: Array = self.base(position_mm) + self.at_low + self.slope_per_mm * travelled
+        return value
+
+
 def zero(position_mm: Array) -> Array:
     """Return no error, shape like ``position_mm``."""
     return np.zeros_like(position_mm, dtype=np.float64)

@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag.virtual.physics.environment import Environment
 from stepdiag.virtual.physics.error_functions import Array, ErrorSet
+from stepdiag.virtual.physics.growth import Growth
 from stepdiag.virtual.physics.kinematics import Pose, Stand, split_chain, tool_pose
 from stepdiag.virtual.physics.optics import Beam, Target
 from stepdiag.virtual.physics.truth import Truth, truth
@@ -46,7 +47,7 @@ class Machine:
 
     Errors refer to the point ``reference_mm`` (the low corner of the error set when None): there the Abbe arms of all
     functions are zero. ``drift_um_h`` moves the tool relative to the work, as a growing spindle does. ``expansion_um_m_c``
-    lengthens each axis by its material temperature above 20 C.
+    lengthens each axis by its material temperature above 20 C. ``growth`` is what the axes grow by while the machine warms up.
     """
 
     errors: ErrorSet
@@ -55,6 +56,7 @@ class Machine:
     tool_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     expansion_um_m_c: tuple[float, float, float] = (0.0, 0.0, 0.0)
     drift_um_h: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    growth: Growth | None = None
     environment: Environment = field(default_factory=Environment)
     compensations: Sequence[Compensation] = ()
 
@@ -88,6 +90,8 @@ class Machine:
         warmth_c = self.environment.material_c.at(time_s) - 20.0
         travelled_m = (position_mm - self.origin_mm[axis]) * 1e-3
         displacement[:, axis] += self.expansion_um_m_c[axis] * warmth_c * travelled_m
+        if self.growth is not None:
+            displacement[:, axis] += self.growth.displacement_um(axis, position_mm, self.growth.share(time_s))
         return displacement
 
     def error_at(self, commanded_mm: Array, *, direction: Array | None = None, time_s: Array | float = 0.0) -> Array:

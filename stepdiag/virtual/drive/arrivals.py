@@ -1,0 +1,109 @@
+"""How the axes come to the stops of a pass: from which side, how far each arrival misses, and what the registers show of it.
+
+An axis that does not move keeps its place. Each move of an axis draws one error of arrival along that axis, and all stops see it until
+the axis moves again. It moves the tool; a laser sees its component along the beam.
+"""
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from stepdiag.virtual.drive.sequence import DrivenPass
+from stepdiag.virtual.physics.error_functions import Array
+
+Three = tuple[float, float, float]
+_MOVED_MM = 1e-9
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scatter:
+    """Standard deviations for each axis in um: ``arrival_um`` beyond the encoder, ``servo_um`` within it (position error at standstill)."""
+
+    arrival_um: Three = (0.0, 0.0, 0.0)
+    servo_um: Three = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Registers:
+    """What the position registers of the control show at a stop.
+
+    ``shows``: the commanded position, or the actual (encoder) position. ``scatter_um`` is the standard deviation of what an actual
+    position scatters by from reading to reading although the axis stands; ``resolution_mm`` is the last digit, 0 for none.
+    """
+
+    shows: Literal["commanded", "actual"] = "commanded"
+    scatter_um: float = 0.0
+    resolution_mm: float = 0.0
+
+    def shown_mm(self, commanded_mm: Array, servo_um: Array, rng: np.random.Generator) -> Array:
+        """Return the positions that the registers show for commanded positions (N, 3), shape (N, 3)."""
+        shown = commanded_mm
+        if self.shows == "actual":
+            shown = shown + 1e-3 * (servo_um + rng.normal(scale=self.scatter_um, size=commanded_mm.shape))
+        if self.resolution_mm:
+            shown = np.round(shown / self.resolution_mm) * self.resolution_mm
+        return shown
+
+
+@dataclass(frozen=True, slots=True)
+class Standing:
+    """Where the axes stand, all (3,): the commanded position, the sign of each axis' last movement, and the errors of the arrival in um."""
+
+    position_mm: Array
+    side: Array
+    arrival_um: Array
+    servo_um: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Arrivals:
+    """The axes at every stop of a pass, all (M, 3): sides of approach and errors of the arrival in um."""
+
+    side: Array
+    arrival_um: Array
+    servo_um: Array
+
+    @property
+    def off_mm(self) -> Array:
+        """Return how far the axes stand beside the commanded positions, shape (M, 3)."""
+        off: Array = 1e-3 * (self.arrival_um + self.servo_um)
+        return off
+
+
+def arrivals(
+    driven: DrivenPass, scatter: Scatter, rng: np.random.Generator, *, before: Standing | None = None, overrun: bool = True
+) -> Arrivals:
+    """Return how the axes come to the stops of a pass.
+
+    ``before`` is where they stood when the pass began (None: somewhere else). With ``overrun`` every axis of the pass comes to the first
+    stop in the direction of the pass, else on the straight way from ``before``: an axis that stands there already does not move.
+    """
+    moves = np.diff(driven.stop_mm, axis=0)
+    begins = driven.approach if before is None else _first_move(driven, before, overrun=overrun)
+    moved = np.vstack([np.ones(3, dtype=np.bool_) if before is None else begins != 0.0, np.abs(moves) > _MOVED_MM])
+    kept = before or Standing(driven.stop_mm[0], driven.approach, np.zeros(3), np.zeros(3))
+    sides = np.vstack([begins, np.sign(moves)])
+    return Arrivals(
+        side=_held(sides, moved, kept.side),
+        arrival_um=_held(rng.normal(size=moved.shape) * scatter.arrival_um, moved, kept.arrival_um),
+        servo_um=_held(rng.normal(size=moved.shape) * scatter.servo_um, moved, kept.servo_um),
+    )
+
+
+def _first_move(driven: DrivenPass, before: Standing, *, overrun: bool) -> Array:
+    """Return the sign of each axis' movement to the first stop, 0 for an axis that does not move, shape (3,)."""
+    way = driven.stop_mm[0] - before.position_mm
+    straight: Array = np.where(np.abs(way) > _MOVED_MM, np.sign(way), 0.0)
+    return np.where(driven.approach != 0.0, driven.approach, straight) if overrun else straight
+
+
+def _held(drawn: Array, moved: np.ndarray[tuple[int, ...], np.dtype[np.bool_]], before: Array) -> Array:
+    """Return the value drawn at the last move of each axis, ``before`` where it has not moved yet, shape (M, 3)."""
+    last = np.maximum.accumulate(np.where(moved, np.arange(len(moved))[:, None], -1), axis=0)
+    return np.where(last >= 0, np.take_along_axis(drawn, np.maximum(last, 0), axis=0), before)
+
+
+def standing_at_end(driven: DrivenPass, came: Arrivals) -> Standing:
+    """Return where the axes stand after a pass."""
+    return Standing(driven.stop_mm[-1], came.side[-1], came.arrival_um[-1], came.servo_um[-1])
