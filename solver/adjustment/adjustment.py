@@ -20,7 +20,7 @@ from stepdiag.solver.adjustment.robustness import (
     weight_without,
     with_apart,
 )
-from stepdiag.solver.adjustment.scatter import ROUNDS, Misses, Scatter, estimated, unshown
+from stepdiag.solver.adjustment.scatter import FIRST, ROUNDS, Misses, Scatter, estimated, unshown
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
@@ -31,7 +31,7 @@ from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.between import BETWEEN, Between, between_beside_head, between_of, effect_between
 from stepdiag.solver.model.design import Design, Model, build_design, machine_rows
-from stepdiag.solver.model.effects import ANGLES, SHORT_ANGLES, TURNING, AngleShapes, Effect, angle_shapes, effects_of
+from stepdiag.solver.model.effects import ANGLES, GROWTH, SETUP_SCALE, SHORT_ANGLES, TURNING, AngleShapes, Effect, angle_shapes, effects_of
 from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import assumed_noise, variance_scale
@@ -40,8 +40,13 @@ from stepdiag.solver.model.warmth import at_one_temperature
 
 TILT_ROUNDS = 2
 SIZE_ROUNDS = 4
+EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE)
+"""Effects whose sizes are found before wrong stops are: none of them bends to hold a single stop."""
 SETTLED = 0.02
 """Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
+PLAUSIBLE = {SETUP_SCALE: 3.0}
+"""What contradicts a survey is looked for with effects of their usual size, and scales of setups of three times it, as one shop in twenty has:
+one length compares all seven setups, so that no survey can tell a shop of large scales from a setup that is off."""
 MOST_TILT_MRAD = 200.0
 """A tenth of it sends the beam past the laser after a quarter of a metre."""
 
@@ -80,6 +85,12 @@ class Adjustment:
         """
         return _as_usual(self.fit, self.effects, self.sizes, found)
 
+    def plausible(self, *found: str) -> MixedFit:
+        """Return the fit `as_usual`, with causes of the names ``found`` as large as found and as assumed at least."""
+        kept = np.array([effect.name in found for effect in self.effects], dtype=np.bool_)
+        factor = np.where(kept, np.maximum(1.0, 1.0 / self.sizes.factor), 1.0)
+        return sized(self.as_usual(*found), np.repeat(factor, [effect.count for effect in self.effects]))
+
     @property
     def residual_um(self) -> Vector:
         """Return the residuals of the readings, shape (m,)."""
@@ -88,7 +99,8 @@ class Adjustment:
 
 def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()) -> MixedFit:
     kept = np.array([effect.name in found for effect in effects], dtype=np.bool_)
-    factor = np.where(kept, 1.0, np.minimum(1.0, 1.0 / sizes.factor))
+    usual = np.array([PLAUSIBLE.get(effect.name, 1.0) for effect in effects])
+    factor = np.where(kept, 1.0, np.where(usual > 1.0, usual / sizes.factor, np.minimum(1.0, 1.0 / sizes.factor)))
     return sized(fit, np.repeat(factor, [effect.count for effect in effects]))
 
 
@@ -141,7 +153,7 @@ class _Task:
         self.usual_u = self.u.copy()
         first = len(self.u) - len(prior.u)
         self.sized = [first + rows for rows in prior.found]
-        self.misses = Misses(rows=first + prior.misses, axis=_axes_of_misses(layout)[: len(prior.misses)])
+        self.misses = Misses(rows=first + prior.misses, kind=_kinds_of_misses(layout)[: len(prior.misses)])
         self.usual_scatter = Scatter.assumed(layout, assumed)
         self._take(self.usual_scatter)
         self.kept = np.ones(len(self.u))
@@ -210,7 +222,7 @@ class _Task:
     def _found(self, fixed: Fit, effects: Sequence[Effect]) -> tuple[MixedFit, Sizes]:
         group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
         usual = MixedFit(fixed, self._causes(fixed, effects), np.ones(len(group)))
-        sought = [effect.sought and (self.clean or effect.name in (*TURNING, BETWEEN)) for effect in effects]
+        sought = [effect.sought and (self.clean or effect.name in EARLY) for effect in effects]
         sizes = scored(usual, group, np.array(sought, dtype=np.bool_))
         return sized(usual, sizes.factor[group]), sizes
 
@@ -236,7 +248,7 @@ class _Task:
         """Weigh readings and misses by their scatter."""
         self.scatter = scatter
         self.u[: len(self.layout)] = scatter.u_um(self.layout)
-        self.u[self.misses.rows] = scatter.repeatability_um[self.misses.axis]
+        self.u[self.misses.rows] = scatter.misses_um[self.misses.kind]
 
     def _find_scatter(self, current: MixedFit, *, robust: bool) -> MixedFit:
         """Return the fit with the scatter that the residuals show, unmoved by wrong stops where ``robust``."""
@@ -333,12 +345,13 @@ class _Task:
             yield current
 
 
-def _axes_of_misses(layout: Layout) -> NDArray[np.int64]:
-    """Return the axis of every arrival, in their order."""
-    travels = layout.arrival >= 0
-    axis = np.zeros(int(layout.arrival.max(initial=-1)) + 1, dtype=np.int64)
-    axis[layout.arrival[travels]] = np.nonzero(travels)[1]
-    return axis
+def _kinds_of_misses(layout: Layout) -> NDArray[np.int64]:
+    """Return the kind of every arrival in their order: its axis, or `FIRST` where a pass begins with it."""
+    row, axis = np.nonzero(layout.arrival >= 0)
+    _, at = np.unique(layout.arrival[row, axis], return_index=True)
+    begins = np.diff(layout.pass_index, prepend=-1)[row[at]] != 0
+    kind: NDArray[np.int64] = np.where(begins, FIRST, axis[at])
+    return kind
 
 
 def _smallest_machine(design: Design, current: AnyFit) -> Vector:

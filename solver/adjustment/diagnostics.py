@@ -10,7 +10,7 @@ from stepdiag.solver.adjustment.hypotheses import HIDDEN, along_the_way_m, tell
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.model.effects import TURNING
+from stepdiag.solver.model.effects import GROWTH, TURNING
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.vector import closure_um, diagonal_data
 
@@ -122,10 +122,11 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     """Return by how much the scales of the diagonals and of the linear runs disagree, as end-to-end length of a body diagonal in um, with
     its standard uncertainty; None where the readings do not compare them (theory 6.4: S measured minus S from the runs).
 
-    Angles are as large as the readings say. Drift and the scales of setups are no larger than usual: this one length could make them as
-    large as it is itself, and would then contradict nothing.
+    Angles and growth are as large as the readings say, angles as large as assumed at least: the closure does not show slopes of pitch and
+    yaw. Drift and the scales of setups are of plausible size (`solver.adjustment.adjustment.PLAUSIBLE`): this one length could make them
+    as large as it is itself, and would then contradict nothing.
     """
-    layout, fit = found.layout, found.as_usual(*TURNING)
+    layout, fit = found.layout, found.plausible(*TURNING, GROWTH)
     used = np.flatnonzero(np.isfinite(found.u_um))
     linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
     if not linear.any() or linear.all():

@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.adjustment.counts import LEAST_ROWS, Count
-from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STEP, STOP, WARMING, Family, Hypothesis, families, shown
+from stepdiag.solver.adjustment.counts import Count
+from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STEP, STOP, Family, Hypothesis, families, shown
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.adjustment.wander import Wander, wandering
 from stepdiag.solver.findings import Finding
@@ -37,8 +37,6 @@ MOST = 0.05
 """With more contradictions than this share of the stops, single stops are not the trouble."""
 APART_UM = 0.5
 """Explanations whose machines differ by less over the volume (rms) may be left open: whatever is true, the result hardly moves."""
-EXPANSION_UM_M_C = 11.7
-"""Steel, for saying a growth in kelvin."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -156,15 +154,13 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
             text = f"{text} before anything is compensated: over the volume it makes {suspicion.apart_um:.2g} um which one it is"
             return Finding(code="stop-outlier-ambiguous", severity="error", text=text, among=_among(layout, suspicion.hypotheses))
         return Finding(code="stop-outlier-ambiguous", severity="warning", text=text)
-    code = "setup-scale" if kinds <= {SCALE, WARMING} else "contradiction-ambiguous"
+    code = "setup-scale" if kinds == {SCALE} else "contradiction-ambiguous"
     text = f"one of these is wrong and the data do not say which: {named}; measure these setups again before anything is compensated"
     return Finding(code=code, severity="error", text=text, among=_among(layout, suspicion.hypotheses))
 
 
 def _among(layout: Layout, every: Sequence[Hypothesis]) -> tuple[str, ...]:
-    """Return the passes that explanations are about; none where one is about the whole survey."""
-    if any(one.kind == WARMING for one in every):
-        return ()
+    """Return the passes that explanations are about."""
     scaled = {layout.setups[one.named].name for one in every if one.kind == SCALE}
     named = {layout.passes[int(layout.pass_index[one.named])] for one in every if one.kind != SCALE}
     return tuple(key.place for key in layout.passes if key.setup in scaled or key in named)
@@ -178,23 +174,8 @@ def _name_decided(layout: Layout, one: Hypothesis) -> Finding:
     if one.kind == STEP:
         text = f"{words}: the laser's count jumped there; the jump is estimated and taken off; look at beam, plug and feed rate"
         return Finding(code="count-step", severity="warning", text=text, size_um=one.size, **_place(layout, one.named))
-    if one.kind == SCALE:
-        text = f"{words} against all other setups; it is estimated and taken off: air, wavelength or temperature changed"
-        return Finding(code="setup-scale-off", severity="warning", text=text)
-    short = _too_short(layout)
-    if short:
-        those = ", ".join([words, *(f"a slip of the count in {name} that is too short to show it" for name in short)])
-        text = f"one of these is wrong and the data do not say which: {those}; measure these setups again before anything is compensated"
-        return Finding(code="contradiction-ambiguous", severity="error", text=text)
-    text = f"{words}; it is estimated and taken off, the scales hold for the middle of the survey: let the machine warm up"
-    return Finding(code="machine-warms", severity="warning", text=text, size_um=one.size)
-
-
-def _too_short(layout: Layout) -> list[str]:
-    """Return the setups of counts in which no step is looked for: a slip there looks like a machine that grows."""
-    number, rows = np.unique(layout.offset_index, return_counts=True)
-    short = np.isin(layout.offset_index, number[(rows > 1) & (rows <= LEAST_ROWS)])
-    return [setup.name for index, setup in enumerate(layout.setups) if np.any(short & (layout.setup_index == index))]
+    text = f"{words} against all other setups; it is estimated and taken off: air, wavelength or temperature changed"
+    return Finding(code="setup-scale-off", severity="warning", text=text)
 
 
 def _place(layout: Layout, row: int) -> dict[str, Any]:
@@ -207,10 +188,7 @@ def _words(layout: Layout, one: Hypothesis) -> str:
         return f"{layout.place(one.named)} ({one.size:+.3g} um)"
     if one.kind == STEP:
         return f"{layout.place(one.named)} (a step of {one.size:+.3g} um before it)"
-    if one.kind == SCALE:
-        return f"setup {layout.setups[one.named].name} (scale {one.size:+.3g} um/m)"
-    bent = ", faster and slower" if one.named else ""
-    return f"the machine grew by {one.size:+.3g} um/m during the survey (about {one.size / EXPANSION_UM_M_C:+.2g} K{bent})"
+    return f"setup {layout.setups[one.named].name} (scale {one.size:+.3g} um/m)"
 
 
 def _name_wander(layout: Layout, wanders: Sequence[Wander]) -> Finding:

@@ -6,7 +6,8 @@ Theory of operation. A reading differs from the model by two kinds of chance:
             until its next move share its miss. Standard deviation: the repeatability of that axis.
     noise   the laser's own scatter, which each stop states, and beside it vibration and turbulence of the setup, of each stop alone.
 
-Misses are unknowns of the adjustment that a prior holds to zero within the repeatability (`solver.model.priors`); noise is the inverse root of
+A pass that begins without overrun has its axes come from anywhere: what they miss by at its first stop is a size of its own, with their
+backlash in it. Misses are unknowns of the adjustment that a prior holds to zero within the repeatability (`solver.model.priors`); noise is the inverse root of
 a reading's weight. Repeats, the way out against the way back, and the pattern of three stops that a miss makes in a step diagonal tell the
 two apart. A standard deviation s that was taken for s0 has the likelihood (Foerstner 1979; restricted maximum likelihood where it has settled)
 
@@ -18,7 +19,7 @@ what is assumed. All are most likely together; where the readings show nothing, 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
@@ -30,6 +31,10 @@ from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import CHECKED, LEAST_FREEDOM, LEAST_U_UM
 
+FIRST = 3
+"""Kind of the misses at first stops; 0, 1, 2 are the axes."""
+FIRST_UM = 1.0
+"""At a first stop: half the backlash of an ordinary machine where the pass begins without overrun, its repeatability where it has one."""
 BROAD = 1.0
 """Standard deviation of the logarithm of a size: 0.5 um means 0.07 to 3.5 um (95 %), from a grinding machine to a worn one."""
 AXES_ALIKE = 0.3
@@ -48,24 +53,29 @@ _NORMAL = 1.4826
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scatter:
-    """``repeatability_um`` (3,): standard deviation of what a move of each axis misses by; ``noise_um`` (setups,): of a reading of each
-    setup beside what it states, or of all of it where it states nothing. ``freedom_repeatability`` and ``freedom_noise``: how many degrees
-    of freedom showed them.
+    """``misses_um`` (4,): standard deviation of what a move of each axis misses by, and of each axis at the first stop of a pass (`FIRST`);
+    ``noise_um`` (setups,): of a reading of each setup beside what it states, or of all of it where it states nothing. ``freedom_misses``
+    and ``freedom_noise``: how many degrees of freedom showed them.
     """
 
-    repeatability_um: Vector
+    misses_um: Vector
     noise_um: Vector
-    freedom_repeatability: Vector
+    freedom_misses: Vector
     freedom_noise: Vector
+
+    @property
+    def repeatability_um(self) -> float:
+        """Return the repeatability of an approach, root mean square over the axes."""
+        return float(np.sqrt(np.mean(self.misses_um[:FIRST] ** 2)))
 
     @classmethod
     def assumed(cls, layout: Layout, assumed: Assumptions) -> Self:
         """Return what is assumed of a survey."""
         unstated = np.array([not np.all(np.isfinite(layout.u_um[layout.setup_index == index])) for index in range(len(layout.setups))])
         return cls(
-            repeatability_um=np.full(3, assumed.repeatability_um),
+            misses_um=np.append(np.full(3, max(assumed.repeatability_um, LEAST_U_UM)), FIRST_UM),
             noise_um=np.where(unstated, assumed.reading_um, BESIDE_STATED_UM),
-            freedom_repeatability=np.zeros(3),
+            freedom_misses=np.zeros(FIRST + 1),
             freedom_noise=np.zeros(len(layout.setups)),
         )
 
@@ -77,30 +87,31 @@ class Scatter:
 
     def near(self, other: "Scatter") -> bool:
         """Tell whether the sizes differ by less than `SETTLED`."""
-        own, others = (np.log(np.concatenate([one.repeatability_um, one.noise_um])) for one in (self, other))
+        own, others = (np.log(np.concatenate([one.misses_um, one.noise_um])) for one in (self, other))
         return bool(np.max(np.abs(own - others)) < SETTLED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Misses:
-    """The rows of the adjustment that hold misses to zero: their places ``rows`` (k,) and the ``axis`` (k,) of each."""
+    """The rows of the adjustment that hold misses to zero: their places ``rows`` (k,) and the ``kind`` (k,) of each: its axis or `FIRST`."""
 
     rows: NDArray[np.int64]
-    axis: NDArray[np.int64]
+    kind: NDArray[np.int64]
 
 
 def estimated(fit: AnyFit, layout: Layout, misses: Misses, before: Scatter, assumed: Scatter, *, robust: bool) -> Scatter:
     """Return the sizes that a fit makes most likely that was made with the sizes ``before``; ``robust`` where stops may be wrong."""
-    shown = [_shown(fit, misses.rows[misses.axis == axis], robust=robust) for axis in range(3)]
-    repeatability = _together(
-        [_likely(np.exp(2.0 * _LOG), *one) for one in shown], np.log(before.repeatability_um), assumed.repeatability_um, AXES_ALIKE
-    )
+    # backlash at first stops is as large in all passes of an axis: no median holds it
+    shown = [_shown(fit, misses.rows[misses.kind == kind], robust=robust and kind != FIRST) for kind in range(FIRST + 1)]
+    likely = [_likely(np.exp(2.0 * _LOG), *one) for one in shown]
+    log, size = np.log(before.misses_um), assumed.misses_um
+    axes = _together(likely[:FIRST], log[:FIRST], size[:FIRST], AXES_ALIKE)
+    first = _together(likely[FIRST:], log[FIRST:], size[FIRST:], BROAD)
     noise, freedom = _noise(fit, layout, before, assumed, robust=robust)
-    return replace(
-        before,
-        repeatability_um=np.maximum(repeatability, LEAST_U_UM) if len(misses.rows) else before.repeatability_um,
+    return Scatter(
+        misses_um=np.maximum(np.concatenate([axes, first]), LEAST_U_UM),
         noise_um=np.maximum(noise, LEAST_U_UM),
-        freedom_repeatability=np.array([one[0] for one in shown]),
+        freedom_misses=np.array([freedom for freedom, _ in shown]),
         freedom_noise=freedom,
     )
 
@@ -153,5 +164,5 @@ def _together(likely: Sequence[Vector], log_before: Vector, assumed: Vector, ali
 def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
     """Return the setups whose readings state no noise and show none."""
     unstated = [not np.all(np.isfinite(layout.u_um[layout.setup_index == index])) for index in range(len(layout.setups))]
-    shown = found.freedom_noise + np.sum(found.freedom_repeatability) >= LEAST_FREEDOM
+    shown = found.freedom_noise + np.sum(found.freedom_misses[:FIRST]) >= LEAST_FREEDOM
     return [setup.name for setup, lacking, seen in zip(layout.setups, unstated, shown, strict=True) if lacking and not seen]

@@ -107,6 +107,12 @@ def likely_factors() -> Vector:
     return _points(np.zeros(1), np.zeros(1), 0.0)
 
 
+def hidden_factors() -> Vector:
+    """Return equally likely sizes, relative to the usual one, of waves that no target shows, shape (points,): from nothing, as of a glass
+    scale where a screw was assumed, to twice the usual."""
+    return 2.0 * (np.arange(POINTS) + 0.5) / POINTS
+
+
 def class_factors() -> Vector:
     """Return equally likely sizes, relative to the usual one, of what was not measured of a machine: one for all of it, shape (points,).
 

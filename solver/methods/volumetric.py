@@ -11,7 +11,7 @@ from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector, anywhere_mm
 from stepdiag.solver.linear.components import sized
-from stepdiag.solver.linear.families import likely_factors, normal_points
+from stepdiag.solver.linear.families import hidden_factors, normal_points
 from stepdiag.solver.methods.angular import cause_place, rms
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.effects import TURNING
@@ -116,7 +116,7 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     looked for in the positioning functions (screw, scale): no reading tells how large they are, or whether they are there at all. Where a
     finer run shows such waves of one function, the others may have them as well.
     """
-    factor, found, shown = likely_factors(), {}, shown_finer_um(errors)
+    factor, found, shown = hidden_factors(), {}, shown_finer_um(errors)
     likely, share = normal_points(len(factor)), _MOST_OF_SHOWN * (np.arange(len(factor)) + 0.5) / len(factor)
     for name in DISPLACEMENTS:
         function = errors[name]

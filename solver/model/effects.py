@@ -28,7 +28,12 @@ LONG_WAVES = 3
 ANGLES, SHORT_ANGLES = "angles", "short waves of angles"
 TURNING = (ANGLES, SHORT_ANGLES)
 """The effects that together are the angular functions."""
+GROWTH, SETUP_SCALE = "growth", "setup scale"
 WANDER_WAVES = 3
+LEAST_SCATTER_UM = 0.02
+"""Positions in steps of 0.1 um scatter by 0.03 um: less than any laser's noise."""
+TIME_CONSTANTS_H = (0.3, 1.0, 3.0)
+"""A ball screw settles in minutes, a column in hours (ISO 230-3 tests for four)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,6 +101,8 @@ def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumpt
         _drift(layout, assumed),
         _wander(layout, assumed),
         _setup_scale(layout, assumed),
+        _growth(layout, assumed),
+        _registers(layout),
         _survey_scale(layout, assumed),
         _material(layout, assumed),
     )
@@ -172,7 +179,39 @@ def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
         f"from setup to setup the machine warms by {assumed.setup_c:g} C unseen, the air changes by {1e6 * assumed.index_setup:g} ppm, "
         f"beams within {assumed.alignment_mrad:g} mrad: {size_um_m:.2g} um/m"
     )
-    return Effect(name="setup scale", text=text, pattern_um=size_um_m * _by(layout.setup_index, along_m), sought=True)
+    return Effect(name=SETUP_SCALE, text=text, pattern_um=size_um_m * _by(layout.setup_index, along_m), sought=True)
+
+
+def _growth(layout: Layout, assumed: Assumptions) -> Effect:
+    """Return how each axis grows in the course of the survey, as its drive warms: exponentials about the mean of all readings.
+
+    Without the times of all readings nothing of it can be told from the scales of setups.
+    """
+    hours = layout.hours
+    waves = np.zeros((len(layout), 0))
+    if len(layout) and np.all(np.isfinite(hours)) and np.ptp(hours) > 0:
+        waves = np.exp(-(hours - np.min(hours))[:, None] / np.array(TIME_CONSTANTS_H)) / np.sqrt(len(TIME_CONSTANTS_H))
+        waves = waves - np.mean(waves, axis=0)
+    along_m = 1e-3 * travel_mm(layout)
+    pattern = assumed.growth_um_m * (along_m[:, :, None] * waves[:, None, :]).reshape(len(layout), -1)
+    text = f"each axis grows by {assumed.growth_um_m:g} um/m while it warms, within minutes or hours"
+    return Effect(name=GROWTH, text=text, pattern_um=pattern, sought=True)
+
+
+def _registers(layout: Layout) -> Effect:
+    """Return what it does to the readings where positions scatter in the registers alone and the machine stands still at its targets.
+
+    The deviations count from the positions reported. What of their scatter about the mean of a target the laser did not see is found, from
+    nothing (the machine stood there) to all of it (amount 1).
+    """
+    scatter = np.zeros_like(layout.beside_mm)
+    for axis in range(3):
+        target = np.unique(layout.position_mm[:, axis], return_inverse=True)[1]
+        mean = np.bincount(target, weights=layout.beside_mm[:, axis]) / np.bincount(target)
+        scatter[:, axis] = layout.beside_mm[:, axis] - mean[target]
+    pattern = -1e3 * np.sum(scatter * layout.direction, axis=1)[:, None]
+    pattern *= float(np.sqrt(np.mean(pattern**2))) > LEAST_SCATTER_UM if len(layout) else 0.0
+    return Effect(name="registers", text="positions may scatter in the registers alone", pattern_um=pattern)
 
 
 def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:

@@ -11,7 +11,7 @@ from stepdiag.solver.adjustment.scatter import Scatter
 from stepdiag.solver.adjustment.slips import KINDS, Unseen, hidden_in_volume_um, least_seen
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import sized
-from stepdiag.solver.linear.families import class_factors, likely_factors, normal_points
+from stepdiag.solver.linear.families import class_factors, hidden_factors, likely_factors, normal_points
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.linear.rows import Rows
@@ -243,7 +243,7 @@ def _left_um(parts: _Parts) -> Interval:
     """
     factor = likely_factors()
     chance = normal_points(len(factor)) / np.sqrt(2.0 * parts.freedom)
-    angles, hidden = (each[:, None] for each in (parts.angles_um * factor, parts.hidden_um * np.roll(factor, len(factor) // 2)))
+    angles, hidden = parts.angles_um * factor[:, None], parts.hidden_um * np.roll(hidden_factors(), len(factor) // 2)[:, None]
     missed = parts.missed_um * class_factors()[:, None]
     # in an order of its own: neither with the angles' sizes nor with the rest
     machines = np.exp(ALIKE * normal_points(len(factor)))[np.arange(len(factor)) * 4 % len(factor), None]
