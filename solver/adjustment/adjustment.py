@@ -45,8 +45,8 @@ EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE)
 SETTLED = 0.02
 """Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
 PLAUSIBLE = {SETUP_SCALE: 3.0}
-"""What contradicts a survey is looked for with effects of their usual size, and scales of setups of three times it, as one shop in twenty has:
-one length compares all seven setups, so that no survey can tell a shop of large scales from a setup that is off."""
+"""What contradicts a survey is looked for with effects of their usual size, and with scales of setups of three times it, as one shop in
+twenty has: one length compares all seven setups, and a survey cannot tell a shop of large scales from a setup that is off."""
 MOST_TILT_MRAD = 200.0
 """A tenth of it sends the beam past the laser after a quarter of a metre."""
 
@@ -79,7 +79,7 @@ class Adjustment:
         return _tilts(self.design, _smallest_machine(self.design, self.fit), len(self.layout.setups))
 
     def as_usual(self, *found: str) -> MixedFit:
-        """Return the fit with no cause larger than usual: what contradicts it is named, however large a cause could hold it.
+        """Return the fit with no cause but growth larger than usual: what contradicts it is named, however large a cause could hold it.
 
         Causes of the names ``found`` keep the size that was found.
         """
@@ -98,7 +98,7 @@ class Adjustment:
 
 
 def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()) -> MixedFit:
-    kept = np.array([effect.name in found for effect in effects], dtype=np.bool_)
+    kept = np.array([effect.name in (*found, GROWTH) for effect in effects], dtype=np.bool_)
     usual = np.array([PLAUSIBLE.get(effect.name, 1.0) for effect in effects])
     factor = np.where(kept, 1.0, np.where(usual > 1.0, usual / sizes.factor, np.minimum(1.0, 1.0 / sizes.factor)))
     return sized(fit, np.repeat(factor, [effect.count for effect in effects]))

@@ -1,5 +1,6 @@
 """How every setup stood and how well the readings agree: what a service engineer looks at before believing a result."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -7,11 +8,13 @@ from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.hypotheses import HIDDEN, along_the_way_m, tell
+from stepdiag.solver.adjustment.scatter import FIRST
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.model.effects import GROWTH, TURNING
+from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
 
 TILT_LIMIT_MRAD = 2.0
@@ -20,6 +23,10 @@ DRIFT_LIMIT_UM = 2.0
 IN_TIME = ("drift", "wander", "wandering pass")
 """Effects of the adjustment that a count has in the course of its time."""
 NOISE_LIMIT_UM = 1.0
+TOO_LOW = 2.0
+"""A setup that scatters by so many times what its stops state states too little: a fifth more or less is chance."""
+GREW_UM_M, GREW_SURE = 5.0, 3.0
+"""Growth below half a kelvin of steel is no reason to warm the machine up."""
 MISCLOSED, MISCLOSED_FAR = 2.0, 2.6
 """A scale misclosure beyond so many standard uncertainties is said, and stops an export. Of 36 good surveys with
 angles of 0, 10 and 30 urad that it was not set on, two were said and none stopped; of twelve that drifted by 15 um/h an axis, one."""
@@ -85,19 +92,30 @@ def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
 
 
 def _repeatability_um(layout: Layout, setup: str) -> float | None:
-    """Return the standard deviation of a stop between passes in the same direction, None without repeats."""
+    """Return the standard deviation of a stop between passes in the same direction, None without repeats.
+
+    Stops are one where the machine was at one target, whatever their numbers: axes may move in another order from pass to pass.
+    """
+    place = np.unique(layout.position_mm, axis=0, return_inverse=True)[1].ravel()
     squares, freedom = 0.0, 0
     for outward in (True, False):
         mine = [index for index, key in enumerate(layout.passes) if key.setup == setup and key.outward == outward]
         rows = [np.flatnonzero(layout.pass_index == index) for index in mine if not _interrupted(layout, index)]
         if len(rows) < 2:
             continue
-        every = list(set.intersection(*(set(layout.stop[one].tolist()) for one in rows)))
-        table = np.array([layout.deviation_um[one[np.isin(layout.stop[one], every)]] for one in rows])
+        every = list(set.intersection(*(set(place[one].tolist()) for one in rows)))
+        table = np.array([_at_places(layout.deviation_um[one], place[one], every) for one in rows])
         table = table - table.mean(axis=1, keepdims=True)
         squares += float(np.sum((table - table.mean(axis=0)) ** 2))
         freedom += (table.shape[0] - 1) * (table.shape[1] - 1)
     return float(np.sqrt(squares / freedom)) if freedom else None
+
+
+def _at_places(value_um: Vector, place: NDArray[np.int64], wanted: Sequence[int]) -> Vector:
+    """Return the values at some places in their order, shape (places,)."""
+    order = np.argsort(place, kind="stable")
+    found: Vector = value_um[order[np.searchsorted(place[order], wanted)]]
+    return found
 
 
 def _interrupted(layout: Layout, index: int) -> bool:
@@ -166,8 +184,54 @@ def scale_findings(found: Adjustment) -> list[Finding]:
 
 def setup_findings(found: Adjustment, reports: dict[str, dict[str, Any]]) -> list[Finding]:
     """Return what is remarkable about setups and residuals."""
-    findings = [finding for name, report in reports.items() for finding in _of_setup(name, report)] + _poor(reports) + scale_findings(found)
+    per_setup = [finding for name, report in reports.items() for finding in _of_setup(name, report)]
+    return [*per_setup, *_poor(reports), *scatter_findings(found), *growth_findings(found), *scale_findings(found)]
+
+
+def scatter_findings(found: Adjustment) -> list[Finding]:
+    """Return how well the machine repeats where the readings show it, and which setups state less noise than they show."""
+    scatter, findings = found.scatter, []
+    if np.sum(scatter.freedom_misses[:FIRST]) >= LEAST_FREEDOM:
+        per_axis = ", ".join(f"{letter} {um:.2g}" for letter, um in zip("XYZ", scatter.misses_um[:FIRST], strict=True))
+        assumed_um = found.assumed.repeatability_um
+        text = f"this machine repeats to {scatter.repeatability_um:.2g} um ({per_axis}; assumed {assumed_um:g}), one approach, k = 1"
+        findings.append(Finding(code="repeatability-found", severity="info", text=text))
+    rms_um = np.array([_stated_um(found, index) for index in range(len(found.layout.setups))])
+    low = (scatter.noise_um > np.sqrt(TOO_LOW**2 - 1.0) * rms_um) & (scatter.freedom_noise >= LEAST_FREEDOM)
+    if np.any(low):
+        names = ", ".join(setup.name for setup, one in zip(found.layout.setups, low, strict=True) if one)
+        sizes = f"{np.max(rms_um[low]):.2g} um (k = 1) and scatter by {np.max(np.hypot(rms_um, scatter.noise_um)[low]):.2g} um"
+        text = f"{names}: stops state {sizes}: the stated uncertainty is too small; U counts with the larger value"
+        findings.append(Finding(code="stated-u-low", severity="warning", text=text))
     return findings
+
+
+def _stated_um(found: Adjustment, index: int) -> float:
+    """Return the root mean square of what the readings of a setup state, infinite where one of them states nothing."""
+    stated = found.layout.u_um[found.layout.setup_index == index]
+    return float(np.sqrt(np.mean(stated**2))) if np.all(np.isfinite(stated)) else np.inf
+
+
+def growth_findings(found: Adjustment) -> list[Finding]:
+    """Return the finding on axes that grew from the first reading to the last by more than chance and `GREW_UM_M`."""
+    names = [effect.name for effect in found.effects]
+    if GROWTH not in names:
+        return []
+    place = sum(effect.count for effect in found.effects[: names.index(GROWTH)])
+    turn = growth_waves(found.layout)[[int(np.argmax(found.layout.hours)), int(np.argmin(found.layout.hours))]]
+    weight = np.zeros((3, len(found.fit.amount)))
+    for axis in range(3):
+        weight[axis, place + axis * turn.shape[1] + np.arange(turn.shape[1])] = found.assumed.growth_um_m * (turn[0] - turn[1])
+    grew = weight @ found.fit.amount
+    u = np.sqrt(np.diag(weight @ found.fit.amount_covariance @ weight.T))
+    if not np.any(np.abs(grew) > np.maximum(GREW_UM_M, GREW_SURE * u)):
+        return []
+    each = ", ".join(f"{um:+.2g} ({letter})" for letter, um in zip("XYZ", grew, strict=True))
+    text = (
+        f"from the first stop to the last the axes grew by {each} um/m (k = 2: {2 * np.max(u):.2g}); the growth is in the model, "
+        "the scales hold for the middle of the survey: let the machine warm up"
+    )
+    return [Finding(code="machine-warms", severity="warning", text=text, size_um=float(grew[np.argmax(np.abs(grew))]))]
 
 
 def _of_setup(name: str, report: dict[str, Any]) -> list[Finding]:

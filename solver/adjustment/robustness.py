@@ -22,7 +22,7 @@ from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.design import Columns
 from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.model.noise import CHECKED, robust_scale
+from stepdiag.solver.model.noise import CHECKED
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 from stepdiag.solver.readings.readings import PassKey
 
@@ -31,8 +31,9 @@ AS_GOOD = 12.0
 LEAST_SHOWN = 7.0
 CRITICAL_OF_BOTH = 20.0
 """What residuals and smoothness must say together for a cause that the residuals alone do not prove: no good survey of forty says it."""
-BETTER = 3.0
-"""By how much an explanation beats effects larger than usual (twice the logarithm): that its size is free has cost it 15 already."""
+BETTER = 10.0
+"""By how much an explanation beats effects larger than usual (twice the logarithm): that its size is free has cost it 15 already, and
+both together are five standard deviations, as `CRITICAL` of a survey with a thousand stops."""
 MOST = 0.05
 """With more contradictions than this share of the stops, single stops are not the trouble."""
 APART_UM = 0.5
@@ -64,7 +65,7 @@ def most_suspicious(fit: MixedFit, columns: Columns, layout: Layout, every: Sequ
     if not len(rows):
         return None
     each = list(families(fit, layout, every))
-    scale = _noise_left(fit, rows, each)
+    scale = _noise_left(fit, each)
     found = _likeliest(fit, columns, shown(fit, each, scale, LEAST_SHOWN))
     wanders = wandering(fit, every, scale)
     if wanders and (found is None or wanders[0].gain > max(one.statistic for one in found.hypotheses) + AS_GOOD):
@@ -72,21 +73,21 @@ def most_suspicious(fit: MixedFit, columns: Columns, layout: Layout, every: Sequ
     return found
 
 
-def _noise_left(fit: MixedFit, rows: NDArray[np.int64], every: Sequence[Family]) -> float:
-    """Return by how much the residuals are noisier than their weights say, 1 at least.
+def _noise_left(fit: MixedFit, every: Sequence[Family]) -> float:
+    """Return by how much the residuals are noisier than their weights say without what the best hypothesis explains, 1 at least.
 
-    Where few readings check each other, one wrong one is in all their residuals: what the best hypothesis leaves is no noise then either.
+    The weights come from medians, which are too small in one survey of three: a fault must stand out of what is left without it.
     """
     best = max(float(np.max(family.size * family.shown)) for family in every)
     left = float(np.sqrt(max(fit.chi_square - best, 0.0) / max(fit.freedom - 1, 1)))
-    return max(min(robust_scale(fit, rows) or 1.0, left), 1.0)
+    return max(left, 1.0)
 
 
 def _likeliest(fit: MixedFit, columns: Columns, every: Sequence[Hypothesis]) -> Suspicion | None:
     """Return the hypothesis that best explains residuals and roughness together, and all that are as good, the best first."""
     if not every:
         return None
-    rough = roughness(columns, np.column_stack([fit.unknowns, *(one.without for one in every)]))
+    rough = roughness(columns, np.column_stack([fit.unknowns, *(one.without for one in every)]), fit.inverse.variance())
     smoother = rough[0] - rough[1:]
     likelihood = np.array([one.statistic - one.unusual for one in every]) + smoother
     order = np.argsort(-np.round(likelihood, LIKELIHOOD_DECIMALS), kind="stable")

@@ -7,9 +7,10 @@ Theory of operation. A reading differs from the model by two kinds of chance:
     noise   the laser's own scatter, which each stop states, and beside it vibration and turbulence of the setup, of each stop alone.
 
 A pass that begins without overrun has its axes come from anywhere: what they miss by at its first stop is a size of its own, with their
-backlash in it. Misses are unknowns of the adjustment that a prior holds to zero within the repeatability (`solver.model.priors`); noise is the inverse root of
-a reading's weight. Repeats, the way out against the way back, and the pattern of three stops that a miss makes in a step diagonal tell the
-two apart. A standard deviation s that was taken for s0 has the likelihood (Foerstner 1979; restricted maximum likelihood where it has settled)
+backlash in it. Misses are unknowns of the adjustment that a prior holds to zero within the repeatability (`solver.model.priors`); noise is
+the inverse root of a reading's weight. Repeats, the way out against the way back, and the pattern of three stops that a miss makes in a
+step diagonal tell the two apart. A standard deviation s that was taken for s0 has the likelihood (Foerstner 1979; where it has settled it
+is the restricted maximum likelihood)
 
     log L(s) = -1/2 (n log(s^2 / s0^2) + S s0^2 / s^2),    n = sum of redundancies,    S = sum of weighted squared residuals
 
@@ -93,7 +94,7 @@ class Scatter:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Misses:
-    """The rows of the adjustment that hold misses to zero: their places ``rows`` (k,) and the ``kind`` (k,) of each: its axis or `FIRST`."""
+    """The rows that hold misses to zero: their places ``rows`` (k,) and the ``kind`` (k,) of each, its axis or `FIRST`."""
 
     rows: NDArray[np.int64]
     kind: NDArray[np.int64]

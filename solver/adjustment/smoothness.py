@@ -11,8 +11,10 @@ LEAST_POWER_UM2 = 1e-8
 """Functions without any noise (simulated) must not make an infinite likelihood."""
 
 
-def roughness(columns: Columns, unknowns: Vector) -> Vector:
+def roughness(columns: Columns, unknowns: Vector, variance_um2: Vector) -> Vector:
     """Return twice the negative log-likelihood of the nine displacement functions as smooth ones, shape (k,) for ``unknowns`` (count, k).
+
+    ``variance_um2`` (count,) is that of each unknown by noise: values that scatter are no more rough than that.
 
     Their half waves over the travel are normal with a power that falls, or stays, with their number, as far as the functions
     themselves show (isotonic maximum likelihood): a jump at one target puts as much into the shortest waves as into the long ones.
@@ -28,7 +30,9 @@ def roughness(columns: Columns, unknowns: Vector) -> Vector:
             values = unknowns[columns.of(0, axis, component)]
             shape = values[:-1] - values[-1] * (number / columns.nodes)[:, None]
             power += (transform @ shape) ** 2 / FUNCTIONS
-    power = np.maximum(power, LEAST_POWER_UM2)
+    shown = np.concatenate([columns.of(0, axis, component)[:-1] for axis in range(3) for component in range(3)])
+    noise_um2 = 2.0 / columns.nodes * float(np.quantile(variance_um2[shown], 0.5))
+    power = np.maximum(power, max(noise_um2, LEAST_POWER_UM2))
     falling = np.column_stack([_falling(column) for column in power.T])
     likelihood: Vector = FUNCTIONS * np.sum(np.log(falling) + power / falling, axis=0)
     return likelihood

@@ -22,6 +22,7 @@ POINTS = 15
 CLASS_SPREAD = 0.6
 """Standard deviation of the logarithm of how large the errors of one machine are beside those of its class: between a third of the usual
 and three times it lie 95 %, as far as good and old machines lie apart (docs/uncertainty.md)."""
+ABSENT = 0.25
 _FINE = 281
 
 
@@ -108,9 +109,11 @@ def likely_factors() -> Vector:
 
 
 def hidden_factors() -> Vector:
-    """Return equally likely sizes, relative to the usual one, of waves that no target shows, shape (points,): from nothing, as of a glass
-    scale where a screw was assumed, to twice the usual."""
-    return 2.0 * (np.arange(POINTS) + 0.5) / POINTS
+    """Return equally likely sizes, relative to the usual one, of waves that no target shows, shape (points,): in one machine of four next to
+    none, as of a glass scale where a screw was assumed, in the others anything to twice the usual."""
+    share = (np.arange(POINTS) + 0.5) / POINTS
+    found: Vector = 2.0 * np.maximum((share - ABSENT) / (1.0 - ABSENT), 0.02)
+    return found
 
 
 def class_factors() -> Vector:

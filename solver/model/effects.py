@@ -187,15 +187,21 @@ def _growth(layout: Layout, assumed: Assumptions) -> Effect:
 
     Without the times of all readings nothing of it can be told from the scales of setups.
     """
-    hours = layout.hours
-    waves = np.zeros((len(layout), 0))
-    if len(layout) and np.all(np.isfinite(hours)) and np.ptp(hours) > 0:
-        waves = np.exp(-(hours - np.min(hours))[:, None] / np.array(TIME_CONSTANTS_H)) / np.sqrt(len(TIME_CONSTANTS_H))
-        waves = waves - np.mean(waves, axis=0)
+    waves = growth_waves(layout)
     along_m = 1e-3 * travel_mm(layout)
     pattern = assumed.growth_um_m * (along_m[:, :, None] * waves[:, None, :]).reshape(len(layout), -1)
     text = f"each axis grows by {assumed.growth_um_m:g} um/m while it warms, within minutes or hours"
     return Effect(name=GROWTH, text=text, pattern_um=pattern, sought=True)
+
+
+def growth_waves(layout: Layout) -> Vector:
+    """Return the exponentials in time about the mean of all readings, shape (m, time constants); none without the times of all."""
+    hours = layout.hours
+    if not len(layout) or not np.all(np.isfinite(hours)) or np.ptp(hours) == 0.0:
+        return np.zeros((len(layout), 0))
+    waves = np.exp(-(hours - np.min(hours))[:, None] / np.array(TIME_CONSTANTS_H)) / np.sqrt(len(TIME_CONSTANTS_H))
+    centred: Vector = waves - np.mean(waves, axis=0)
+    return centred
 
 
 def _registers(layout: Layout) -> Effect:

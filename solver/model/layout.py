@@ -93,7 +93,8 @@ class Layout:
 
 
 _COLUMNS = (
-    "setup_index", "pass_index", "zero_index", "offset_index", "stop", "position_mm", "beside_mm", "arrival", "direction", "beam_mm", "spot_mm", "approach",
+    "setup_index", "pass_index", "zero_index", "offset_index", "stop", "position_mm", "beside_mm", "arrival",
+    "direction", "beam_mm", "spot_mm", "approach",
     "reading_mm", "deviation_um", "u_um", "clock", "timed", "hours",
     "temperature_c",
 )  # fmt: skip
