@@ -50,7 +50,7 @@ def _seen_before(each: Pass, step: Step) -> bool:
     """Tell whether a pass that was driven again shows the same step as before: then the machine makes it."""
     here, there = each.measured.get(step.stop, ()), each.measured.get(step.stop - 1, ())
     made = [
-        ((one.stop.reading_mm or 0.0) - (before.stop.reading_mm or 0.0)) * 1e3
+        (one.beside_mm - before.beside_mm) * 1e3
         for one in here
         for before in there
         if one.stretch == before.stretch and 0 <= one.visit - before.visit <= 1
