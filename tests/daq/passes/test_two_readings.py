@@ -110,7 +110,7 @@ def approaches_um(rng, share, n, repeatability_um):
 @pytest.mark.parametrize("n", [2, 3, 5, 10, 20])
 @pytest.mark.parametrize("size_mm", [(500.0, 400.0, 300.0), (1000.0, 500.0, 400.0), (4000.0, 1000.0, 800.0), (4000.0, 300.0, 200.0)])
 def test_how_a_good_or_ordinary_machine_repeats_is_no_slip(size_mm, n, repeatability_um):
-    """On a long machine one axis brings all the scatter: at most one pair of passes in a hundred is named (62 by the scatter of all steps)."""
+    """On a long machine one axis brings all the scatter: at most one pair of passes in a hundred is named (62 of all steps)."""
     rng, share = np.random.default_rng(n), np.array(size_mm) / np.linalg.norm(size_mm)
     pairs = [[approaches_um(rng, share, n, repeatability_um) for _ in range(2)] for _ in range(200)]
     u_um, of_steps = np.full(3 * n + 1, 0.14), np.tile(share, n)
