@@ -20,8 +20,9 @@ from stepdiag.daq.timing.stream import Break, StreamBuffer
 from stepdiag.solver.findings import Finding, Severity
 from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 
-ROUNDED_MM = 0.001
-"""A program written to three decimals is off by half of that: worth a note. More is worth a look at the program."""
+ROUNDED_MM = 0.1
+"""Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um, and with G91 that adds up to 0.1 mm over twenty
+increments: worth a note. More is worth a look at the program."""
 AGAIN = 1.5
 """A difference is said again where it is larger by so much than what was said of the pass before."""
 
@@ -285,7 +286,7 @@ class PositionCheck:
         off_mm, axis, here, plan = worst
         self._said_mm[walk.name] = off_mm
         text = (
-            f"the machine is commanded to {axis.upper()} {here:.4f} mm, the plan has {plan:.4f} mm ({(here - plan) * 1e3:+.1f} um): "
+            f"the machine stands at {axis.upper()} {here:.4f} mm, the plan has {plan:.4f} mm ({(here - plan) * 1e3:+.1f} um): "
             "the machine's position counts"
         )
         severity: Severity = "info" if off_mm <= ROUNDED_MM else "warning"

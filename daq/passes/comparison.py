@@ -50,7 +50,7 @@ def _seen_before(each: Pass, step: Step) -> bool:
     """Tell whether a pass that was driven again shows the same step as before: then the machine makes it."""
     here, there = each.measured.get(step.stop, ()), each.measured.get(step.stop - 1, ())
     made = [
-        ((one.stop.reading_mm or 0.0) - (before.stop.reading_mm or 0.0)) * 1e3
+        (one.beside_mm - before.beside_mm) * 1e3
         for one in here
         for before in there
         if one.stretch == before.stretch and 0 <= one.visit - before.visit <= 1
@@ -85,6 +85,8 @@ class _Readings:
         axes = [each.route.axis_to(index) for index in range(1, len(each.route))]
         self.axes = axes[::along]
         self.nominal_mm: Vector = np.diff(nominal[::along])
+        travel_mm = np.max(np.abs(np.diff(each.route.stops_mm, axis=0)), axis=1)[::along]
+        self.share: Vector = np.abs(np.diff(each.route.nominal_mm)[::along]) / travel_mm
 
     def odd(self) -> Step | None:
         """Return the step that is unlike the others of its axis, with the index of its stop in this pass."""
@@ -114,7 +116,8 @@ class _Readings:
 def _blame(one: _Readings, other: _Readings) -> dict[int, Step]:
     """Return the step in which two passes differ, for the first (0), for the second (1), or for both where either may be at fault."""
     low, high = max(one.low, other.low), min(one.high, other.high)
-    step = step_in((other.off_um - one.off_um)[low:high], np.hypot(one.u_um, other.u_um)[low:high])
+    between = slice(low, high - 1)
+    step = step_in((other.off_um - one.off_um)[low:high], np.hypot(one.u_um, other.u_um)[low:high], one.axes[between], one.share[between])
     if step is None:
         return {}
     step = replace(step, stop=low + step.stop)

@@ -50,8 +50,8 @@ def _back_um(survey: Survey, out: Pass, back: Pass, out_um: dict[int, float]) ->
     counted, own = on_one_count([out, back]), _own_um(survey, back)
     end = max(out.chosen())
     begun = min(back.chosen())
-    met = out.chosen()[end][0].position_mm == back.chosen()[begun][0].position_mm
-    turn_mm = _raw_mm(back.chosen()[begun]) + counted[1].offset_mm - _raw_mm(out.chosen()[end]) - counted[0].offset_mm
+    turn_mm = _beside_mm(out, back.chosen()[begun]) + counted[1].offset_mm - _beside_mm(out, out.chosen()[end]) - counted[0].offset_mm
+    met = end + begun == len(out.route) - 1
     joined = met and counted[0].zero == counted[1].zero
     base_um = out_um[end] + (turn_mm * 1e3 if joined else 0.0)
     return {stop: value + base_um for stop, value in own.items()}
@@ -96,6 +96,11 @@ def _pass_stops(each: Pass, deviations_um: dict[int, float]) -> list[StopStatus]
         )
         for stop, deviation in deviations_um.items()
     ]
+
+
+def _beside_mm(each: Pass, entry: tuple[CapturedStop, float]) -> float:
+    """Return the reading minus the nominal one of the pass where the machine stood."""
+    return _raw_mm(entry) - each.route.nominal_at_mm(entry[0].position_mm)
 
 
 def _raw_mm(entry: tuple[CapturedStop, float]) -> float:

@@ -1,12 +1,12 @@
 """One pass as far as it has been driven: which stops have a usable reading, which may be off, and what to do about it."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import Route
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, says_what_to_do
-from stepdiag.daq.passes.stretches import Measured, Slip, Stretches, Zero, Zeros
+from stepdiag.daq.passes.stretches import SAME_UM, Measured, Slip, Stretches, Zero, Zeros
 
 Chosen = dict[int, tuple[CapturedStop, float]]
 
@@ -26,12 +26,17 @@ class Pass:
     against: tuple[Doubt, ...] = ()
     suspected: list[Doubt] = field(default_factory=list)
     """What others, such as the solver, say against readings of this pass."""
+    same_um: InitVar[float] = SAME_UM
+    """How far one stop measured twice may differ."""
     _stretches: Stretches = field(default_factory=Stretches)
     _stretch: int | None = None
     _last: int = -1
     _visit: int = 0
     _zeros: Zeros | None = None
     _chosen: Chosen | None = None
+
+    def __post_init__(self, same_um: float) -> None:
+        self._stretches.same_um = same_um
 
     @property
     def measured(self) -> dict[int, list[Measured]]:
@@ -50,7 +55,7 @@ class Pass:
 
     def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
         """Return by how much a stop reads more than it did within the same unbroken count; None where it agrees or is new."""
-        return None if stop.refused else self._stretches.differs_um(stop, stretch)
+        return None if stop.refused else self._stretches.differs_um(self._measured(stop, stretch))
 
     def add(self, stop: CapturedStop, stretch: int, slip_um: float | None = None) -> None:
         """Take a stop, unless it was refused. ``slip_um``: its stretch begins with it because it reads by so much otherwise than before."""
@@ -64,7 +69,10 @@ class Pass:
         self._visit += stop.stop != self._last
         self._last = stop.stop
         if not stop.refused:
-            self.measured.setdefault(stop.stop, []).append(Measured(stop, stretch, self._visit))
+            self.measured.setdefault(stop.stop, []).append(self._measured(stop, stretch))
+
+    def _measured(self, stop: CapturedStop, stretch: int) -> Measured:
+        return Measured(stop, stretch, self._visit, self.route.nominal_at_mm(stop.position_mm))
 
     def zeros(self) -> Zeros:
         """Return the zero of every stretch that has one."""

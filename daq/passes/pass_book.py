@@ -11,6 +11,8 @@ from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.passes.stretches import same_um
+from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break
 from stepdiag.solver.findings import Finding
@@ -33,6 +35,7 @@ class PassBook:
         self._known: dict[int, float] = {}
         self._believed: tuple[float, ...] = ()
         self._placed = places_known(survey)
+        self._same_um = same_um(assumptions_of(survey).repeatability_um)
         self._acceptances: list[Acceptance] = []
         self._suspected: tuple[Doubt, ...] = ()
         self._foretold: list[tuple[int, tuple[Doubt, ...]]] = []
@@ -210,7 +213,7 @@ class PassBook:
         if found is not None and not found.complete:
             return found
         route = make_route(self._survey.volume, stop.setup, self._survey.axis_order, outward=stop.outward)
-        fresh = Pass(route, self._number(stop), self._placed, self._acceptances)
+        fresh = Pass(route, self._number(stop), self._placed, self._acceptances, same_um=self._same_um)
         self.passes.append(fresh)
         return fresh
 

@@ -12,11 +12,14 @@ import numpy as np
 from stepdiag.daq.capture.captured_stop import CapturedStop
 
 SAME_UM = 1.5
-"""One standstill measured twice within one count: what a machine repeats and drifts meanwhile. More is a loss of the laser."""
-TOGETHER_UM = 3.0
-"""What stops measured in two stretches may disagree on the shift between them: repeatability twice. More is a mirror that was moved."""
+"""One standstill measured twice within one count: what a good machine repeats and drifts meanwhile. More is a loss of the laser."""
 SURE = 3.0
-"""Standard uncertainties of the readings that are added to either."""
+"""Standard uncertainties of readings and machine that are allowed for."""
+
+
+def same_um(repeatability_um: float) -> float:
+    """Return how far one stop measured twice within one count may differ on a machine that repeats to this (k = 1)."""
+    return max(SAME_UM, SURE * float(np.sqrt(2.0)) * repeatability_um)
 
 
 @dataclass(frozen=True, slots=True)
@@ -26,6 +29,13 @@ class Measured:
     stop: CapturedStop
     stretch: int
     visit: int = 0
+    nominal_mm: float = 0.0
+    """The nominal reading where the machine stood: positions of two visits differ by what encoders scatter and programs round."""
+
+    @property
+    def beside_mm(self) -> float:
+        """Return the reading minus nominal; comparable between two visits."""
+        return (self.stop.reading_mm or 0.0) - self.nominal_mm
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,19 +66,21 @@ Zeros = dict[int, Zero]
 class Stretches:
     """What is known of the count of one pass: measurements by stop, in the order of their capture."""
 
+    same_um: float = SAME_UM
+    """How far one stop measured twice may differ."""
     measured: dict[int, list[Measured]] = field(default_factory=dict)
     unwatched: dict[int, tuple[int, str, str]] = field(default_factory=dict)
     """Of a stretch before which the count may have been lost: the stretch before it, why, and the finding's code."""
     slips: dict[int, Slip] = field(default_factory=dict)
     """Of a stretch that began with a stop that reads otherwise than before: which, and by how much."""
 
-    def differs_um(self, stop: CapturedStop, stretch: int) -> float | None:
+    def differs_um(self, now: Measured) -> float | None:
         """Return by how much a stop reads more than it did in the same stretch; None where it was not measured in it, or agrees."""
-        same = [entry.stop for entry in self.measured.get(stop.stop, ()) if entry.stretch == stretch and _of_one_count(entry.stop)]
-        if not same or stop.reading_mm is None or same[-1].reading_mm is None:
+        same = [entry for entry in self.measured.get(now.stop.stop, ()) if entry.stretch == now.stretch and _of_one_count(entry.stop)]
+        if not same or now.stop.reading_mm is None or same[-1].stop.reading_mm is None:
             return None
-        off_um = (stop.reading_mm - same[-1].reading_mm) * 1e3
-        return off_um if abs(off_um) > SAME_UM + SURE * float(np.hypot(stop.u_um, same[-1].u_um)) else None
+        off_um = (now.beside_mm - same[-1].beside_mm) * 1e3
+        return off_um if abs(off_um) > self.same_um + SURE * float(np.hypot(now.stop.u_um, same[-1].stop.u_um)) else None
 
     def zeros(self, stops: int) -> Zeros:
         """Return the zero of every stretch that has one, of a pass with so many stops.
@@ -103,7 +115,7 @@ class Stretches:
         for stretch in others:
             shifts = list(self._shifts(stretch, zeros))
             sure = [each for each in shifts if not each[1].doubt] or shifts
-            if sure and _agree(sure):
+            if sure and self._agree(sure):
                 zeros[stretch] = self._joined(stretch, sure)
                 return True
         return False
@@ -111,11 +123,15 @@ class Stretches:
     def _shifts(self, stretch: int, zeros: Zeros) -> Iterator[tuple[float, Zero, float]]:
         """Yield of every stop measured in a stretch and in a known one: the shift in mm, the known zero, and the shift's uncertainty."""
         for entries in self.measured.values():
-            last = {entry.stretch: entry.stop for entry in entries if entry.stop.reading_mm is not None and _of_one_count(entry.stop)}
+            last = {entry.stretch: entry for entry in entries if entry.stop.reading_mm is not None and _of_one_count(entry.stop)}
             for known in [each for each in last if each in zeros] if stretch in last else ():
                 here, there = last[stretch], last[known]
-                shift_mm = zeros[known].offset_mm + (there.reading_mm or 0.0) - (here.reading_mm or 0.0)
-                yield shift_mm, _doubted(zeros[known], there, here), float(np.hypot(here.u_um, there.u_um))
+                shift_mm = zeros[known].offset_mm + there.beside_mm - here.beside_mm
+                yield shift_mm, _doubted(zeros[known], there.stop, here.stop), float(np.hypot(here.stop.u_um, there.stop.u_um))
+
+    def _agree(self, shifts: list[tuple[float, Zero, float]]) -> bool:
+        """Tell whether all stops measured in two stretches say the same of the shift between them; else the mirror was moved."""
+        return _spread_um(shifts) <= 2.0 * self.same_um + SURE * max(u_um for _, _, u_um in shifts)
 
     def _joined(self, stretch: int, shifts: list[tuple[float, Zero, float]]) -> Zero:
         offset_mm, known = float(np.median([shift for shift, _, _ in shifts])), shifts[0][1]
@@ -169,8 +185,3 @@ def _of_one_count(stop: CapturedStop) -> bool:
 def _spread_um(shifts: list[tuple[float, Zero, float]]) -> float:
     values = [shift for shift, _, _ in shifts]
     return (max(values) - min(values)) * 1e3
-
-
-def _agree(shifts: list[tuple[float, Zero, float]]) -> bool:
-    """Tell whether all stops measured in two stretches say the same of the shift between them."""
-    return _spread_um(shifts) <= TOGETHER_UM + SURE * max(u_um for _, _, u_um in shifts)

@@ -36,7 +36,7 @@ def _head(case: Case) -> Iterator[str]:
     yield f"written by {result.software['name']} {result.software['version']}; lengths in mm, errors in um, e = actual - commanded"
     yield f"directions: {machine.direction}; compensation while measuring: {_state(case)}"
     for letter, axis in case.profile.axes.items():
-        yield f"axis {letter}: {axis.name}, {axis.start_mm:g} to {axis.end_mm:g} mm, step {axis.step_mm:g}, zero at {axis.reference_mm:g}"
+        yield f"axis {letter}: {axis.name}, {case.profile.grid_words(letter)}, zero at {axis.reference_mm:g}"
     for curve in case.curves:
         yield f"{curve.name} = {' + '.join(curve.parts)}"
 

@@ -22,7 +22,7 @@ from stepdiag.exporters.safety.standing import Standing, lost_in_field
 from stepdiag.exporters.safety.verdicts.curve import COVERED
 from stepdiag.exporters.safety.verify import Prediction, harm_findings, predict_moved, worse_findings
 from stepdiag.exporters.tables import lattice
-from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM
+from stepdiag.exporters.tables.controller import plausible_slope_um_mm
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import LimitsSection, Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
@@ -105,21 +105,23 @@ def _replaced(profile: Profile) -> Callable[[Vector], Vector]:
 def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[Finding]:
     """Yield what refuses the lattice, or has to be accepted: size, steepness, and what the solver says about the data."""
     largest = float(np.max(np.abs(held.vectors_um)))
-    if largest > limits.value_um:
-        yield Finding(code="value-beyond-limit", severity="error", text=f"lattice: {largest:.1f} um, the limit is {limits.value_um:g} um")
-    elif largest > limits.warn_value_um:
+    most = limits.at(max(float(np.ptp(at)) for at in held.axes_mm))
+    if largest > most.value_um:
+        yield Finding(code="value-beyond-limit", severity="error", text=f"lattice: {largest:.1f} um, the limit is {most.value_um:g} um")
+    elif largest > most.warn_value_um:
         yield Finding(
             code="value-large",
             severity="warning",
-            text=f"lattice: {largest:.1f} um, above {limits.warn_value_um:g} um: is the machine sound?",
+            text=f"lattice: {largest:.1f} um, above {most.warn_value_um:g} um: is the machine sound?",
         )
-    steepest = max(
+    slopes = [
         float(np.max(np.abs(np.diff(held.vectors_um, axis=axis)) / np.diff(at).reshape([-1 if n == axis else 1 for n in range(4)])))
         for axis, at in enumerate(held.axes_mm)
-    )
-    most = limits.slope_um_mm or PLAUSIBLE_SLOPE_UM_MM
-    if steepest > most:
-        yield Finding(code="slope-steep", severity="warning", text=f"lattice: {steepest:.3f} um/mm, above {most:g} um/mm")
+    ]
+    allowed = [limits.slope_um_mm or plausible_slope_um_mm(size_mm / result.volume.increments) for size_mm in result.volume.size_mm]
+    steepest, steep = max(zip(slopes, allowed, strict=True), key=lambda pair: pair[0] / pair[1])
+    if steepest > steep:
+        yield Finding(code="slope-steep", severity="warning", text=f"lattice: {steepest:.3f} um/mm, above {steep:g} um/mm")
     for finding in result.findings:
         if finding.severity == "error":
             yield Finding(code="data-quality", severity="error", text=f"{finding.code}: {finding.text}")
@@ -166,7 +168,7 @@ def _report(result: Result, profile: Profile, findings: Collection[Finding], pre
     lines = [
         f"Compensation for {kinematics.TITLE}",
         f"machine: {profile.machine.name}; profile: {profile.source}",
-        *(f"axis {letter}: {axis.start_mm:g} to {axis.end_mm:g} mm, step {axis.step_mm:g}" for letter, axis in profile.axes.items()),
+        *(f"axis {letter}: {profile.grid_words(letter)}" for letter in profile.axes),
         "",
         "REMARKS",
         *(f"  {item.severity:<8} {item.code}: {item.text}" for item in findings),

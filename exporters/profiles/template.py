@@ -24,9 +24,9 @@ B0Z = "EXZ"                   # EXZ or EZX
 A0Z = "EYZ"                   # EYZ or EZY
 {axes}
 [limits]
-# value_um = 100.0            # larger corrections are refused
-# warn_value_um = 50.0        # larger corrections have to be accepted
-# change_um = 20.0            # larger changes against the table of now have to be accepted
+# value_um = 100.0            # larger corrections are refused; left out: 200 um per metre of travel, 100 at least
+# warn_value_um = 50.0        # larger corrections have to be accepted; left out: 100 um per metre of travel, 50 at least
+# change_um = 20.0            # larger changes against the table of now have to be accepted; left out: 40 um per metre, 20 at least
 # slope_um_mm = 0.2           # steeper corrections have to be accepted; left out: the limit of this control
 # points = 256                # most points in a table, where the control holds fewer than usual
 

@@ -12,7 +12,7 @@ from datetime import date
 import numpy as np
 
 from stepdiag.exporters.neutral import curves_csv
-from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um, summed_um
@@ -60,8 +60,8 @@ def check_finite(case: Case) -> Iterator[Finding]:
 
 def check_values(case: Case) -> Iterator[Finding]:
     """2: the size of the correction, and what the control itself can hold."""
-    limits = case.profile.limits
     for table in case.tables:
+        limits = case.profile.limits.at(_travel_mm(table))
         largest = float(np.max(np.abs(_net_um(case, table))))
         own = case.controller.limits(table, case.profile).value_um
         if largest > limits.value_um or (own is not None and largest > own):
@@ -82,7 +82,7 @@ def check_change(case: Case) -> Iterator[Finding]:
             continue
         new = [each for each in case.tables if each.name == table.name]
         change = float(np.max(np.abs(movement_um(table, new) - movement_um(table, before))))
-        if change > case.profile.limits.change_um:
+        if change > case.profile.limits.at(_travel_mm(table)).change_um:
             yield _warning("change-large", f"{table.label}: differs by {change:.1f} um from the table in the control now")
 
 
@@ -94,6 +94,8 @@ def check_slope(case: Case) -> Iterator[Finding]:
         steps = np.abs(np.diff(table.absolute_um))
         steepest = float(np.max(np.abs(np.diff(_net_um(case, table))) / spacing))
         most = case.profile.limits.slope_um_mm or own.slope_um_mm
+        if most == "plausible":
+            most = plausible_slope_um_mm(_measured_mm(case.result, table))
         if most is not None and steepest > most:
             yield _warning("slope-steep", f"{table.label}: {steepest:.3f} um/mm, above {most:g} um/mm")
         allowed = np.full(steps.shape, np.inf if own.neighbour_um is None else own.neighbour_um)
@@ -281,6 +283,20 @@ def untested_kinds(case: Case) -> tuple[str, ...]:
 def movement_um(grid_of: Table, tables: Sequence[Table]) -> Vector:
     """Return the summed correction of tables at the points of one of them, in its direction of travel."""
     return summed_um(tables, grid_of.position_mm, grid_of.direction or 1)
+
+
+def _travel_mm(table: Table) -> float:
+    """Return the travel that the errors of a table grow with: its own, or that of the lever of its angle."""
+    spans = [table.position_mm] if table.multiplier is None else [table.position_mm, table.multiplier.position_mm]
+    return float(max(np.ptp(span) for span in spans))
+
+
+def _measured_mm(result: Result, table: Table) -> float:
+    """Return the smallest distance in mm of two measured values of the function of a table."""
+    function = result.errors.get(table.name)
+    if function is not None and len(function.position_mm) > 1:
+        return float(np.min(np.diff(function.position_mm)))
+    return result.volume.size_mm[AXES.index(table.input_axis.lower())] / result.volume.increments
 
 
 def _net_um(case: Case, table: Table) -> Vector:

@@ -16,7 +16,7 @@ from stepdiag.exporters.siemens import cec, eec, loader, restore
 from stepdiag.exporters.siemens.ini import data_file, is_program, require_full_effect
 from stepdiag.exporters.siemens.loader import Load
 from stepdiag.exporters.siemens.products import KIND, Budget, chosen, joined, numbered, product_table
-from stepdiag.exporters.tables.controller import PLAUSIBLE_SLOPE_UM_MM, Limits, Plan
+from stepdiag.exporters.tables.controller import Limits, Plan
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
@@ -84,8 +84,8 @@ class Siemens:
         if table.kind == eec.KIND:
             return Limits(points=options.eec_points.get(table.input_axis))
         # MD32730 is a share of the axis' own top speed: at equal top speeds the correction may move at that share of the base axis' speed.
-        slope = PLAUSIBLE_SLOPE_UM_MM if options.cec_max_velo is None else 1000.0 * options.cec_max_velo
-        return Limits(points=options.cec_points, tables=options.cec_tables_held, slope_um_mm=slope)
+        held = Limits(points=options.cec_points, tables=options.cec_tables_held)
+        return held if options.cec_max_velo is None else replace(held, slope_um_mm=1000.0 * options.cec_max_velo)
 
     def plan(self, curves: Sequence[Curve], profile: Profile) -> Plan:
         """Return EEC tables for positioning errors and CEC tables for the rest, CEC table numbers given out in order."""

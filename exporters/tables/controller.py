@@ -6,7 +6,7 @@ files  --parse-> tables --law-----> correction     (verify, merge, sign test)
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
 
@@ -18,7 +18,16 @@ from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.findings import Finding
 
 PLAUSIBLE_SLOPE_UM_MM = 0.2
-"""What no sound guideway or screw exceeds over the distance of two table points (controllers.md 10.4), where a control has no limit."""
+"""What no sound guideway or screw exceeds over the distance of two table points (controllers.md 10.4), where a control has no limit: 200
+urad, twice the squareness of a poor machine."""
+PLAUSIBLE_STEP_UM = 3.0
+"""From one measured value to the next so much is plausible, however close they are: peak to peak of an ordinary screw's waves, and four
+times the scatter of a difference of two values on a machine that repeats to 0.5 um."""
+
+
+def plausible_slope_um_mm(measured_mm: float) -> float:
+    """Return the slope in um/mm from which on values measured every ``measured_mm`` are not plausible."""
+    return max(PLAUSIBLE_SLOPE_UM_MM, PLAUSIBLE_STEP_UM / measured_mm)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,8 +36,8 @@ class Limits:
 
     ``points``: most points in one table; ``neighbour_um``: largest change from point to point; ``neighbour_um_mm``:
     the same per mm of spacing; ``value_um``: largest value; ``tables``: most tables of a kind. ``slope_um_mm`` is
-    where a slope stops being plausible; None where the control's own limit of neighbours says more. ``reference_um`` is what the
-    table holds at the reference on purpose, because it takes over something else that the control does there. ``ends_backlash``: the
+    the control's own limit of the slope, or "plausible"; None where the control's limit of neighbours says more. ``reference_um`` is what
+    the table holds at the reference on purpose, because it takes over something else that the control does there. ``ends_backlash``: the
     control's own backlash compensation stops where this table acts, so the two cannot hold the reversal error twice.
     """
 
@@ -37,7 +46,7 @@ class Limits:
     neighbour_um_mm: float | None = None
     value_um: float | None = None
     tables: int | None = None
-    slope_um_mm: float | None = PLAUSIBLE_SLOPE_UM_MM
+    slope_um_mm: float | Literal["plausible"] | None = "plausible"
     reference_um: float = 0.0
     ends_backlash: bool = False
 

@@ -13,6 +13,7 @@ import numpy as np
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import MOST_LINES, ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import fixed, shortest
+from stepdiag.exporters.tables.profile import whole_steps
 from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import error_field_um
@@ -124,8 +125,8 @@ def _row(where: str, line: str) -> list[float]:
 
 def _axis(volume: Volume, index: int, step_mm: float) -> Vector:
     low, size = volume.origin_mm[index], volume.size_mm[index]
-    count = round(size / step_mm)
-    if count < 1 or abs(size / step_mm - count) > 1e-9 * max(1.0, size / step_mm):
+    count = whole_steps(size, step_mm)
+    if count is None:
         raise SafetyError(
             "--step-mm", code="grid-not-integral", expected=f"a step that divides {size:g} mm of {'XYZ'[index]}", found=f"{step_mm:g} mm"
         )

@@ -23,8 +23,17 @@ Options = TypeVar("Options", bound=msgspec.Struct)
 AXIS_LETTERS = ("X", "Y", "Z")
 MOST_EXISTING = 64
 """Files of its own that a machine may have."""
+NEARLY_MM = 0.01
+"""By so little a travel may differ from whole steps, of a step of 1 mm or more."""
 MOST_SECTIONS = 20_000
 """Sections of one axis: 20 m in millimetres; no control holds as many."""
+WARN_UM_M = 100.0
+"""Errors that grow with the travel are at most this large on a poor machine: squareness 100 urad, scale 50 um/m (k = 1; `CLASSES`). Above
+it a correction has to be accepted, above twice as much (k = 2) it is refused."""
+CHANGE_UM_M = 40.0
+"""Growth of a poor machine (30 um/m, k = 1) and the drift beside it."""
+SHORTEST_TRAVEL_MM = 500.0
+"""Reversal, straightness and screw waves do not shrink with the travel: shorter travels have the limits of this one, 50, 100 and 20 um."""
 AxisName = Annotated[
     str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="a name of letters, digits and underscore, a letter first")
 ]
@@ -67,14 +76,33 @@ class AxisSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_on
 
 
 class LimitsSection(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
-    """``[limits]``: where the safety checks warn and refuse (controllers.md 10)."""
+    """``[limits]``: where the safety checks warn and refuse (controllers.md 10).
 
-    value_um: Positive = 100.0
-    warn_value_um: Positive = 50.0
-    change_um: Positive = 20.0
+    None of a size: the limit grows with the travel, as errors do. None of the slope: the control's own limit, or what is plausible where it
+    has none.
+    """
+
+    value_um: Positive | None = None
+    warn_value_um: Positive | None = None
+    change_um: Positive | None = None
     slope_um_mm: Positive | None = None
-    """None: the control's own limit, or what is plausible where it has none."""
     points: Annotated[int, msgspec.Meta(ge=2)] | None = None
+
+    def at(self, travel_mm: float) -> "TravelLimits":
+        """Return the limits of sizes for a travel in mm, in um; a limit that the profile states stands."""
+        warn, change = (max(SHORTEST_TRAVEL_MM, travel_mm) * um_m / 1000.0 for um_m in (WARN_UM_M, CHANGE_UM_M))
+        return TravelLimits(
+            value_um=self.value_um or 2.0 * warn, warn_value_um=self.warn_value_um or warn, change_um=self.change_um or change
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TravelLimits:
+    """Limits of one table, in um: of the correction, of what has to be accepted, of the change against the table in the control."""
+
+    value_um: float
+    warn_value_um: float
+    change_um: float
 
 
 class SignTestRecord(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -134,15 +162,30 @@ class Profile:
             raise UsageError(
                 f"{self.source}: axes.{letter}.step_mm", expected=f"at most {MOST_SECTIONS} sections", found=f"{axis.step_mm:g} mm"
             )
-        count = round(sections)
-        # Controllers.md 3.2: (MAX - MIN) / STEP must be an integer; a control accepts less, and then holds old values.
-        if count < 1 or abs(sections - count) > 1e-9 * max(1.0, sections):
+        count = whole_steps(axis.end_mm - axis.start_mm, axis.step_mm)
+        if count is None:
             raise SafetyError(
                 f"{self.source}: axes.{letter}.step_mm",
                 code="grid-not-integral",
                 expected=f"a step that divides {axis.end_mm - axis.start_mm:g} mm into whole sections",
                 found=f"{axis.step_mm:g} mm ({sections:.6g} sections)",
-                remedy=f"the nearest that fits is {(axis.end_mm - axis.start_mm) / max(count, 1):.10g} mm",
+                remedy=f"the nearest that fits is {(axis.end_mm - axis.start_mm) / max(round(sections), 1):.10g} mm",
             )
         grid: Vector = axis.start_mm + axis.step_mm * np.arange(count + 1, dtype=np.float64)
         return grid
+
+    def grid_words(self, letter: str) -> str:
+        """Return ends and step of the table positions of an axis as a person reads them."""
+        grid = self.grid_mm(letter)
+        return f"{grid[0]:g} to {grid[-1]:g} mm, step {self.axis(letter).step_mm:g}"
+
+
+def whole_steps(travel_mm: float, step_mm: float) -> int | None:
+    """Return how many steps a travel has, None where it is not a whole number of them (controllers.md 3.2: (MAX - MIN) / STEP must be an
+    integer; a control accepts less, and then holds old values).
+
+    The positions of a survey make the travel differ: one digit of an encoder, or G91 in a program of few decimals, which adds up.
+    """
+    count = round(travel_mm / step_mm)
+    near = abs(travel_mm - count * step_mm) <= max(min(NEARLY_MM, step_mm / 100.0), 1e-9 * travel_mm)
+    return count if count >= 1 and near else None

@@ -11,6 +11,8 @@ from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Volume, diagon
 STEP_TOLERANCE = 0.02
 STEP_TOLERANCE_MM = 0.02
 """A step agrees with the geometry within two per cent and 20 um: twenty times a badly aligned mirror, a tenth of a wrong step."""
+LEAST_BESIDE_MM, BESIDE_MM = 0.1, 0.25
+"""A program of two decimals with G91 adds up 5 um an increment: 0.2 mm over forty. A tenth of a step leaves no doubt which stop it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,11 +52,16 @@ class Route:
         """Return the nominal change of the reading where the pass is driven from its other end."""
         return self.step_mm(len(self) - 1 - from_stop, len(self) - 1 - to_stop)
 
-    def find(self, position_mm: tuple[float, float, float], expected: int, tolerance_mm: float = 0.1) -> int | None:
-        """Return the stop at a commanded position, the one nearest to the expected stop; None where no stop is there."""
+    def find(self, position_mm: tuple[float, float, float], expected: int) -> int | None:
+        """Return the stop at a commanded or actual position, the one nearest to the expected stop; None where no stop is there."""
         off = np.max(np.abs(self.stops_mm - np.asarray(position_mm)), axis=1)
-        places = np.flatnonzero(off <= tolerance_mm)
+        places = np.flatnonzero(off <= self._beside_mm())
         return int(places[np.argmin(np.abs(places - expected))]) if len(places) else None
+
+    def _beside_mm(self) -> float:
+        """Return how far beside the plan a stop may be: by `BESIDE_MM`, less where steps are short."""
+        steps_mm = np.max(np.abs(np.diff(self.stops_mm, axis=0)), axis=1)
+        return float(np.clip(0.1 * np.min(steps_mm, initial=np.inf), LEAST_BESIDE_MM, BESIDE_MM))
 
 
 def base_setup(setup: str) -> str:

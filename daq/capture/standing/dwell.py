@@ -19,15 +19,20 @@ Certain is only the time between the answer to the first poll that saw it standi
 """
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import Literal
+
+import numpy as np
 
 from stepdiag.daq.formats.signals import Signals
 
 POSITION_TOLERANCE_MM = 0.05
 """Two commanded positions closer than this are the same stop: the register counts tenths of micrometres."""
 COUNT_MODULUS = 65536
+MOST_PLACES = 256
+"""Positions of one standstill that are told apart: as many say its median, and a machine may stand for hours."""
 FLICKER_NS = 300_000_000
 """A stop signal that was away for less has flickered; no machine makes a step in that time and stands again."""
 
@@ -104,11 +109,23 @@ class DwellTracker:
     def _with(self, dwell: Dwell, signals: Signals, to_ns: int) -> Dwell:
         """Return the open dwell with the signals whose position was told longest: the register may still be running in.
 
-        Not most often: a poller that is held up asks seldom, and may have asked often while the register ran in.
+        Not most often: a poller that is held up asks seldom, and may have asked often while the register ran in. The median in time where
+        the register flickers, as actual positions do.
         """
-        self._told_ns[signals.commanded_mm] += to_ns - dwell.to_ns
-        longer = self._told_ns[signals.commanded_mm] > self._told_ns[dwell.signals.commanded_mm]
-        return replace(dwell, to_ns=to_ns, signals=signals if longer else dwell.signals)
+        if len(self._told_ns) < MOST_PLACES or signals.commanded_mm in self._told_ns:
+            self._told_ns[signals.commanded_mm] += to_ns - dwell.to_ns
+        place = self._place(dwell.signals.commanded_mm)
+        if place == dwell.signals.commanded_mm:
+            return replace(dwell, to_ns=to_ns)
+        if place is None or place == signals.commanded_mm:
+            return replace(dwell, to_ns=to_ns, signals=signals)
+        return replace(dwell, to_ns=to_ns, signals=replace(dwell.signals, x_mm=place[0], y_mm=place[1], z_mm=place[2]))
+
+    def _place(self, before: Place) -> Place:
+        """Return the place told longest, before another one told as long; the median where none was told for half of the time."""
+        longest = max(self._told_ns, key=lambda place: (self._told_ns[place], place == before))
+        flickers = None not in self._told_ns and 2 * self._told_ns[longest] < self._told_ns.total()
+        return _median_place(self._told_ns) if flickers else longest
 
     def silent(self) -> None:
         """Take note that a poll brought no answer."""
@@ -127,6 +144,17 @@ class DwellTracker:
             return "moving"
         reference = self.open or self._last
         return "same" if reference is None or same_stop(reference.signals, signals) else "new"
+
+
+def _median_place(told_ns: Mapping[Place, int]) -> Place:
+    """Return by axis the position of which as much time was told below as above; each of them was told."""
+    places = np.array([place for place in told_ns if place is not None])
+    weight = np.array([ns for place, ns in told_ns.items() if place is not None], dtype=np.float64)
+    order = np.argsort(places, axis=0)
+    share = np.cumsum(weight[order], axis=0) / weight.sum()
+    middle = np.argmax(share >= 0.5, axis=0)
+    x_mm, y_mm, z_mm = (float(places[order[row, axis], axis]) for axis, row in enumerate(middle))
+    return x_mm, y_mm, z_mm
 
 
 def same_stop(one: Signals, other: Signals) -> bool:

@@ -3,6 +3,7 @@
 import hashlib
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -71,6 +72,28 @@ class TestExport:
         assert "accept it by its name: value-large" in told.refusal
         assert not (tmp_path / "out").exists()
         assert stepdiag(*arguments, "--accept", "value-large").code == 0
+
+    @pytest.mark.parametrize("off_mm", [1e-4, 2e-3, -5e-3])
+    @pytest.mark.parametrize("controller", sorted({*CONTROLLERS, "lattice"} - {"fanuc"}))
+    def test_a_box_a_digit_or_g91_beside_whole_steps_has_tables_in_whole_steps(self, controller, off_mm, tmp_path):
+        sizes = (VOLUME.size_mm[0] + off_mm, VOLUME.size_mm[1] - off_mm, VOLUME.size_mm[2] + off_mm)
+        volume = replace(VOLUME, size_mm=sizes)
+        path, out = tmp_path / "result.json", tmp_path / "out"
+        path.write_text(made_result(BENT, squareness={"C0Y": 20.0}, volume=volume).to_json(), encoding="utf-8")
+        told = stepdiag("export", path, "--controller", controller, "--out", out, "--step-mm", 50)
+        assert told.code == 0, told.refusal
+        assert stepdiag("verify", path, out).code == 0
+        if controller != "lattice" and (report := out / "EXPORT_REPORT.txt").is_file():
+            assert "-200 to 200 mm, step 50" in report.read_text(encoding="utf-8")
+
+    @pytest.mark.parametrize("off_mm", [0.02, -0.5])
+    def test_a_box_further_beside_whole_steps_is_refused(self, off_mm, tmp_path):
+        path = tmp_path / "result.json"
+        volume = replace(VOLUME, size_mm=(VOLUME.size_mm[0] + off_mm, *VOLUME.size_mm[1:]))
+        path.write_text(made_result(BENT, volume=volume).to_json(), encoding="utf-8")
+        told = stepdiag("export", path, "--controller", "siemens", "--out", tmp_path / "out", "--step-mm", 50)
+        assert told.code == 5
+        assert "into whole sections" in told.refusal
 
     def test_an_unknown_control_meets_the_nearest(self, result, tmp_path):
         told = stepdiag("export", result, "--controller", "simens", "--out", tmp_path / "out", "--step-mm", 50)

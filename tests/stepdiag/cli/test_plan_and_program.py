@@ -129,7 +129,7 @@ class TestPlan:
         assert "forecast: U (k = 2)" in told.out
         assert "a linear run along X" in told.out
         assert "BEST SURVEY" in told.out
-        assert "U (k = 2) takes for granted, where the readings do not say it: angular errors over 10 µrad" in told.out
+        assert "U (k = 2) takes for granted, where the readings do not say it: angular errors over 15 µrad" in told.out
 
     def test_says_when_nothing_fits(self, survey):
         assert "No survey fits" in stepdiag("plan", survey, "--minutes", 10).out

@@ -129,12 +129,17 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         person.answers("Increments per axis", "2")
         person.answers("Chain from workpiece", "")
         person.answers("compensation while measuring", "off")
+        person.answers("Class of the machine", "good")
+        person.answers("Position feedback", "screw")
+        person.answers("Pitch of the screws", "20")
         assert person.leaves() == 0, person.seen
         assert "it is umd" in person.seen
         assert "siemens-828d: S7" not in person.seen, "a port speaks one protocol"
         assert "stop_count" in person.seen
         survey = load_survey(file)
         assert (survey.plc.transport, survey.box.size_mm, survey.identity.name) == ("tcp", (300.0, 200.0, 100.0), "mill")
+        assert (survey.uncertainty.machine_class, survey.uncertainty.pitch_mm) == ("good", 20.0)
+        assert "ordinary  a machining centre in a shop" in person.seen
         code, out, said = stepdiag("check", file, "--seconds", "2")
         assert code == 0, out + said
 
@@ -189,6 +194,8 @@ ANSWERS = {
     "Increments per axis": "2",
     "Chain from workpiece": "FXYZ",
     "compensation while measuring": "off",
+    "Class of the machine": "poor",
+    "Position feedback": "scale",
 }
 
 

@@ -45,7 +45,7 @@ def test_the_readings_carry_the_position_that_the_machine_gave():
     assert readings.position_mm[2].tolist() == pytest.approx([100.0, 66.7, 0.0], abs=1e-9)
     assert readings.position_mm[6].tolist() == pytest.approx([200.0, 133.3, 66.7], abs=1e-9)
     differing = [each for each in findings if each.code == "position-differs"]
-    assert [(each.stop, each.severity) for each in differing] == [(2, "warning")]
+    assert [(each.stop, each.severity) for each in differing] == [(2, "info")]
     assert "Y 66.7000 mm, the plan has 66.6667 mm (+33.3 um)" in differing[0].text
     assert not only.doubts(), "a position that is known is no doubt"
 
