@@ -14,10 +14,12 @@ import os
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from datetime import date
 from functools import partial
 from typing import Literal, NamedTuple
 
@@ -26,6 +28,11 @@ from numpy.typing import NDArray
 
 from benchmarks.exact import left_um
 from benchmarks.told import Told, within
+from stepdiag.exporters.export.planning import planned
+from stepdiag.exporters.profiles.file import quick_profile
+from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.checks import run_checks
+from stepdiag.exporters.safety.verify import predict, worse_findings
 from stepdiag.solver.errors import StepdiagError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
@@ -45,6 +52,10 @@ KINDS: tuple[Kind, ...] = ("stated", "ordinary")
 POINTS = 500
 WORKERS = 2
 FIRST_SEED = 5000
+COLUMNS = ("errors", "warnings", "export")
+EXPORT_STEPS = 20
+EXPORT_DAY = date(2026, 1, 1)
+"""No check of an export without a sign test asks for the day."""
 
 
 class Drawn(NamedTuple):
@@ -64,14 +75,16 @@ class Drawn(NamedTuple):
 class Judged:
     """What the solver said of one good survey.
 
-    ``errors`` and ``warnings`` are the codes of its findings, once each; a survey that ``solve`` refuses has the error ``solve-refused``.
-    ``before`` and ``after`` are None there, ``within`` is empty.
+    ``errors`` and ``warnings`` are the codes of the result's findings, once each. A survey that ``solve`` refuses has the error
+    ``solve: <what was expected>``; ``before`` and ``after`` are None there, ``within`` is empty. ``export`` are the codes with which an
+    export with a step of `EXPORT_STEPS` a travel and nothing accepted is refused for reasons of its own, errors and warnings.
     """
 
     seed: int
     kind: Kind
     errors: tuple[str, ...]
     warnings: tuple[str, ...]
+    export: tuple[str, ...]
     texts: tuple[str, ...]
     before: Told | None
     after: Told | None
@@ -79,7 +92,7 @@ class Judged:
 
     @property
     def refused(self) -> bool:
-        """Tell whether an export of this result is refused."""
+        """Tell whether the solver refuses: no result, or one with an error in it, of which no export is made."""
         return bool(self.errors)
 
 
@@ -171,13 +184,15 @@ def judge_survey(seed: int, kind: Kind, *, large: bool = False) -> Judged:
     try:
         result = solve(survey.readings, chain=survey.chain, assumed=survey.assumed)
     except StepdiagError as error:
-        return Judged(seed=seed, kind=kind, errors=("solve-refused",), warnings=(), texts=(str(error),), before=None, after=None, within={})
+        nothing = Judged(seed=seed, kind=kind, errors=(), warnings=(), export=(), texts=(str(error),), before=None, after=None, within={})
+        return replace(nothing, errors=(_refusal("solve", error),))
     before, after = told_of(result, survey.machine, survey.box)
     return Judged(
         seed=seed,
         kind=kind,
         errors=_codes(result, "error"),
         warnings=_codes(result, "warning"),
+        export=export_codes(result),
         texts=tuple(f"{each.code}: {each.text}" for each in result.findings if each.severity != "info"),
         before=before,
         after=after,
@@ -197,6 +212,26 @@ def _codes(result: Result, severity: str) -> tuple[str, ...]:
     return tuple(sorted({each.code for each in result.findings if each.severity == severity}))
 
 
+def export_codes(result: Result) -> tuple[str, ...]:
+    """Return the codes with which an export for a SINUMERIK without a profile is refused, besides errors of the result itself."""
+    control = controller_named("siemens")
+    step_mm = float(np.ceil(max(result.volume.size_mm) / EXPORT_STEPS))
+    profile = quick_profile(control, result.volume, step_mm)
+    try:
+        made = planned(result, control, profile, EXPORT_DAY)
+        prediction = predict(result, *made.standing.acting(result, profile))
+    except StepdiagError as error:
+        return (_refusal("export", error),)
+    findings = (*run_checks(made.case), *worse_findings(prediction, made.standing, result, profile))
+    return tuple(sorted({each.code for each in findings if each.severity != "info" and each.code != "data-quality"}))
+
+
+def _refusal(door: str, error: StepdiagError) -> str:
+    """Return a code for a refusal without one: what was expected, without its figures."""
+    words = re.sub(r"[0-9][0-9.]*|[|,;:()]", "", error.expected).split()
+    return f"{door}: expected {' '.join(words[:9])}"
+
+
 def judged_surveys(seeds: Sequence[int], kind: Kind, *, workers: int = WORKERS, large: bool = False) -> list[Judged]:
     """Judge the surveys of many seeds in processes of their own."""
     judge: Callable[[int], Judged] = partial(judge_survey, kind=kind, large=large)
@@ -209,12 +244,12 @@ def judged_surveys(seeds: Sequence[int], kind: Kind, *, workers: int = WORKERS, 
 def table(judged: Sequence[Judged]) -> str:
     """Return the table of false alarms of one distribution."""
     count = len(judged)
-    errors, warnings = (Counter(code for one in judged for code in getattr(one, kind)) for kind in ("errors", "warnings"))
-    codes = sorted({*errors, *warnings}, key=lambda code: (-errors[code], -warnings[code], code))
-    rows = [(code, errors[code], warnings[code]) for code in codes]
-    rows.append(("any", sum(one.refused for one in judged), sum(bool(one.warnings) for one in judged)))
-    lines = [f"| {code} | {_share(error, count)} | {_share(warning, count)} |" for code, error, warning in rows]
-    return "\n".join(["| finding | as error | as warning |", "|---|---|---|", *lines])
+    counts = [Counter(code for one in judged for code in getattr(one, column)) for column in COLUMNS]
+    codes = sorted({code for column in counts for code in column}, key=lambda code: (*(-column[code] for column in counts), code))
+    rows = [(code, *(column[code] for column in counts)) for code in codes]
+    rows.append(("any", *(sum(bool(getattr(one, column)) for one in judged) for column in COLUMNS)))
+    lines = [f"| {code} | {' | '.join(_share(each, count) for each in shares)} |" for code, *shares in rows]
+    return "\n".join(["| finding | error: no export | warning | export refused by itself |", "|---|---|---|---|", *lines])
 
 
 def _share(part: int, of: int) -> str:
