@@ -11,9 +11,6 @@ machine at the mean time of the readings (growth and material temperature as the
 """
 
 import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
 import re
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -21,6 +18,7 @@ from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
 from datetime import date
 from functools import partial
+from multiprocessing import get_context
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -52,8 +50,8 @@ KINDS: tuple[Kind, ...] = ("stated", "ordinary")
 POINTS = 500
 WORKERS = 2
 FIRST_SEED = 5000
+SURVEYS = 200
 COLUMNS = ("errors", "warnings", "export")
-EXPORT_STEPS = 20
 EXPORT_DAY = date(2026, 1, 1)
 """No check of an export without a sign test asks for the day."""
 
@@ -76,8 +74,8 @@ class Judged:
     """What the solver said of one good survey.
 
     ``errors`` and ``warnings`` are the codes of the result's findings, once each. A survey that ``solve`` refuses has the error
-    ``solve: <what was expected>``; ``before`` and ``after`` are None there, ``within`` is empty. ``export`` are the codes with which an
-    export with a step of `EXPORT_STEPS` a travel and nothing accepted is refused for reasons of its own, errors and warnings.
+    ``solve: <what was expected>``; ``before`` and ``after`` are None there, ``within`` is empty. ``export`` are the codes, of errors and of
+    warnings, with which an export of tables with the survey's steps is refused for reasons of its own where no warning is accepted.
     """
 
     seed: int
@@ -215,8 +213,7 @@ def _codes(result: Result, severity: str) -> tuple[str, ...]:
 def export_codes(result: Result) -> tuple[str, ...]:
     """Return the codes with which an export for a SINUMERIK without a profile is refused, besides errors of the result itself."""
     control = controller_named("siemens")
-    step_mm = float(np.ceil(max(result.volume.size_mm) / EXPORT_STEPS))
-    profile = quick_profile(control, result.volume, step_mm)
+    profile = quick_profile(control, result.volume)
     try:
         made = planned(result, control, profile, EXPORT_DAY)
         prediction = predict(result, *made.standing.acting(result, profile))
@@ -233,11 +230,15 @@ def _refusal(door: str, error: StepdiagError) -> str:
 
 
 def judged_surveys(seeds: Sequence[int], kind: Kind, *, workers: int = WORKERS, large: bool = False) -> list[Judged]:
-    """Judge the surveys of many seeds in processes of their own."""
+    """Judge the surveys of many seeds in processes of their own, each with one thread of linear algebra.
+
+    With several workers the caller's main module is imported again: it needs ``if __name__ == "__main__"``.
+    """
     judge: Callable[[int], Judged] = partial(judge_survey, kind=kind, large=large)
     if workers < 2:
         return [judge(seed) for seed in seeds]
-    with ProcessPoolExecutor(workers) as pool:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         return list(pool.map(judge, seeds, chunksize=2))
 
 
@@ -259,7 +260,13 @@ def _share(part: int, of: int) -> str:
 def promises(judged: Sequence[Judged]) -> str:
     """Return how many of the surveys that were not refused lie within what their result promised."""
     kept = [one for one in judged if not one.refused and one.before and one.after]
-    lines = [f"{len(kept)} of {len(judged)} surveys not refused; of these:"]
+    stopped = sum(one.refused or bool(one.export) for one in judged)
+    refused = len(judged) - len(kept)
+    lines = [
+        f"refused by the solver: {_share(refused, len(judged))}",
+        f"refused by the solver or by an export that accepts no warning: {_share(stopped, len(judged))}",
+        f"{len(kept)} of {len(judged)} surveys not refused by the solver; of these:",
+    ]
     for when in ("before", "after"):
         told = [getattr(one, when) for one in kept]
         inside, below = sum(one.inside for one in told), sum(one.true < one.low for one in told)

@@ -8,7 +8,7 @@ import numpy as np
 
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import FaultBoard
-from stepdiag.virtual.drive.arrivals import Registers
+from stepdiag.virtual.drive.arrivals import PositionRegisters
 from stepdiag.virtual.drive.player import Drive, Player, Segment
 from stepdiag.virtual.drive.sequence import register_of
 from stepdiag.virtual.physics.environment import Environment
@@ -42,7 +42,7 @@ class Plc:
         lag_s: float = 0.0,
         base: int = 0,
         order: str = "ABCD",
-        registers: Registers | None = None,
+        registers: PositionRegisters | None = None,
         seed: int = 0,
     ) -> None:
         self._player = player
@@ -54,7 +54,7 @@ class Plc:
         self._lag_s = lag_s
         self._base = base
         self._order = _BYTE_ORDERS[order]
-        self._registers = registers or Registers()
+        self._registers = registers or PositionRegisters()
         self._seed = seed
         self._lock = threading.Lock()
         self._captured = 0

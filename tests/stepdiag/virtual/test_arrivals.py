@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.virtual.drive.arrivals import Registers, Scatter, Standing, arrivals, standing_at_end
+from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter, Standing, arrivals, standing_at_end
 from stepdiag.virtual.drive.sequence import Box, driven_pass
 from stepdiag.virtual.drive.setups import Conditions, simulate_pass
 from stepdiag.virtual.physics.error_functions import ErrorSet
@@ -89,26 +89,26 @@ def test_commanded_registers_show_the_program_whatever_the_axes_do():
 
 def test_actual_registers_show_what_the_encoders_see_and_no_more():
     """The error at standstill is in the register and in the reading; what is beyond the encoder is in the reading alone."""
-    seen = Conditions(scatter=Scatter(servo_um=(3.0, 3.0, 3.0)), registers=Registers(shows="actual"), seed=5)
+    seen = Conditions(scatter=Scatter(servo_um=(3.0, 3.0, 3.0)), registers=PositionRegisters(shows="actual"), seed=5)
     taken = simulate_pass(PERFECT, BOX, "ppp", conditions=seen)
     off = taken.position_mm - driven_pass(BOX, "ppp", 1).stop_mm
     assert np.std(off) == pytest.approx(3e-3, rel=0.5)
     travel = np.array(BOX.size_mm) / np.linalg.norm(BOX.size_mm)
     shown = taken.position_mm @ travel
     assert taken.reading_mm == pytest.approx(shown - shown[0], abs=1e-9)
-    unseen = Conditions(scatter=Scatter(arrival_um=(3.0, 3.0, 3.0)), registers=Registers(shows="actual"), seed=5)
+    unseen = Conditions(scatter=Scatter(arrival_um=(3.0, 3.0, 3.0)), registers=PositionRegisters(shows="actual"), seed=5)
     assert simulate_pass(PERFECT, BOX, "ppp", conditions=unseen).position_mm.tolist() == driven_pass(BOX, "ppp", 1).stop_mm.tolist()
 
 
 def test_registers_that_scatter_do_not_move_the_machine():
-    how = Conditions(registers=Registers(shows="actual", scatter_um=2.0), seed=5)
+    how = Conditions(registers=PositionRegisters(shows="actual", scatter_um=2.0), seed=5)
     taken, ideal = simulate_pass(PERFECT, BOX, "ppp", conditions=how), simulate_pass(PERFECT, BOX, "ppp")
     assert taken.reading_mm.tolist() == ideal.reading_mm.tolist()
     assert np.std(taken.position_mm - ideal.position_mm) == pytest.approx(2e-3, rel=0.4)
 
 
 def test_registers_show_their_last_digit():
-    shown = Registers(shows="actual", scatter_um=2.0, resolution_mm=1e-3).shown_mm(
+    shown = PositionRegisters(shows="actual", scatter_um=2.0, resolution_mm=1e-3).shown_mm(
         np.full((5, 3), 100.0), np.zeros((5, 3)), np.random.default_rng(1)
     )
     assert shown == pytest.approx(shown.round(3), abs=1e-12)

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stepdiag.virtual.drive.arrivals import Registers, Scatter
+from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.shop import NOISE_UM, RUNS, Beam, Shop, draw_shop, drive_survey, mean_machine
 from stepdiag.virtual.physics.environment import Course, Environment
@@ -168,7 +168,7 @@ def test_a_perfect_machine_in_a_perfect_shop_reads_its_travel():
 
 def test_without_overrun_a_pass_begins_with_the_reading_at_which_the_one_before_ended():
     scatter = Scatter(arrival_um=(0.5, 0.5, 0.5), servo_um=(1.0, 1.0, 1.0))
-    shop = Shop(box=BOX, passes=3, overrun="never", scatter=scatter, registers=Registers(shows="actual"))
+    shop = Shop(box=BOX, passes=3, overrun="never", scatter=scatter, registers=PositionRegisters(shows="actual"))
     survey = drive_survey(PERFECT, shop)
     turned = np.flatnonzero(survey.turned)
     assert [(survey.pass_number[row], survey.stop[row]) for row in turned[:2]] == [(2, 0), (3, 0)]

@@ -7,7 +7,7 @@ import pytest
 
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import Fault, FaultBoard
-from stepdiag.virtual.drive.arrivals import Registers
+from stepdiag.virtual.drive.arrivals import PositionRegisters
 from stepdiag.virtual.drive.player import Drive, Player
 from stepdiag.virtual.drive.program import Plan, steps
 from stepdiag.virtual.drive.sequence import Box
@@ -79,7 +79,7 @@ def positions_mm(plc):
 def test_actual_positions_scatter_from_scan_to_scan(bench):
     plc, player, _ = bench
     stand(player, 1)
-    one = plc(registers=Registers(shows="actual", scatter_um=1.0), seed=3)
+    one = plc(registers=PositionRegisters(shows="actual", scatter_um=1.0), seed=3)
     seen = []
     for _ in range(40):
         seen.append(positions_mm(one))
@@ -97,10 +97,10 @@ def test_actual_positions_show_the_standstill_of_the_axes():
     drive = Drive(servo_um=3.0, repeatability_um=50.0)
     player = Player(steps(plan, faults), drive, seed=2)
     stand(player, 1)
-    shown = [
-        positions_mm(Plc(player, drive, HALL, clock=StillClock(), faults=faults, registers=Registers(shows=shows, resolution_mm=1e-3)))
-        for shows in ("commanded", "actual")
-    ]
+    shown = []
+    for shows in ("commanded", "actual"):
+        registers = PositionRegisters(shows=shows, resolution_mm=1e-3)
+        shown.append(positions_mm(Plc(player, drive, HALL, clock=StillClock(), faults=faults, registers=registers)))
     assert shown[0] == pytest.approx([50.0, 80.0, 0.0])
     off_um = 1e3 * (shown[1] - shown[0])
     assert 0.0 < np.max(np.abs(off_um)) < 15.0
