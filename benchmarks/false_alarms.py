@@ -76,10 +76,12 @@ class Judged:
     ``errors`` and ``warnings`` are the codes of the result's findings, once each. A survey that ``solve`` refuses has the error
     ``solve: <what was expected>``; ``before`` and ``after`` are None there, ``within`` is empty. ``export`` are the codes, of errors and of
     warnings, with which an export of tables with the survey's steps is refused for reasons of its own where no warning is accepted.
+    ``about`` names machine and shop.
     """
 
     seed: int
     kind: Kind
+    about: str
     errors: tuple[str, ...]
     warnings: tuple[str, ...]
     export: tuple[str, ...]
@@ -182,12 +184,23 @@ def judge_survey(seed: int, kind: Kind, *, large: bool = False) -> Judged:
     try:
         result = solve(survey.readings, chain=survey.chain, assumed=survey.assumed)
     except StepdiagError as error:
-        nothing = Judged(seed=seed, kind=kind, errors=(), warnings=(), export=(), texts=(str(error),), before=None, after=None, within={})
-        return replace(nothing, errors=(_refusal("solve", error),))
+        return Judged(
+            seed=seed,
+            kind=kind,
+            about=about(survey),
+            errors=(_refusal("solve", error),),
+            warnings=(),
+            export=(),
+            texts=(str(error),),
+            before=None,
+            after=None,
+            within={},
+        )
     before, after = told_of(result, survey.machine, survey.box)
     return Judged(
         seed=seed,
         kind=kind,
+        about=about(survey),
         errors=_codes(result, "error"),
         warnings=_codes(result, "warning"),
         export=export_codes(result),
@@ -196,6 +209,18 @@ def judge_survey(seed: int, kind: Kind, *, large: bool = False) -> Judged:
         after=after,
         within=within(result, survey.machine, survey.box.increments),
     )
+
+
+def about(survey: Drawn) -> str:
+    """Return machine and shop in a line."""
+    shop, box = survey.shop, survey.shop.box
+    machine = "stated sizes" if survey.drawn is None else f"{survey.drawn.quality}, {survey.drawn.feedback}"
+    size = "x".join(f"{length:g}" for length in box.size_mm)
+    program = f"{box.decimals} decimals{', G91' if box.incremental else ''}, overrun {shop.overrun}"
+    positions = f"{shop.registers.shows} positions ({max((*shop.scatter.servo_um, shop.registers.scatter_um)):.1f} um)"
+    scatter = f"repeats to {max(shop.scatter.arrival_um):.2f} um, u {shop.beam.noise_um:.2f} um"
+    counts = f"n {box.increments}, {len(shop.setups)} setups, {shop.passes} passes"
+    return f"{machine}, {survey.chain}, {size} mm, {counts}, {program}, {positions}, {scatter}"
 
 
 def told_of(result: Result, truth: Machine, box: Box) -> tuple[Told, Told]:
@@ -262,9 +287,11 @@ def promises(judged: Sequence[Judged]) -> str:
     kept = [one for one in judged if not one.refused and one.before and one.after]
     stopped = sum(one.refused or bool(one.export) for one in judged)
     refused = len(judged) - len(kept)
+    known = [one.after for one in judged if one.refused and one.after]
     lines = [
         f"refused by the solver: {_share(refused, len(judged))}",
         f"refused by the solver or by an export that accepts no warning: {_share(stopped, len(judged))}",
+        f"of the refused ones with a result, true rms after inside the interval: {sum(one.inside for one in known)} of {len(known)}",
         f"{len(kept)} of {len(judged)} surveys not refused by the solver; of these:",
     ]
     for when in ("before", "after"):
@@ -277,11 +304,13 @@ def promises(judged: Sequence[Judged]) -> str:
     return "\n".join(lines)
 
 
-def print_false_alarms(count: int, first: int = FIRST_SEED, kinds: Sequence[Kind] = KINDS, *, workers: int = WORKERS) -> None:
-    """Print the table and the promises of both distributions, and the seeds of the refused surveys."""
+def print_false_alarms(
+    count: int, first: int = FIRST_SEED, kinds: Sequence[Kind] = KINDS, *, workers: int = WORKERS, large: bool = False
+) -> None:
+    """Print the table and the promises of the distributions, and the seeds of the refused surveys; ``large``: ordinary axes of 1 to 4 m."""
     for kind in kinds:
-        judged = judged_surveys(range(first, first + count), kind, workers=workers)
+        judged = judged_surveys(range(first, first + count), kind, workers=workers, large=large)
         print(f"\n{kind}: {count} good surveys, seeds {first} to {first + count - 1}\n\n{table(judged)}\n\n{promises(judged)}")
         for one in judged:
             if one.refused:
-                print(f"  refused: seed {one.seed}: {', '.join(one.errors)}")
+                print(f"  refused: seed {one.seed}: {', '.join(one.errors)} ({one.about})")

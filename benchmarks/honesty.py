@@ -218,6 +218,7 @@ def main() -> None:
     parser.add_argument("--case", default="", help="only classes whose name contains this")
     parser.add_argument("--mixed", type=int, default=0, metavar="N", help="N machines over all classes together, and no table")
     parser.add_argument("--false-alarms", type=int, metavar="N", help="N good surveys of each distribution, and no other table")
+    parser.add_argument("--large", action="store_true", help="false alarms: ordinary machines with axes of 1 to 4 m")
     options = parser.parse_args()
     first = FIRST_SEED if options.first is None else options.first
     if options.mixed:
@@ -226,7 +227,7 @@ def main() -> None:
         print_classes(range(first, first + options.surveys), options.case)
     if options.false_alarms or not (options.mixed or options.case):
         alarms = false_alarms.FIRST_SEED if options.first is None else options.first
-        false_alarms.print_false_alarms(options.false_alarms or false_alarms.SURVEYS, alarms)
+        false_alarms.print_false_alarms(options.false_alarms or false_alarms.SURVEYS, alarms, large=options.large)
 
 
 def print_classes(seeds: Sequence[int], part: str) -> None:
