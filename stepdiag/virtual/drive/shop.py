@@ -224,7 +224,7 @@ def _drift_um(beam: Beam, count: int, rng: np.random.Generator) -> Array:
 ORDINARY_BEAM = Beam(drift_um=0.15, wander_um=0.1, index=2e-7, index_setup=1e-7, largest_mrad=1.0)
 """Beam of an ordinary shop: drift, wander and air as the product's own table has them, tilts up to 1 mrad (CHOSEN)."""
 NOISE_UM = (0.02, 0.5)
-"""Sensor noise at a stop, standard deviation: the mean over a dwell in the demo has 0.02 um (MEASURED), a machine that hums more (CHOSEN)."""
+"""Sensor noise at a stop, standard deviation: 0.02 um as the mean of a dwell in the demo (MEASURED), more where a machine hums (CHOSEN)."""
 SCATTER_UM = (0.1, 3.0)
 """Scatter of encoder positions (MEASURED to matter; the sizes are RECALLED)."""
 
