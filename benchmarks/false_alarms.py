@@ -11,14 +11,14 @@ machine at the mean time of the readings (growth and material temperature as the
 """
 
 import os
-
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-
+import re
 from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass, replace
+from datetime import date
 from functools import partial
+from multiprocessing import get_context
 from typing import Literal, NamedTuple
 
 import numpy as np
@@ -26,6 +26,11 @@ from numpy.typing import NDArray
 
 from benchmarks.exact import left_um
 from benchmarks.told import Told, within
+from stepdiag.exporters.export.planning import planned
+from stepdiag.exporters.profiles.file import quick_profile
+from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.checks import run_checks
+from stepdiag.exporters.safety.verify import predict, worse_findings
 from stepdiag.solver.errors import StepdiagError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
@@ -45,6 +50,10 @@ KINDS: tuple[Kind, ...] = ("stated", "ordinary")
 POINTS = 500
 WORKERS = 2
 FIRST_SEED = 5000
+SURVEYS = 200
+COLUMNS = ("errors", "warnings", "export")
+EXPORT_DAY = date(2026, 1, 1)
+"""No check of an export without a sign test asks for the day."""
 
 
 class Drawn(NamedTuple):
@@ -64,14 +73,18 @@ class Drawn(NamedTuple):
 class Judged:
     """What the solver said of one good survey.
 
-    ``errors`` and ``warnings`` are the codes of its findings, once each; a survey that ``solve`` refuses has the error ``solve-refused``.
-    ``before`` and ``after`` are None there, ``within`` is empty.
+    ``errors`` and ``warnings`` are the codes of the result's findings, once each. A survey that ``solve`` refuses has the error
+    ``solve: <what was expected>``; ``before`` and ``after`` are None there, ``within`` is empty. ``export`` are the codes, of errors and of
+    warnings, with which an export of tables with the survey's steps is refused for reasons of its own where no warning is accepted.
+    ``about`` names machine and shop.
     """
 
     seed: int
     kind: Kind
+    about: str
     errors: tuple[str, ...]
     warnings: tuple[str, ...]
+    export: tuple[str, ...]
     texts: tuple[str, ...]
     before: Told | None
     after: Told | None
@@ -79,7 +92,7 @@ class Judged:
 
     @property
     def refused(self) -> bool:
-        """Tell whether an export of this result is refused."""
+        """Tell whether the solver refuses: no result, or one with an error in it, of which no export is made."""
         return bool(self.errors)
 
 
@@ -171,18 +184,43 @@ def judge_survey(seed: int, kind: Kind, *, large: bool = False) -> Judged:
     try:
         result = solve(survey.readings, chain=survey.chain, assumed=survey.assumed)
     except StepdiagError as error:
-        return Judged(seed=seed, kind=kind, errors=("solve-refused",), warnings=(), texts=(str(error),), before=None, after=None, within={})
+        return Judged(
+            seed=seed,
+            kind=kind,
+            about=about(survey),
+            errors=(_refusal("solve", error),),
+            warnings=(),
+            export=(),
+            texts=(str(error),),
+            before=None,
+            after=None,
+            within={},
+        )
     before, after = told_of(result, survey.machine, survey.box)
     return Judged(
         seed=seed,
         kind=kind,
+        about=about(survey),
         errors=_codes(result, "error"),
         warnings=_codes(result, "warning"),
+        export=export_codes(result),
         texts=tuple(f"{each.code}: {each.text}" for each in result.findings if each.severity != "info"),
         before=before,
         after=after,
         within=within(result, survey.machine, survey.box.increments),
     )
+
+
+def about(survey: Drawn) -> str:
+    """Return machine and shop in a line."""
+    shop, box = survey.shop, survey.shop.box
+    machine = "stated sizes" if survey.drawn is None else f"{survey.drawn.quality}, {survey.drawn.feedback}"
+    size = "x".join(f"{length:g}" for length in box.size_mm)
+    program = f"{box.decimals} decimals{', G91' if box.incremental else ''}, overrun {shop.overrun}"
+    positions = f"{shop.registers.shows} positions ({max((*shop.scatter.servo_um, shop.registers.scatter_um)):.1f} um)"
+    scatter = f"repeats to {max(shop.scatter.arrival_um):.2f} um, u {shop.beam.noise_um:.2f} um"
+    counts = f"n {box.increments}, {len(shop.setups)} setups, {shop.passes} passes"
+    return f"{machine}, {survey.chain}, {size} mm, {counts}, {program}, {positions}, {scatter}"
 
 
 def told_of(result: Result, truth: Machine, box: Box) -> tuple[Told, Told]:
@@ -197,24 +235,47 @@ def _codes(result: Result, severity: str) -> tuple[str, ...]:
     return tuple(sorted({each.code for each in result.findings if each.severity == severity}))
 
 
+def export_codes(result: Result) -> tuple[str, ...]:
+    """Return the codes with which an export for a SINUMERIK without a profile is refused, besides errors of the result itself."""
+    control = controller_named("siemens")
+    profile = quick_profile(control, result.volume)
+    try:
+        made = planned(result, control, profile, EXPORT_DAY)
+        prediction = predict(result, *made.standing.acting(result, profile))
+    except StepdiagError as error:
+        return (_refusal("export", error),)
+    findings = (*run_checks(made.case), *worse_findings(prediction, made.standing, result, profile))
+    return tuple(sorted({each.code for each in findings if each.severity != "info" and each.code != "data-quality"}))
+
+
+def _refusal(door: str, error: StepdiagError) -> str:
+    """Return a code for a refusal without one: what was expected, without its figures."""
+    words = re.sub(r"[0-9][0-9.]*|[|,;:()]", "", error.expected).split()
+    return f"{door}: expected {' '.join(words[:9])}"
+
+
 def judged_surveys(seeds: Sequence[int], kind: Kind, *, workers: int = WORKERS, large: bool = False) -> list[Judged]:
-    """Judge the surveys of many seeds in processes of their own."""
+    """Judge the surveys of many seeds in processes of their own, each with one thread of linear algebra.
+
+    With several workers the caller's main module is imported again: it needs ``if __name__ == "__main__"``.
+    """
     judge: Callable[[int], Judged] = partial(judge_survey, kind=kind, large=large)
     if workers < 2:
         return [judge(seed) for seed in seeds]
-    with ProcessPoolExecutor(workers) as pool:
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    with ProcessPoolExecutor(workers, mp_context=get_context("spawn")) as pool:
         return list(pool.map(judge, seeds, chunksize=2))
 
 
 def table(judged: Sequence[Judged]) -> str:
     """Return the table of false alarms of one distribution."""
     count = len(judged)
-    errors, warnings = (Counter(code for one in judged for code in getattr(one, kind)) for kind in ("errors", "warnings"))
-    codes = sorted({*errors, *warnings}, key=lambda code: (-errors[code], -warnings[code], code))
-    rows = [(code, errors[code], warnings[code]) for code in codes]
-    rows.append(("any", sum(one.refused for one in judged), sum(bool(one.warnings) for one in judged)))
-    lines = [f"| {code} | {_share(error, count)} | {_share(warning, count)} |" for code, error, warning in rows]
-    return "\n".join(["| finding | as error | as warning |", "|---|---|---|", *lines])
+    counts = [Counter(code for one in judged for code in getattr(one, column)) for column in COLUMNS]
+    codes = sorted({code for column in counts for code in column}, key=lambda code: (*(-column[code] for column in counts), code))
+    rows = [(code, *(column[code] for column in counts)) for code in codes]
+    rows.append(("any", *(sum(bool(getattr(one, column)) for one in judged) for column in COLUMNS)))
+    lines = [f"| {code} | {' | '.join(_share(each, count) for each in shares)} |" for code, *shares in rows]
+    return "\n".join(["| finding | error: no export | warning | export refused by itself |", "|---|---|---|---|", *lines])
 
 
 def _share(part: int, of: int) -> str:
@@ -224,7 +285,15 @@ def _share(part: int, of: int) -> str:
 def promises(judged: Sequence[Judged]) -> str:
     """Return how many of the surveys that were not refused lie within what their result promised."""
     kept = [one for one in judged if not one.refused and one.before and one.after]
-    lines = [f"{len(kept)} of {len(judged)} surveys not refused; of these:"]
+    stopped = sum(one.refused or bool(one.export) for one in judged)
+    refused = len(judged) - len(kept)
+    known = [one.after for one in judged if one.refused and one.after]
+    lines = [
+        f"refused by the solver: {_share(refused, len(judged))}",
+        f"refused by the solver or by an export that accepts no warning: {_share(stopped, len(judged))}",
+        f"of the refused ones with a result, true rms after inside the interval: {sum(one.inside for one in known)} of {len(known)}",
+        f"{len(kept)} of {len(judged)} surveys not refused by the solver; of these:",
+    ]
     for when in ("before", "after"):
         told = [getattr(one, when) for one in kept]
         inside, below = sum(one.inside for one in told), sum(one.true < one.low for one in told)
@@ -235,11 +304,13 @@ def promises(judged: Sequence[Judged]) -> str:
     return "\n".join(lines)
 
 
-def print_false_alarms(count: int, first: int = FIRST_SEED, kinds: Sequence[Kind] = KINDS, *, workers: int = WORKERS) -> None:
-    """Print the table and the promises of both distributions, and the seeds of the refused surveys."""
+def print_false_alarms(
+    count: int, first: int = FIRST_SEED, kinds: Sequence[Kind] = KINDS, *, workers: int = WORKERS, large: bool = False
+) -> None:
+    """Print the table and the promises of the distributions, and the seeds of the refused surveys; ``large``: ordinary axes of 1 to 4 m."""
     for kind in kinds:
-        judged = judged_surveys(range(first, first + count), kind, workers=workers)
+        judged = judged_surveys(range(first, first + count), kind, workers=workers, large=large)
         print(f"\n{kind}: {count} good surveys, seeds {first} to {first + count - 1}\n\n{table(judged)}\n\n{promises(judged)}")
         for one in judged:
             if one.refused:
-                print(f"  refused: seed {one.seed}: {', '.join(one.errors)}")
+                print(f"  refused: seed {one.seed}: {', '.join(one.errors)} ({one.about})")

@@ -5,6 +5,9 @@ after a compensation with everything that was found, anywhere in the volume) wit
 95 % would have needed; and the rms that is left, beside that of an independent exact least squares that is told the true sizes
 (`benchmarks.exact`). Sizes were tried on seeds 600 to 623; the table's seeds begin at 900. ``--mixed N`` draws N machines over all classes
 together instead: a class by itself cannot tell an interval that is too wide from one that must hold its other classes too.
+
+``--false-alarms N`` prints how often good surveys are refused, N of the solver's stated assumptions and N of ordinary machines and shops
+(`benchmarks.false_alarms`); without options this table follows the other one.
 """
 
 import argparse
@@ -13,6 +16,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from benchmarks import false_alarms
 from benchmarks.exact import ExactModel, left_um
 from benchmarks.told import Told, within
 from stepdiag.solver.methods.solve import solve
@@ -210,14 +214,24 @@ def main() -> None:
     """Print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--surveys", type=int, default=12, help="surveys of each class")
-    parser.add_argument("--first", type=int, default=FIRST_SEED, help="the first seed")
+    parser.add_argument("--first", type=int, help=f"the first seed (default {FIRST_SEED}, false alarms {false_alarms.FIRST_SEED})")
     parser.add_argument("--case", default="", help="only classes whose name contains this")
     parser.add_argument("--mixed", type=int, default=0, metavar="N", help="N machines over all classes together, and no table")
+    parser.add_argument("--false-alarms", type=int, metavar="N", help="N good surveys of each distribution, and no other table")
+    parser.add_argument("--large", action="store_true", help="false alarms: ordinary machines with axes of 1 to 4 m")
     options = parser.parse_args()
+    first = FIRST_SEED if options.first is None else options.first
     if options.mixed:
-        print_mixed(range(options.first, options.first + options.mixed))
-        return
-    seeds = range(options.first, options.first + options.surveys)
+        print_mixed(range(first, first + options.mixed))
+    elif options.false_alarms is None:
+        print_classes(range(first, first + options.surveys), options.case)
+    if options.false_alarms or not (options.mixed or options.case):
+        alarms = false_alarms.FIRST_SEED if options.first is None else options.first
+        false_alarms.print_false_alarms(options.false_alarms or false_alarms.SURVEYS, alarms, large=options.large)
+
+
+def print_classes(seeds: Sequence[int], part: str) -> None:
+    """Print the table of the classes of machine whose name contains ``part``, and what all of them together show."""
     print(
         "| machine | functions within 2u, % | squareness | scale | before as predicted, % | after | of these better than promised |", end=""
     )
@@ -225,7 +239,7 @@ def main() -> None:
     print("|---|---|---|---|---|---|---|---|---|---|---|")
     mixed: list[Verdict] = []
     for case in CASES:
-        if options.case in case.name:
+        if part in case.name:
             line, verdicts = row(case, seeds)
             print(line, flush=True)
             mixed += verdicts if case.angle_urad <= MIXED_URAD else []

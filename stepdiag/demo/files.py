@@ -36,14 +36,25 @@ overrun_mm = 2.0
 start = "command"
 pause_s = 1.0
 patient = true
+decimals = 3
 
+# an ordinary machine of stepdiag/virtual/physics/ordinary.py, with scales: each axis comes back to 0.5 um (standard deviation), and the
+# control shows the actual positions of its encoders
 [machine]
-positioning_um = 9.0
-straightness_um = 9.0
+positioning_um = 6.0
+straightness_um = 5.0
 scale_um_m = 20.0
-squareness_urad = 20.0
-angle_urad = 10.0
-backlash_um = [0.6, 0.6, 0.6]
+squareness_urad = 30.0
+angle_urad = 15.0
+backlash_um = [2.0, 2.0, 2.0]
+repeatability_um = 0.5
+servo_um = 0.2
+screw_um = [0.2, 0.2, 0.2]
+screw_pitch_mm = 0.02
+
+[plc]
+positions = "actual"
+scatter_um = 0.3
 
 [alignment]
 mirror_mrad = {mirror}

@@ -21,6 +21,7 @@ from stepdiag.virtual.bench.building import (
     setup_builder,
 )
 from stepdiag.virtual.bench.config import BenchConfig, HeadPart
+from stepdiag.virtual.drive.arrivals import PositionRegisters
 from stepdiag.virtual.drive.player import Player, Segment
 from stepdiag.virtual.drive.program import again as one_more
 from stepdiag.virtual.drive.program import steps
@@ -133,6 +134,8 @@ class VirtualBench:
             lag_s=part.lag_s,
             base=part.base,
             order=part.order,
+            registers=PositionRegisters(shows=part.positions, scatter_um=part.scatter_um, resolution_mm=part.resolution_mm),
+            seed=self.config.seed,
         )
         slave = Slave(plc, unit=part.unit, clock=self._clock, faults=self._faults, attention=self._attention)
         if part.transport == "tcp":

@@ -1,7 +1,7 @@
 """From a configuration to the machine, its set-ups and its devices, all without a thread."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -23,7 +23,8 @@ from stepdiag.virtual.instruments.laser_source import AskedLaser, CommandedLaser
 from stepdiag.virtual.instruments.lasers import BOARDS, AsciiLine, Encoder, Flags, NdDisplay, UmdBoard
 from stepdiag.virtual.instruments.talker import Answering, Talking
 from stepdiag.virtual.physics.environment import Environment
-from stepdiag.virtual.physics.error_functions import AXES, Amplitudes, Array, ErrorSet, Table, random_errors
+from stepdiag.virtual.physics.error_functions import AXES, Amplitudes, Array, ErrorFunction, ErrorSet, Table, Waved, random_errors
+from stepdiag.virtual.physics.growth import Growth
 from stepdiag.virtual.physics.machine import Machine, Setup
 from stepdiag.virtual.physics.optics import perpendiculars, tilted
 
@@ -33,7 +34,13 @@ _LINE_RATE_HZ = 100.0
 def build_box(config: BenchConfig) -> Box:
     """Return the measured volume."""
     volume = config.volume
-    return Box(origin_mm=volume.origin_mm, size_mm=volume.size_mm, increments=volume.increments, decimals=config.program.decimals)
+    return Box(
+        origin_mm=volume.origin_mm,
+        size_mm=volume.size_mm,
+        increments=volume.increments,
+        decimals=config.program.decimals,
+        incremental=config.program.incremental,
+    )
 
 
 def build_errors(config: BenchConfig) -> ErrorSet:
@@ -51,10 +58,28 @@ def build_errors(config: BenchConfig) -> ErrorSet:
     lost = {f"E{a}{a}": Table((0.0,), (-um,)) for a, um in zip(AXES, part.backlash_um, strict=True) if um}
     return replace(
         drawn,
-        functions={**drawn.functions, **tables},
+        functions={**drawn.functions, **tables, **_on_screws(config, {**drawn.functions, **tables})},
         squareness_urad={**drawn.squareness_urad, **part.squareness},
         reversal=lost,
     )
+
+
+def _on_screws(config: BenchConfig, functions: Mapping[str, ErrorFunction]) -> dict[str, ErrorFunction]:
+    """Return the positioning functions with the periodic errors of their screws."""
+    part, low_mm = config.machine, config.volume.origin_mm
+    phases = np.random.default_rng((config.seed, 10)).uniform(0.0, 2.0 * math.pi, size=3)
+    return {
+        f"E{a}{a}": Waved(functions[f"E{a}{a}"], part.screw_um[axis], part.screw_pitch_mm, float(phases[axis]), low_mm[axis])
+        for axis, a in enumerate(AXES)
+        if part.screw_um[axis]
+    }
+
+
+def _build_growth(config: BenchConfig) -> Growth | None:
+    part = config.machine
+    if not any(part.growth_um_m):
+        return None
+    return Growth(um_m=part.growth_um_m, bearing_mm=part.growth_bearing_mm, tau_s=part.growth_tau_s, begun_s=part.growth_begun_s)
 
 
 def build_machine(config: BenchConfig) -> Machine:
@@ -67,6 +92,7 @@ def build_machine(config: BenchConfig) -> Machine:
         tool_offset_mm=part.tool_offset_mm,
         expansion_um_m_c=part.expansion_um_m_c,
         drift_um_h=part.drift_um_h,
+        growth=_build_growth(config),
         environment=Environment(
             material_c=hall.material_c, air_c=hall.air_c, pressure_hpa=hall.pressure_hpa, humidity_percent=hall.humidity_percent
         ),
@@ -88,6 +114,7 @@ def build_drive(config: BenchConfig) -> Drive:
         hum_um=part.hum_um,
         hum_hz=part.hum_hz,
         repeatability_um=part.repeatability_um,
+        servo_um=part.servo_um,
     )
 
 
@@ -113,6 +140,7 @@ def build_plan(config: BenchConfig) -> Plan:
         axis_order=config.volume.axis_order,
         dwell_s=program.dwell_s,
         overrun_mm=program.overrun_mm,
+        first_overrun=program.first_overrun,
         pause_s=program.pause_s if program.start == "auto" else None,
     )
 

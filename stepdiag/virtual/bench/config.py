@@ -39,8 +39,10 @@ class OffsetPart(_Part, frozen=True):
 class ProgramPart(_Part, frozen=True):
     """What is driven and how; machine seconds. ``start`` is when a setup begins: after ``pause_s``, or when told.
 
-    ``decimals`` are the places to which a hand-written program rounds its positions. A ``patient`` machine moves and dwells until the
-    recorder has looked at it for most of that without a break (`stepdiag.virtual.plc.attention`).
+    ``decimals`` are the places to which a hand-written program rounds its positions; an ``incremental`` one (G91) rounds its steps.
+    ``overrun_mm`` 0 turns round at the last stop; without ``first_overrun`` the first pass of a setup alone begins without overrun.
+    A ``patient`` machine moves and dwells until the recorder has looked at it for most of that without a break
+    (`stepdiag.virtual.plc.attention`).
     """
 
     setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")
@@ -49,11 +51,13 @@ class ProgramPart(_Part, frozen=True):
     acceleration_mm_s2: float = 1000.0
     dwell_s: float = 2.0
     overrun_mm: float = 5.0
+    first_overrun: bool = True
     pause_s: float = 2.0
     start: Literal["auto", "command"] = "auto"
     handshake: bool = False
     patient: bool = False
     decimals: int | None = None
+    incremental: bool = False
     beam_offset: tuple[OffsetPart, ...] = ()
 
 
@@ -65,7 +69,13 @@ class TablePart(_Part, frozen=True):
 
 
 class MachinePart(_Part, frozen=True):
-    """The machine's errors: drawn by the seed with these amplitudes, then any function replaced by a table."""
+    """The machine's errors: drawn by the seed with these amplitudes, then any function replaced by a table.
+
+    ``repeatability_um`` and ``servo_um`` are standard deviations of one arrival of one axis (`stepdiag.virtual.drive.player.Drive`).
+    ``screw_um`` is the amplitude of a periodic error of each axis with the period ``screw_pitch_mm``, its phase drawn by the seed.
+    ``growth_um_m`` is what each axis grows by in the end, from its bearing at ``growth_bearing_mm``, with the time constant
+    ``growth_tau_s``; the machine had run for ``growth_begun_s`` when the bench starts.
+    """
 
     chain: str = "FXYZ"
     reference_mm: Three | None = None
@@ -86,6 +96,13 @@ class MachinePart(_Part, frozen=True):
     hum_um: float = 0.02
     hum_hz: float = 50.0
     repeatability_um: float = 0.0
+    servo_um: float = 0.0
+    screw_um: Three = (0.0, 0.0, 0.0)
+    screw_pitch_mm: float = 10.0
+    growth_um_m: Three = (0.0, 0.0, 0.0)
+    growth_bearing_mm: Three = (0.0, 0.0, 0.0)
+    growth_tau_s: float = 3600.0
+    growth_begun_s: float = 0.0
 
 
 class HallPart(_Part, frozen=True):
@@ -162,7 +179,9 @@ class AirPart(_Part, frozen=True):
 class PlcPart(_Part, frozen=True):
     """The PLC: TCP on ``port`` (0: any free one) or RTU on the pty ``link``.
 
-    ``lag_s`` (wall seconds) is how far counter and position lag behind the stop signal.
+    ``lag_s`` (wall seconds) is how far counter and position lag behind the stop signal. ``positions`` are commanded or actual ones. The
+    actual ones show ``machine.servo_um`` and scatter by ``scatter_um`` (standard deviation) from scan to scan; ``resolution_mm`` is the
+    last digit that the control shows.
     """
 
     transport: Literal["tcp", "rtu"] = "tcp"
@@ -174,6 +193,9 @@ class PlcPart(_Part, frozen=True):
     lag_s: float = 0.0
     base: int = 0
     order: Literal["ABCD", "CDAB", "BADC", "DCBA"] = "ABCD"
+    positions: Literal["commanded", "actual"] = "commanded"
+    scatter_um: float = 0.0
+    resolution_mm: float = 0.0001
 
 
 class CompensationPart(_Part, frozen=True):

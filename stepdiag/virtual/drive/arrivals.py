@@ -25,7 +25,7 @@ class Scatter:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Registers:
+class PositionRegisters:
     """What the position registers of the control show at a stop.
 
     ``shows``: the commanded position, or the actual (encoder) position. ``scatter_um`` is the standard deviation of what an actual

@@ -24,7 +24,9 @@ _HELD_S = 0.1
 class Segment:
     """A step as it is played: from ``start_s`` to ``end_s`` (infinite while unknown), ``number`` counts from 0.
 
-    ``stop_count`` is the counter from its beginning on; ``miss_um`` is how far position is off along the beam at begin and end.
+    ``stop_count`` is the counter from its beginning on. ``from_mm`` and ``to_mm`` are commanded, ``true_from_mm`` and ``true_to_mm`` where
+    the axes stand: an axis that does not move keeps its place. ``servo_um`` is the part of this difference that the encoders see, at begin
+    and end. ``approach`` is the sign of each axis' last movement.
     """
 
     number: int
@@ -33,9 +35,11 @@ class Segment:
     end_s: float
     from_mm: Array
     to_mm: Array
+    true_from_mm: Array
+    true_to_mm: Array
+    servo_um: tuple[Array, Array]
     approach: Array
     stop_count: int
-    miss_um: tuple[float, float]
     moved: Array
     """The unit vector of the last move, (3,): the structure rings along it from ``arrived_s`` on."""
     arrived_s: float
@@ -50,7 +54,8 @@ class Segment:
 class Drive:
     """How the axes move: trapezoidal speed, then a decaying ring of the structure, over a hum that never stops.
 
-    ``repeatability_um`` (standard deviation) is how far each arrival misses, along the beam.
+    Each move of an axis draws one error of arrival along that axis (standard deviations): ``repeatability_um`` is beyond the encoder,
+    ``servo_um`` is the position error at standstill, which the encoder sees.
     """
 
     feed_mm_min: float = 2000.0
@@ -61,6 +66,7 @@ class Drive:
     hum_um: float = 0.0
     hum_hz: float = 50.0
     repeatability_um: float = 0.0
+    servo_um: float = 0.0
 
     def duration_s(self, distance_mm: float) -> float:
         """Return how long a move takes."""
@@ -125,9 +131,11 @@ class Player:
             end_s=0.0,
             from_mm=home,
             to_mm=home,
+            true_from_mm=home,
+            true_to_mm=home,
+            servo_um=(home, home),
             approach=home,
             stop_count=0,
-            miss_um=(0.0, 0.0),
             moved=home,
             arrived_s=-math.inf,
         )
@@ -199,7 +207,7 @@ class Player:
             step = Step(kind="pause", duration_s=math.inf)
         target = last.to_mm if step.target_mm is None else step.target_mm
         distance = float(np.linalg.norm(target - last.to_mm))
-        miss_um = float(self._rng.normal(scale=self._drive.repeatability_um)) if step.kind == "move" else last.miss_um[1]
+        true_mm, servo_um = self._arrive(last, target)
         segment = Segment(
             number=last.number + 1,
             step=step,
@@ -207,15 +215,25 @@ class Player:
             end_s=last.end_s + self._duration_s(step, distance),
             from_mm=last.to_mm,
             to_mm=target,
-            approach=last.approach if step.approach is None else step.approach,
+            true_from_mm=last.true_to_mm,
+            true_to_mm=true_mm,
+            servo_um=(last.servo_um[1], servo_um),
+            approach=np.where(target != last.to_mm, np.sign(target - last.to_mm), last.approach),
             stop_count=last.stop_count + step.counts,
-            miss_um=(last.miss_um[1], miss_um),
             moved=(target - last.to_mm) / distance if distance > 0.0 else last.moved,
             arrived_s=last.end_s if last.step.kind == "move" else last.arrived_s,
         )
         self._segments.append(segment)
         if self._on_enter is not None:
             self._on_enter(segment)
+
+    def _arrive(self, last: Segment, target: Array) -> tuple[Array, Array]:
+        """Return where the axes stand after a move, and by how much the encoders see them off, both (3,)."""
+        drawn_um = self._rng.normal(size=(2, 3)) * [[self._drive.repeatability_um], [self._drive.servo_um]]
+        moved = target != last.to_mm
+        true_mm: Array = np.where(moved, target + 1e-3 * drawn_um.sum(axis=0), last.true_to_mm)
+        servo_um: Array = np.where(moved, drawn_um[1], last.servo_um[1])
+        return true_mm, servo_um
 
     def _duration_s(self, step: Step, distance_mm: float) -> float:
         if step.kind == "move":

@@ -19,7 +19,7 @@ _GAP_S = 0.2
 class Step:
     """What the control does next.
 
-    A move ends at ``target_mm`` (3,) with ``approach`` (3,), the sign of each axis' last movement; dwells and pauses stay where they are.
+    A move ends at ``target_mm`` (3,); dwells and pauses stay where they are.
     ``duration_s`` holds for those, infinite until somebody starts the program. ``counts`` is what the stop adds to the
     stop counter; a stop that is not ``signalled`` happens without a word. ``setup`` is empty between two programs, ``pass_number`` is 0
     before the first pass; during an ``alarm`` the program does not run.
@@ -27,7 +27,6 @@ class Step:
 
     kind: Literal["move", "dwell", "pause"]
     target_mm: Array | None = None
-    approach: Array | None = None
     setup: str = ""
     pass_number: int = 0
     stop: int = -1
@@ -40,7 +39,11 @@ class Step:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Plan:
-    """What to drive: setups in order, ``passes`` of each, odd ones outward. ``pause_s`` None waits for a start each time."""
+    """What to drive: setups in order, ``passes`` of each, odd ones outward. ``pause_s`` None waits for a start each time.
+
+    ``overrun_mm`` is how far the program goes beyond the first stop of a pass, so that every axis comes to it in the direction of the pass;
+    without ``first_overrun`` it does so at the turns only, not before the first pass of a setup.
+    """
 
     box: Box
     setups: tuple[str, ...] = ("ppp", "npp", "pnp", "ppn")
@@ -48,6 +51,7 @@ class Plan:
     axis_order: str = "xyz"
     dwell_s: float = 2.0
     overrun_mm: float = 5.0
+    first_overrun: bool = True
     pause_s: float | None = 2.0
 
 
@@ -68,7 +72,8 @@ def _setup_steps(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
     wrong = faults.take("axis-order", setup, 1, 0)
     order = wrong.text if wrong else plan.axis_order
     first = driven_pass(plan.box, setup, 1, order)
-    yield Step(kind="move", target_mm=_before(first, 0, plan.overrun_mm), approach=first.approach, beam=False)
+    first_mm = plan.overrun_mm if plan.first_overrun else 0.0
+    yield Step(kind="move", target_mm=_before(first, 0, first_mm), beam=False)
     yield Step(kind="pause", setup=setup, duration_s=_GAP_S)
     for number in range(1, plan.passes + 1):
         driven = driven_pass(plan.box, setup, number, order)
@@ -81,7 +86,7 @@ def _setup_steps(plan: Plan, setup: str, faults: FaultBoard) -> Iterator[Step]:
 def _approach(plan: Plan, driven: DrivenPass, stop: int) -> Iterator[Step]:
     """Overrun a stop, so that every axis comes to it in the direction of the pass."""
     before = _before(driven, stop, plan.overrun_mm)
-    place = Step(kind="move", target_mm=before, approach=-driven.approach, setup=driven.setup, pass_number=driven.number)
+    place = Step(kind="move", target_mm=before, setup=driven.setup, pass_number=driven.number)
     yield place
     yield replace(place, kind="pause", duration_s=_GAP_S)
 
@@ -115,7 +120,7 @@ def _pass_steps(plan: Plan, driven: DrivenPass, faults: FaultBoard) -> Iterator[
 def _feed_hold(driven: DrivenPass, stop: int, duration_s: float) -> Iterator[Step]:
     """Stand half way to a stop: the axes are still, and the program has not come to its dwell."""
     half_mm: Array = 0.5 * (driven.stop_mm[stop - 1] + driven.stop_mm[stop])
-    move = Step(kind="move", target_mm=half_mm, approach=driven.approach, setup=driven.setup, pass_number=driven.number)
+    move = Step(kind="move", target_mm=half_mm, setup=driven.setup, pass_number=driven.number)
     yield move
     yield replace(move, kind="dwell", duration_s=duration_s)
 
@@ -125,7 +130,6 @@ def _stop_steps(plan: Plan, driven: DrivenPass, stop: int, faults: FaultBoard, *
     move = Step(
         kind="move",
         target_mm=driven.stop_mm[stop],
-        approach=driven.approach,
         setup=driven.setup,
         pass_number=driven.number,
         stop=stop,

@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stepdiag.virtual.drive.arrivals import Registers, Scatter, Standing, arrivals, standing_at_end
+from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter, Standing, arrivals, standing_at_end
 from stepdiag.virtual.drive.sequence import Box, axis_of_run, driven_pass, outward_direction, outward_stops_mm
 from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.physics.kinematics import Stand
@@ -95,7 +95,7 @@ class Conditions:
     start_s: float = 0.0
     seconds_per_stop: float = 10.0
     scatter: Scatter = field(default_factory=Scatter)
-    registers: Registers = field(default_factory=Registers)
+    registers: PositionRegisters = field(default_factory=PositionRegisters)
     before: Standing | None = None
     overrun: bool = True
 

@@ -6,7 +6,7 @@ from typing import Literal
 
 import numpy as np
 
-from stepdiag.virtual.drive.arrivals import Registers, Scatter, Standing
+from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter, Standing
 from stepdiag.virtual.drive.sequence import Box, axis_of_run
 from stepdiag.virtual.drive.setups import Alignment, Conditions, SimulatedPass, simulate_pass
 from stepdiag.virtual.physics.error_functions import AXES, Array, ErrorFunction, ErrorSet, Sloped, zero
@@ -52,7 +52,7 @@ class Shop:
     axis_order: str = "xyz"
     overrun: Overrun = "always"
     scatter: Scatter = field(default_factory=Scatter)
-    registers: Registers = field(default_factory=Registers)
+    registers: PositionRegisters = field(default_factory=PositionRegisters)
     beam: Beam = field(default_factory=Beam)
     one_count: bool = True
     thermometer: bool = False
@@ -223,8 +223,8 @@ def _drift_um(beam: Beam, count: int, rng: np.random.Generator) -> Array:
 
 ORDINARY_BEAM = Beam(drift_um=0.15, wander_um=0.1, index=2e-7, index_setup=1e-7, largest_mrad=1.0)
 """Beam of an ordinary shop: drift, wander and air as the product's own table has them, tilts up to 1 mrad (CHOSEN)."""
-NOISE_UM = (0.1, 0.5)
-"""Sensor noise at a stop, standard deviation: mean of a dwell on a machine that hums (CHOSEN)."""
+NOISE_UM = (0.02, 0.5)
+"""Sensor noise at a stop, standard deviation: 0.02 um as the mean of a dwell in the demo (MEASURED), more where a machine hums (CHOSEN)."""
 SCATTER_UM = (0.1, 3.0)
 """Scatter of encoder positions (MEASURED to matter; the sizes are RECALLED)."""
 
@@ -260,12 +260,12 @@ def _draw_box(rng: np.random.Generator, size_mm: Three) -> Box:
     return Box(size_mm=size_mm, increments=int(rng.integers(5, 21)), decimals=decimals, incremental=bool(rng.random() < 0.25))
 
 
-def _draw_registers(rng: np.random.Generator) -> tuple[Registers, float]:
+def _draw_registers(rng: np.random.Generator) -> tuple[PositionRegisters, float]:
     """Draw what the position registers show; the second figure is how far the axes truly stand off, in um."""
     resolution_mm = 1e-4 if rng.random() < 0.7 else 1e-3
     if rng.random() < 0.4:
-        return Registers(shows="commanded", resolution_mm=resolution_mm), 0.0
+        return PositionRegisters(shows="commanded", resolution_mm=resolution_mm), 0.0
     scatter_um = float(np.exp(rng.uniform(*np.log(SCATTER_UM))))
     if rng.random() < 0.5:
-        return Registers(shows="actual", resolution_mm=resolution_mm), scatter_um
-    return Registers(shows="actual", scatter_um=scatter_um, resolution_mm=resolution_mm), 0.0
+        return PositionRegisters(shows="actual", resolution_mm=resolution_mm), scatter_um
+    return PositionRegisters(shows="actual", scatter_um=scatter_um, resolution_mm=resolution_mm), 0.0

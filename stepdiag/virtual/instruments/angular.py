@@ -42,7 +42,7 @@ class AngleView:
             here = names == setup
             if setup.startswith("fourdof"):
                 pose = self._machine.pose(
-                    followed.commanded_mm[here], direction=followed.approach[here], time_s=machine_s[here], stand=self._stand
+                    followed.position_mm[here], direction=followed.approach[here], time_s=machine_s[here], stand=self._stand
                 )
                 turned = pose.rotation
                 vector = np.stack([turned[:, 2, 1], turned[:, 0, 2], turned[:, 1, 0]], axis=1)

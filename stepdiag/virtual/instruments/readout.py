@@ -20,9 +20,9 @@ _GRID_NODES = 3
 
 @dataclass(frozen=True, slots=True)
 class Track:
-    """Where the axes are at N moments: ``commanded_mm`` and ``approach`` (N, 3), the setup under way, and whether a beam is up."""
+    """Where the axes are at N moments: ``position_mm`` and ``approach`` (N, 3), the setup under way, and whether a beam is up."""
 
-    commanded_mm: Array
+    position_mm: Array
     approach: Array
     setup: list[str]
     beam: Flags
@@ -37,7 +37,7 @@ def track(player: Player, drive: Drive, time_s: Array) -> Track:
         times = time_s[first:last]
         fraction = drive.fraction(segment.distance_mm, times - segment.start_s)[:, None]
         swing_mm = drive.ring_um_at(segment, times)[:, None] * segment.moved * 1e-3
-        followed.commanded_mm[first:last] = segment.from_mm + fraction * (segment.to_mm - segment.from_mm) + swing_mm
+        followed.position_mm[first:last] = segment.true_from_mm + fraction * (segment.true_to_mm - segment.true_from_mm) + swing_mm
         followed.approach[first:last] = segment.approach
         followed.setup[first:last] = [segment.step.setup] * (last - first)
         followed.beam[first:last] = segment.step.beam and bool(segment.step.setup)
@@ -85,9 +85,7 @@ class Readout:
         fraction = self._drive.fraction(segment.distance_mm, time_s - segment.start_s) if moving else np.zeros_like(time_s)
         curve = self._curve_of(segment, setup, float(time_s[0]), moving=moving)
         length_mm = np.interp(fraction if moving else time_s, curve.at, curve.indicated_mm)
-        miss_um = segment.miss_um[0] + fraction * (segment.miss_um[1] - segment.miss_um[0])
-        swing_um = self._swing_um(segment, setup, time_s)
-        together: Array = length_mm + (miss_um + swing_um) * 1e-3
+        together: Array = length_mm + self._swing_um(segment, setup, time_s) * 1e-3
         return together
 
     def _curve_of(self, segment: Segment, setup: Setup, time_s: float, *, moving: bool) -> _Curve:
@@ -96,10 +94,10 @@ class Readout:
             if moving:
                 at = np.linspace(0.0, 1.0, _MOVE_NODES)
                 times = np.full(_MOVE_NODES, segment.start_s)
-                points = segment.from_mm + at[:, None] * (segment.to_mm - segment.from_mm)
+                points = segment.true_from_mm + at[:, None] * (segment.true_to_mm - segment.true_from_mm)
             else:
                 at = times = segment.start_s + self._refresh_s * (block + np.arange(_GRID_NODES, dtype=np.float64))
-                points = np.broadcast_to(segment.to_mm, (_GRID_NODES, 3))
+                points = np.broadcast_to(segment.true_to_mm, (_GRID_NODES, 3))
             indicated = self._machine.indicated_mm(setup, points, direction=segment.approach, time_s=times)
             self._curve = _Curve((segment.number, block), at, indicated)
         return self._curve
@@ -149,7 +147,7 @@ class HeadView:
             here = lit & (names == setup)
             if setup.startswith("fourdof") and here.any():
                 pose = self._machine.pose(
-                    followed.commanded_mm[here], direction=followed.approach[here], time_s=machine_s[here], stand=self._stand
+                    followed.position_mm[here], direction=followed.approach[here], time_s=machine_s[here], stand=self._stand
                 )
                 channels[here] = self._head_of(setup).channels(pose, machine_s[here])
         return channels

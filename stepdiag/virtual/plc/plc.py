@@ -8,9 +8,11 @@ import numpy as np
 
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import FaultBoard
-from stepdiag.virtual.drive.player import Drive, Player
+from stepdiag.virtual.drive.arrivals import PositionRegisters
+from stepdiag.virtual.drive.player import Drive, Player, Segment
 from stepdiag.virtual.drive.sequence import register_of
 from stepdiag.virtual.physics.environment import Environment
+from stepdiag.virtual.physics.error_functions import Array
 from stepdiag.virtual.plc.modbus import ILLEGAL_ADDRESS, ModbusError
 
 CAPTURED_REGISTER = 100
@@ -23,7 +25,8 @@ class Plc:
     """The registers as a master reads them at a moment.
 
     The image is made new every ``scan_s``: a change in the control is seen up to that much later, counter and position ``lag_s`` later.
-    ``order`` is the byte order of the 32-bit positions, ``base`` the address of the block. Coils and discrete inputs 0 to 2 repeat the
+    ``order`` is the byte order of the 32-bit positions, ``base`` the address of the block, ``registers`` what the positions are: commanded
+    or actual ones, whose scatter ``seed`` draws anew for each scan. Coils and discrete inputs 0 to 2 repeat the
     bits of the state word.
     """
 
@@ -39,6 +42,8 @@ class Plc:
         lag_s: float = 0.0,
         base: int = 0,
         order: str = "ABCD",
+        registers: PositionRegisters | None = None,
+        seed: int = 0,
     ) -> None:
         self._player = player
         self._drive = drive
@@ -49,6 +54,8 @@ class Plc:
         self._lag_s = lag_s
         self._base = base
         self._order = _BYTE_ORDERS[order]
+        self._registers = registers or PositionRegisters()
+        self._seed = seed
         self._lock = threading.Lock()
         self._captured = 0
         self._counted_before_reboot = 0
@@ -102,14 +109,22 @@ class Plc:
         if self._lag_s:
             machine_s -= self._lag_s * self._clock.scale
             segment = self._player.span(machine_s, machine_s)[0]
-        fraction = self._drive.fraction(segment.distance_mm, np.array([machine_s - segment.start_s]))
-        commanded = segment.from_mm + fraction[0] * (segment.to_mm - segment.from_mm)
+        shown_mm = self._shown_mm(segment, machine_s, round(scanned_s / self._scan_s))
         count = (segment.stop_count - self._counted_before_reboot) % 65536
         setup = register_of(step.setup) if step.setup else 0
         words = [int(scanned_s / _HEARTBEAT_S) % 65536, count, state, setup]
-        for position_mm in commanded:
+        for position_mm in shown_mm:
             words += self._long(round(float(position_mm) * 1e4))
         return words + self._air(machine_s)
+
+    def _shown_mm(self, segment: Segment, machine_s: float, scan: int) -> Array:
+        """Return what the position registers show in a scan, shape (3,)."""
+        done = self._drive.fraction(segment.distance_mm, np.array([machine_s - segment.start_s]))[0]
+        commanded_mm = segment.from_mm + done * (segment.to_mm - segment.from_mm)
+        servo_um = segment.servo_um[0] + done * (segment.servo_um[1] - segment.servo_um[0])
+        rng = np.random.default_rng((self._seed, scan))
+        shown: Array = self._registers.shown_mm(commanded_mm[None], servo_um[None], rng)[0]
+        return shown
 
     def _long(self, value: int) -> list[int]:
         """Return a signed 32-bit value as two registers in the byte order of this PLC."""

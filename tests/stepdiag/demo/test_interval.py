@@ -3,15 +3,15 @@
 import numpy as np
 
 from stepdiag.demo.demo import promises_of, verify
-from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench
+from stepdiag.demo.files import PASSES, SETUPS, write_angles, write_bench
 from stepdiag.solver.geometry.volume import anywhere_mm
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.solver.readings.readings import make_readings
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.virtual.bench.building import build_machine
+from stepdiag.virtual.bench.building import build_box, build_machine
 from stepdiag.virtual.bench.config import read_config
-from stepdiag.virtual.drive.sequence import Box
+from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter
 from stepdiag.virtual.drive.setups import Conditions, simulate_pass
 
 
@@ -19,12 +19,16 @@ def test_the_interval_of_the_demo_holds_its_own_truth(tmp_path):
     """Before and after ideal tables, anywhere in the volume, of the seed that ``make demo`` takes."""
     bench = write_bench(tmp_path, 1)
     write_angles(tmp_path, bench, 1)
-    machine, box = build_machine(read_config(bench)), Box(origin_mm=(0.0, 0.0, 0.0), size_mm=SIZE_MM, increments=INCREMENTS)
+    config = read_config(bench)
+    machine, box = build_machine(config), build_box(config)
+    scatter = Scatter(arrival_um=(config.machine.repeatability_um,) * 3, servo_um=(config.machine.servo_um,) * 3)
+    registers = PositionRegisters(shows=config.plc.positions, scatter_um=config.plc.scatter_um, resolution_mm=config.plc.resolution_mm)
+    assert (scatter.arrival_um[0], registers.shows, box.decimals) == (0.5, "actual", 3), "an ordinary machine"
     columns = {name: [] for name in ("stop", "position_mm", "reading_mm", "beam_mm", "time_s")}
     setup, number, start_s = [], [], 0.0
     for name in SETUPS:
         for which in range(1, PASSES + 1):
-            taken = Conditions(noise_um=0.3, seed=len(setup), start_s=start_s)
+            taken = Conditions(noise_um=0.3, seed=len(setup), start_s=start_s, scatter=scatter, registers=registers)
             one = simulate_pass(machine, box, name, which, conditions=taken)
             start_s = float(one.time_s[-1]) + 10.0
             setup += [name] * len(one.stop)

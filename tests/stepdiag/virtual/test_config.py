@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepdiag.virtual.bench.building import alignment_of, build_errors, build_machine, build_plan, setup_builder
+from stepdiag.virtual.bench.building import alignment_of, build_drive, build_errors, build_machine, build_plan, setup_builder
 from stepdiag.virtual.bench.config import load_config, read_config
 
 FULL = """
@@ -116,3 +116,41 @@ def test_compensation_files_lie_beside_the_configuration(tmp_path):
     file.write_text('[[compensation]]\ncontrol = "linuxcnc"\nfiles = ["x.comp"]\n', encoding="utf-8")
     machine = build_machine(read_config(file))
     assert machine.compensations[0].correction_mm(np.full((1, 3), 500.0), np.ones((1, 3)))[0, 0] == pytest.approx(-0.01)
+
+
+def test_an_ordinary_machine_is_built_from_its_fields():
+    plan, machine = built(
+        """
+[program]
+decimals = 2
+incremental = true
+first_overrun = false
+[volume]
+increments = 7
+[machine]
+screw_um = [2.0, 0.0, 0.0]
+screw_pitch_mm = 5.0
+growth_um_m = [20.0, 0.0, 0.0]
+growth_bearing_mm = [-100.0, 0.0, 0.0]
+growth_tau_s = 600.0
+growth_begun_s = 600.0
+"""
+    )
+    assert plan.box.incremental
+    assert not plan.first_overrun
+    at = np.linspace(100.0, 105.0, 51)
+    plain = built("[volume]\nincrements = 7\n")[1].errors.functions
+    waves = machine.errors.functions["EXX"](at) - plain["EXX"](at)
+    assert np.ptp(waves) == pytest.approx(4.0, rel=0.01)
+    assert waves[0] == pytest.approx(waves[-1], abs=1e-6)
+    assert machine.errors.functions["EYY"](at).tolist() == plain["EYY"](at).tolist()
+    assert machine.growth.share(np.array([0.0]))[0] == pytest.approx(1.0 - np.exp(-1.0))
+
+
+def test_a_machine_without_growth_has_none():
+    assert build_machine(load_config("")).growth is None
+
+
+def test_the_drive_of_an_ordinary_machine_misses_its_targets():
+    drive = build_drive(load_config("[machine]\nrepeatability_um = 0.5\nservo_um = 0.3\n"))
+    assert (drive.repeatability_um, drive.servo_um) == (0.5, 0.3)

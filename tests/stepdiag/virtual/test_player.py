@@ -1,6 +1,8 @@
 """The virtual program: where it goes, when it stands, what it counts, and what faults make of it."""
 
 import math
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
@@ -8,10 +10,10 @@ import pytest
 from stepdiag.virtual.base.faults import Fault, FaultBoard
 from stepdiag.virtual.drive.player import Drive, Player
 from stepdiag.virtual.drive.program import Plan, again, steps
-from stepdiag.virtual.drive.sequence import Box
+from stepdiag.virtual.drive.sequence import Box, outward_direction
 from stepdiag.virtual.drive.setups import Conditions, aligned_setup, simulate_pass
 from stepdiag.virtual.instruments.readout import Readout
-from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
+from stepdiag.virtual.physics.error_functions import Amplitudes, ErrorSet, random_errors
 from stepdiag.virtual.physics.machine import Machine
 
 BOX = Box(size_mm=(100.0, 80.0, 60.0), increments=2)
@@ -27,18 +29,66 @@ def test_a_program_stands_at_every_stop_of_both_passes():
     standing = dwells()
     assert [(step.pass_number, step.stop) for step in standing] == [(p, s) for p in (1, 2) for s in range(7)]
     assert standing[7].target_mm == pytest.approx([0.0, 80.0, 60.0])
-    assert [step.approach.tolist() for step in standing[6:8]] == [[-1.0, 1.0, 1.0], [1.0, -1.0, -1.0]]
+
+
+def dwelt(plan=PLAN, drive=None, seed=0):
+    """Return the segments of all dwells of a program as it is played."""
+    dwelling = []
+    one = Player(steps(plan, FaultBoard()), drive or Drive(), seed=seed, on_enter=dwelling.append)
+    one.advance(1e6)
+    return [segment for segment in dwelling if segment.step.kind == "dwell"]
 
 
 def test_every_axis_approaches_every_stop_in_the_direction_of_its_pass():
-    where = np.zeros(3)
-    for step in steps(PLAN, FaultBoard()):
-        if step.kind != "move":
-            continue
-        moved = np.sign(step.target_mm - where)
-        if step.stop >= 0:
-            assert np.all((moved == 0) | (moved == step.approach))
-        where = step.target_mm
+    sides = [segment.approach.tolist() for segment in dwelt()]
+    assert sides == [[-1.0, 1.0, 1.0]] * 7 + [[1.0, -1.0, -1.0]] * 7
+
+
+def test_a_program_without_overrun_leaves_each_axis_on_its_old_side_until_it_moves():
+    sides = [segment.approach.tolist() for segment in dwelt(replace(PLAN, overrun_mm=0.0))]
+    assert sides[6:11] == [[-1.0, 1.0, 1.0], [-1.0, 1.0, 1.0], [-1.0, 1.0, -1.0], [-1.0, -1.0, -1.0], [1.0, -1.0, -1.0]]
+
+
+def test_a_program_without_overrun_at_the_first_stop_comes_straight_to_it():
+    """From home (0, 0, 0) to the first stop of npp at (100, 0, 0): X came from below, Y and Z never moved; the turn has its overrun."""
+    sides = [segment.approach.tolist() for segment in dwelt(replace(PLAN, first_overrun=False))]
+    assert sides[:4] == [[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [-1.0, 1.0, 0.0], [-1.0, 1.0, 1.0]]
+    assert sides[7] == [1.0, -1.0, -1.0]
+
+
+def test_an_axis_that_does_not_move_keeps_its_place():
+    """Each move of an axis draws one error of arrival along that axis; the standard deviation is that of the drive."""
+    box = replace(BOX, increments=40)
+    stops = dwelt(replace(PLAN, box=box, setups=("ppp", "npp", "pnp"), passes=4), Drive(repeatability_um=0.5))
+    off = np.array([1e3 * (segment.true_to_mm - segment.to_mm) for segment in stops])
+    moved = np.diff([segment.to_mm for segment in stops], axis=0) != 0.0
+    within = np.array([before.step.pass_number == after.step.pass_number for before, after in pairwise(stops)])
+    held = within[:, None] & ~moved
+    assert held.sum() == 2 * 120 * 12
+    assert np.all(np.diff(off, axis=0)[held] == 0.0)
+    drawn = off[1:][within[:, None] & moved]
+    assert np.std(drawn) == pytest.approx(0.5, rel=0.1)
+    assert abs(np.mean(drawn)) < 0.05
+
+
+def test_the_encoders_see_their_part_of_an_arrival():
+    stops = dwelt(PLAN, Drive(repeatability_um=0.5, servo_um=2.0), seed=4)
+    off = np.array([1e3 * (segment.true_to_mm - segment.to_mm) for segment in stops])
+    servo = np.array([segment.servo_um[1] for segment in stops])
+    assert np.std(servo) == pytest.approx(2.0, rel=0.3)
+    assert np.std(off - servo) == pytest.approx(0.5, rel=0.4)
+
+
+def test_the_laser_sees_the_component_of_an_arrival_along_the_beam():
+    machine = Machine(errors=ErrorSet(low_mm=BOX.origin_mm, size_mm=BOX.size_mm))
+    readings = []
+    for drive in (Drive(ring_um=0.0), Drive(ring_um=0.0, repeatability_um=20.0)):
+        fresh = Player(steps(PLAN, FaultBoard()), drive)
+        readout = Readout(machine, fresh, drive, lambda name: aligned_setup(machine, BOX, name))
+        stops = dwelt(PLAN, drive)
+        readings.append(np.array([readout.read(np.array([segment.end_s - 1e-6]))[0][0] for segment in stops]))
+    off = np.array([segment.true_to_mm - segment.to_mm for segment in stops])
+    assert readings[1] - readings[0] == pytest.approx(off @ outward_direction(BOX, "npp"), abs=1e-6)
 
 
 @pytest.mark.parametrize(

@@ -2,10 +2,12 @@
 
 import struct
 
+import numpy as np
 import pytest
 
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import Fault, FaultBoard
+from stepdiag.virtual.drive.arrivals import PositionRegisters
 from stepdiag.virtual.drive.player import Drive, Player
 from stepdiag.virtual.drive.program import Plan, steps
 from stepdiag.virtual.drive.sequence import Box
@@ -67,6 +69,42 @@ def test_the_block_says_what_the_contract_says(bench):
     assert list(block[12:]) == [9876, 455]
     assert plc().read("input", 1, 2) == block[1:3]
     assert list(plc().read("coil", 0, 3)) == [1, 1, 0]
+
+
+def positions_mm(plc):
+    words = plc.read("holding", 4, 6)
+    return 1e-4 * np.array(struct.unpack(">3i", struct.pack(">6H", *words)))
+
+
+def test_actual_positions_scatter_from_scan_to_scan(bench):
+    plc, player, _ = bench
+    stand(player, 1)
+    one = plc(registers=PositionRegisters(shows="actual", scatter_um=1.0), seed=3)
+    seen = []
+    for _ in range(40):
+        seen.append(positions_mm(one))
+        assert positions_mm(one).tolist() == seen[-1].tolist(), "one scan has one image"
+        StillClock.now += 0.01
+    off = 1e3 * (np.array(seen) - [-150.0, 80.0, 0.0])
+    assert np.std(off) == pytest.approx(1.0, rel=0.2)
+    assert np.max(np.abs(off)) < 5.0
+
+
+def test_actual_positions_show_the_standstill_of_the_axes():
+    StillClock.now = 0.0
+    faults = FaultBoard()
+    plan = Plan(box=Box(size_mm=(100.0, 80.0, 60.0), increments=2), setups=("pnp",), passes=1, dwell_s=1.0, pause_s=1.0)
+    drive = Drive(servo_um=3.0, repeatability_um=50.0)
+    player = Player(steps(plan, faults), drive, seed=2)
+    stand(player, 1)
+    shown = []
+    for shows in ("commanded", "actual"):
+        registers = PositionRegisters(shows=shows, resolution_mm=1e-3)
+        shown.append(positions_mm(Plc(player, drive, HALL, clock=StillClock(), faults=faults, registers=registers)))
+    assert shown[0] == pytest.approx([50.0, 80.0, 0.0])
+    off_um = 1e3 * (shown[1] - shown[0])
+    assert 0.0 < np.max(np.abs(off_um)) < 15.0
+    assert off_um == pytest.approx(np.round(off_um), abs=1e-6)
 
 
 def test_the_heartbeat_changes_within_a_second(bench):
