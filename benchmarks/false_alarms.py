@@ -36,7 +36,7 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.readings.readings import Readings, make_readings
 from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.prediction import predicted
+from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted
 from stepdiag.solver.result.result import Result
 from stepdiag.virtual.drive.arrivals import Scatter
 from stepdiag.virtual.drive.sequence import Box
@@ -166,7 +166,7 @@ def _stated_errors(seed: int, rng: np.random.Generator, assumed: Assumptions, bo
     functions = dict(drawn.functions)
     for axis, letter in enumerate(AXES):
         period_mm = box.size_mm[axis] / box.increments * float(rng.uniform(0.5, 1.9))
-        size, phase = np.sqrt(2.0) * assumed.between_um, float(rng.uniform(0.0, 2.0 * np.pi))
+        size, phase = np.sqrt(2.0 * BETWEEN_SHARE) * assumed.between_um, float(rng.uniform(0.0, 2.0 * np.pi))
         functions[f"E{letter}{letter}"] = Waved(functions[f"E{letter}{letter}"], size, period_mm, phase)
     lost = {f"E{letter}{letter}": Table((0.0,), (-float(rng.uniform(0.0, 4.0)),)) for letter in AXES}
     squareness = {name: float(rng.normal(scale=assumed.squareness_urad)) for name in drawn.squareness_urad}

@@ -22,7 +22,8 @@ POINTS = 15
 CLASS_SPREAD = 0.6
 """Standard deviation of the logarithm of how large the errors of one machine are beside those of its class: between a third of the usual
 and three times it lie 95 %, as far as good and old machines lie apart (docs/uncertainty.md)."""
-ABSENT = 0.25
+ABSENT, NEXT_TO_NONE, WAVES_SPREAD = 0.25, 0.04, (0.4, 1.6)
+"""Of hidden waves: the share of machines without, what these have, and the range of the others: ball screws of 1 to 3 um."""
 _FINE = 281
 
 
@@ -109,10 +110,13 @@ def likely_factors() -> Vector:
 
 
 def hidden_factors() -> Vector:
-    """Return equally likely sizes, relative to the usual one, of waves that no target shows, shape (points,): in one machine of four next to
-    none, as of a glass scale where a screw was assumed, in the others anything to twice the usual."""
+    """Return equally likely sizes, relative to the usual one, of waves that no target shows, shape (points,).
+
+    In one machine of four they are next to none (a glass scale where a screw was assumed), in the others within `WAVES_SPREAD`.
+    """
     share = (np.arange(POINTS) + 0.5) / POINTS
-    found: Vector = 2.0 * np.maximum((share - ABSENT) / (1.0 - ABSENT), 0.02)
+    low, high = WAVES_SPREAD
+    found: Vector = np.where(share < ABSENT, NEXT_TO_NONE, low + (high - low) * (share - ABSENT) / (1.0 - ABSENT))
     return found
 
 

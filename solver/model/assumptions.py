@@ -13,15 +13,15 @@ RELATIVE = ("index", "index_setup")
 
 CLASSES: Mapping[str, Mapping[str, float]] = {
     "good": {
-        "angles_urad": 5.0, "repeatability_um": 0.2, "setup_c": 0.03, "growth_um_m": 2.0, "drift_um": 0.1, "wander_um": 0.07,
+        "angles_urad": 5.0, "repeatability_um": 0.2, "setup_c": 0.03, "growth_um_m": 5.0, "drift_um": 0.1, "wander_um": 0.07,
         "squareness_urad": 10.0, "scale_um_m": 5.0, "shape_um": 3.0,
     },
     "ordinary": {
-        "angles_urad": 15.0, "repeatability_um": 0.5, "setup_c": 0.15, "growth_um_m": 10.0, "drift_um": 0.15, "wander_um": 0.1,
+        "angles_urad": 15.0, "repeatability_um": 0.5, "setup_c": 0.15, "growth_um_m": 20.0, "drift_um": 0.15, "wander_um": 0.1,
         "squareness_urad": 30.0, "scale_um_m": 20.0, "shape_um": 5.0,
     },
     "poor": {
-        "angles_urad": 50.0, "repeatability_um": 1.5, "setup_c": 0.5, "growth_um_m": 30.0, "drift_um": 1.0, "wander_um": 0.5,
+        "angles_urad": 50.0, "repeatability_um": 1.5, "setup_c": 0.5, "growth_um_m": 60.0, "drift_um": 1.0, "wander_um": 0.5,
         "squareness_urad": 100.0, "scale_um_m": 50.0, "shape_um": 20.0,
     },
 }  # fmt: skip
@@ -59,7 +59,7 @@ class Assumptions:
     wander_um: float = 0.1
     repeatability_um: float = 0.5
     setup_c: float = 0.15
-    growth_um_m: float = 10.0
+    growth_um_m: float = 20.0
     expansion_um_m_c: tuple[float, float, float] = (11.7, 11.7, 11.7)
     u_expansion_um_m_c: float = 1.0
     index: float = 2e-7

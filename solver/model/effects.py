@@ -30,6 +30,8 @@ TURNING = (ANGLES, SHORT_ANGLES)
 """The effects that together are the angular functions."""
 GROWTH, SETUP_SCALE = "growth", "setup scale"
 WANDER_WAVES = 3
+BEARING = 0.5
+"""Distance of the bearing that holds a screw from the low corner of the volume, as a share of the travel (standard deviation)."""
 LEAST_SCATTER_UM = 0.02
 """Positions in steps of 0.1 um scatter by 0.03 um: less than any laser's noise."""
 TIME_CONSTANTS_H = (0.3, 1.0, 3.0)
@@ -185,10 +187,13 @@ def _setup_scale(layout: Layout, assumed: Assumptions) -> Effect:
 def _growth(layout: Layout, assumed: Assumptions) -> Effect:
     """Return how each axis grows in the course of the survey, as its drive warms: exponentials about the mean of all readings.
 
+    Three columns an axis for its length, three for how far from the low corner its bearing holds it.
+
     Without the times of all readings nothing of it can be told from the scales of setups.
     """
     waves = growth_waves(layout)
-    along_m = 1e-3 * travel_mm(layout)
+    beside_m = BEARING * 1e-3 * np.array(layout.volume.size_mm) * layout.direction
+    along_m = np.concatenate([1e-3 * travel_mm(layout), beside_m], axis=1)
     pattern = assumed.growth_um_m * (along_m[:, :, None] * waves[:, None, :]).reshape(len(layout), -1)
     text = f"each axis grows by {assumed.growth_um_m:g} um/m while it warms, within minutes or hours"
     return Effect(name=GROWTH, text=text, pattern_um=pattern, sought=True)

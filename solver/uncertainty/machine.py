@@ -81,7 +81,9 @@ def mode_nodes(volume: Volume) -> NDArray[np.int64]:
 def usual_sizes_of(assumed: Assumptions) -> dict[str, float]:
     """Return what a machine of its class usually has, by name: functions in um, squareness in urad, scales in um/m."""
     usual = dict.fromkeys(DISPLACEMENTS, assumed.shape_um)
-    usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad) | dict.fromkeys(AXIS_LETTERS, assumed.scale_um_m)
+    # an axis that nobody measured has grown while it warmed, too
+    usual |= dict.fromkeys(SQUARENESS, assumed.squareness_urad)
+    usual |= dict.fromkeys(AXIS_LETTERS, float(np.hypot(assumed.scale_um_m, assumed.growth_um_m)))
     least = NEXT_TO_NOTHING * max(usual.values())
     return {name: max(size, least) for name, size in usual.items() if size > 0}
 
