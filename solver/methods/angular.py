@@ -13,9 +13,9 @@ from stepdiag.solver.result.prediction import TAIL
 from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
-FAR = 6.0
-"""Angles that are surely larger than so many times the usual ones of an ordinary machine are larger than a worn machine's (90 urad): in a
-small survey it is rather a wrong reading that passes for them."""
+FAR = 8.0
+"""Of worn machines with 90 urad this is at most 7 times the usual of an ordinary one. What is surely larger is no machine: in a
+small survey a wrong reading passes for large angles."""
 
 
 def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
