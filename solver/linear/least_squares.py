@@ -103,6 +103,8 @@ def invert(rows: Rows, weight: Vector, blocks: Blocks, like: Inverse | None = No
         basis = np.linalg.qr(like.null[np.argsort(blocks.place)] / system.scale[:, None])[0]
         held = _pivots(basis)
         elimination = eliminate(system.normal.held(held))
+        # where weights have changed by powers of ten, the basis has lost as many digits
+        basis = np.linalg.qr(_to_full_precision(system, held, elimination))[0]
     place = blocks.place
     return Inverse(
         packed=system.packed,
@@ -164,15 +166,20 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     elimination = eliminate(system.normal.held(held))
     if not len(held):
         return np.zeros((len(system.scale), 0)), held, elimination
-    coupling = system.columns(held)
-    coupling[held] = 0.0
-    exact = -elimination.solve(coupling)
-    exact[held] = np.eye(len(held))
-    basis = system.unseen(np.linalg.qr(exact)[0], NULL_TOLERANCE)
+    basis = system.unseen(np.linalg.qr(_to_full_precision(system, held, elimination))[0], NULL_TOLERANCE)
     if basis.shape[1] < len(held):
         held = _pivots(basis)
         elimination = eliminate(system.normal.held(held))
     return basis, held, elimination
+
+
+def _to_full_precision(system: _System, held: NDArray[np.int64], elimination: Elimination) -> Vector:
+    """Return what the other unknowns do in the directions that hold each of ``held`` at one in turn, shape (count, k)."""
+    coupling = system.columns(held)
+    coupling[held] = 0.0
+    exact: Vector = -elimination.solve(coupling)
+    exact[held] = np.eye(len(held))
+    return exact
 
 
 def _candidates(system: _System) -> Vector:

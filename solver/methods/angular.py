@@ -13,6 +13,10 @@ from stepdiag.solver.result.prediction import TAIL
 from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
+FAR = 6.0
+"""Angles that are surely larger than so many times the usual ones of an ordinary machine are larger than a worn machine's (90 urad): in a
+small survey it is rather a wrong reading that passes for them."""
+
 
 def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
     """Return every unknown angular function by name with its standard uncertainty, at the nodes."""
@@ -71,7 +75,20 @@ def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], v
         f"of an axis ({size[1]:.2g} to {size[2]:.2g} urad): after an ideal compensation about {volume_um['now']:.2g} um (rms) remain, "
         f"with a head's angles about {volume_um['with_head']:.2g} um; give an angles file"
     )
-    return [Finding(code="angles-unmeasured", severity="info", text=text)]
+    return [Finding(code="angles-unmeasured", severity="info", text=text), *_far(found, size[1])]
+
+
+def _far(found: Adjustment, least_urad: float) -> list[Finding]:
+    """Return the refusal of a survey whose readings agree only where the machine turns further than machines of its class do."""
+    usual = float(np.mean(found.shapes.range_urad))
+    if least_urad <= FAR * usual:
+        return []
+    text = (
+        f"the readings of {', '.join(setup.name for setup in found.layout.setups)} agree only if this machine turns by {least_urad:.2g} urad "
+        f"or more (assumed {usual:.2g}): a pass of them is wrong, or the machine is worn; measure the angles, or state angles_urad, or "
+        "drive each setup again, out and back"
+    )
+    return [Finding(code="angles-far", severity="error", text=text)]
 
 
 def rms(values: Vector) -> float:

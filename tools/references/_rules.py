@@ -1,4 +1,4 @@
-"""Made-up numbers for rules that say something of a survey: limits from both sides, noise, curves between targets, temperatures."""
+"""Made-up numbers for rules that say something of a survey: limits from both sides, scatter, curves between targets, temperatures."""
 
 # ruff: noqa: E501 - tables
 
@@ -22,7 +22,7 @@ def _noisy_pass():
 
 
 def limits():
-    """Return a survey, and what its reports and its chi-square might be."""
+    """Return surveys, and what their reports and their scatter might be."""
     drift = {"pair": 1, "rate": 1.0, "unit": "um/h", "u_um": 0.1}
     reports = [{"tilt_mrad": 2.0}, {"tilt_mrad": 2.002}, {"tilt_mrad": None}, {"noise_um": 1.0}, {"noise_um": 1.004}, {"noise_um": None}, {"noise_um": 10.0}, {"noise_um": 10.04}, {"repeatability_um": 1.0}, {"repeatability_um": 1.01},
                {"repeatability_um": 10.0}, {"repeatability_um": 12.345}]  # fmt: skip
@@ -33,19 +33,20 @@ def limits():
     return {
         "surveys": [_good(), _noisy_pass()],
         "reports": reports,
-        "chi_square": [[share, enlarged] for share in (0.9, 1.2, 1.8, 2.99, 3.01, 5.0, 40.0) for enlarged in (1.0, 1.7)],
+        "scatter": [
+            {"misses_um": misses_um, "noise_um": noise_um, "freedom": freedom}
+            for misses_um, noise_um in ((0.1, 0.05), (0.5, 0.3), (1.5, 0.6), (0.2, 5.0))
+            for freedom in (0.0, 1.3, 1.4, 40.0)
+        ],
     }  # fmt: skip
 
 
 def noise():
-    """Return how noisy readings say they are, and how much they contradict each other."""
+    """Return degrees of freedom, setups without noise, and samples."""
     return {
-        "stated_um": [[0.2] * 5, [0.05, 0.3, 1.0], [1e-3], []],
-        "told": [[usual, chi, freedom] for usual in (0.1, 0.4, 0.0) for chi, freedom in ((0.0, 0), (3.0, 4), (12.0, 4), (900.0, 30), (1e6, 100), (1.0, 50), (5.0, 1))],
         "freedom": [0.5, 1.0, 2.0, 3.0, 7.5, 20.0, 1e3, 1e6],
-        "limits": [1, 2, 3, 10, 200],
         "coverage": [{}, {"EXX": {"degrees_of_freedom": 4.2, "k": 2.9}, "EYX": {"degrees_of_freedom": 3.4, "k": 3.3}}],
-        "classes": [[], ["diagonals"], ["diagonals", "linear runs"]],
+        "classes": [[], ["ppp"], ["ppp", "linear-x"]],
         "samples": np.round(RNG.normal(0, 2, (3, 41)) ** 3, 4).tolist(),
         "shares": [0.95, 0.5, 0.1],
         "points": [1, 4, 15],

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag.solver.adjustment.diagnostics import chi_square_limit, setup_findings, setup_reports
+from stepdiag.solver.adjustment.diagnostics import scatter_findings, setup_findings, setup_reports
 from stepdiag.solver.errors import shortened
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.fourdof.detector import DetectorAxis
@@ -21,7 +21,7 @@ from stepdiag.solver.methods.volumetric import arch_um, between_um, coarse_findi
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.model.noise import assumed_noise, repeatability_factor
+from stepdiag.solver.model.noise import assumed_noise
 from stepdiag.solver.planning.planner import Circumstances
 from stepdiag.solver.planning.runs import Pace, Plan, Run
 from stepdiag.solver.readings.csv_table import read_table
@@ -39,29 +39,33 @@ def assumptions(given):
 
 
 def limits(given):
-    """Return for every survey what is said where one figure of a report, or chi-square, is another."""
+    """Return for every survey the findings where one figure of a report, or of the scatter, is another."""
     return [_limits(one, given) for one in given["surveys"]]
 
 
 def _limits(survey, given):
     readings, angles = ("\n".join(survey[name]) + "\n" for name in ("readings", "angles"))
     found = estimate(lay_out(parse_readings(readings)), "FXYZ", angles=parse_angles(angles)).adjustment
-    reports = setup_reports(found)
-    changed = [{**reports, "npp": {**reports["npp"], **one}} for one in given["reports"]]
-    worse = [replace(found, chi_square=share * found.fit.freedom, enlarged=enlarged) for share, enlarged in given["chi_square"]]
+    changed = [{**setup_reports(found), "npp": {**setup_reports(found)["npp"], **one}} for one in given["reports"]]
     return {
-        "reports": [[setup_findings(found, one), contradictions(found, one)] for one in changed],
-        "chi_square": [[setup_findings(one, reports), contradictions(one, reports)] for one in worse],
+        "reports": [[setup_findings(found, one), contradictions(one)] for one in changed],
+        "scatter": [scatter_findings(_scattering(found, **one)) for one in given["scatter"]],
     }
 
 
+def _scattering(found, *, misses_um, noise_um, freedom):
+    """Return an adjustment with another scatter: all axes alike, the noise of the first setup another."""
+    noise = found.scatter.noise_um.copy()
+    noise[0] = noise_um
+    sizes = {"misses_um": np.full(4, misses_um), "freedom_misses": np.full(4, freedom)}
+    return replace(found, scatter=replace(found.scatter, noise_um=noise, freedom_noise=np.full(len(noise), 3.0 * freedom), **sizes))
+
+
 def noise(given):
-    """Return factors of the repeatability, of coverage, and the shortest intervals of samples."""
+    """Return factors of coverage, and the shortest intervals of samples."""
     samples = np.array(given["samples"])
     return {
-        "repeatability": [[repeatability_factor(np.array(stated), *told) for told in given["told"]] for stated in given["stated_um"]],
         "t": [t_factor(freedom) for freedom in given["freedom"]],
-        "chi_square": [chi_square_limit(freedom) for freedom in given["limits"]],
         "coverage": [coverage_findings(one) for one in given["coverage"]],
         "assumed": [assumed_noise(names) for names in given["classes"]],
         "intervals": [shortest_interval(samples, share) for share in given["shares"]],
