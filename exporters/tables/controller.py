@@ -17,17 +17,17 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.findings import Finding
 
-PLAUSIBLE_SLOPE_UM_MM = 0.2
-"""What no sound guideway or screw exceeds over the distance of two table points (controllers.md 10.4), where a control has no limit: 200
-urad, twice the squareness of a poor machine."""
-PLAUSIBLE_STEP_UM = 3.0
-"""From one measured value to the next so much is plausible, however close they are: peak to peak of an ordinary screw's waves, and four
-times the scatter of a difference of two values on a machine that repeats to 0.5 um."""
+PLAUSIBLE_SLOPE_UM_MM = 0.5
+"""What no guideway or screw exceeds along its travel, where a control has no limit (controllers.md 10.4): 500 urad, twice what
+`exporters.tables.profile.WARN_UM_M` has for a whole axis, for straightness bends and holds the squareness too."""
+PLAUSIBLE_STEP_UM = 6.0
+"""From one measured value to the next so much is plausible beside it, however close they are: peak to peak of a screw's waves of 3 um, or
+four times the scatter of a difference of two values on a poor machine."""
 
 
 def plausible_slope_um_mm(measured_mm: float) -> float:
     """Return the slope in um/mm from which on values measured every ``measured_mm`` are not plausible."""
-    return max(PLAUSIBLE_SLOPE_UM_MM, PLAUSIBLE_STEP_UM / measured_mm)
+    return PLAUSIBLE_SLOPE_UM_MM + PLAUSIBLE_STEP_UM / measured_mm
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

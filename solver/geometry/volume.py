@@ -25,6 +25,13 @@ MOST_INCREMENTS = 500
 grow with the second to third power."""
 SHORTEST_MACHINE_MM = 10.0
 
+POSITION_TOLERANCE_MM = 0.1
+"""A stop lies within so much of its target: a program with one decimal is off by 0.05 mm, and a G91 program adds up its rounding. An error
+function changes by a nanometre over such a way, which `solver.adjustment` takes off as well."""
+SHARE_OF_STEP = 0.25
+"""Of an increment, where that is less: two targets must not become one."""
+_ROUNDING_MM = 1e-6
+
 POINTS = 350
 """Of `anywhere_mm`."""
 
@@ -42,10 +49,21 @@ class Volume:
         """Return the increment of each axis, shape (3,)."""
         return np.asarray(self.size_mm, dtype=np.float64) / self.increments
 
+    @property
+    def tolerance_mm(self) -> Vector:
+        """Return how far beside its target a stop may lie in each axis, shape (3,)."""
+        return position_tolerance_mm(self.step_mm)
+
     def nodes_mm(self, axis: int) -> Vector:
         """Return the target positions of one axis (0, 1, 2), shape (increments + 1,), ascending."""
         low = self.origin_mm[axis]
         return low + self.size_mm[axis] * np.arange(self.increments + 1) / self.increments
+
+
+def position_tolerance_mm(step_mm: Vector) -> Vector:
+    """Return how far beside its target a stop may lie where targets are ``step_mm`` apart, 0 for an axis with one target, shape (k,)."""
+    tolerance: Vector = np.minimum(POSITION_TOLERANCE_MM, np.where(step_mm > 0, SHARE_OF_STEP * step_mm, np.inf)) + _ROUNDING_MM
+    return tolerance
 
 
 def reads_like_metres(size_mm: Iterable[float]) -> bool:

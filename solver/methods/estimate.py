@@ -31,7 +31,7 @@ from stepdiag.solver.methods.volumetric import (
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Model
-from stepdiag.solver.model.lateral import MeasuredStraightness
+from stepdiag.solver.model.lateral import MeasuredStraightness, at_targets
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import (
@@ -144,6 +144,7 @@ def solve_estimate(
 
     With ``trials`` the result says how so many drawn surveys scatter beside its ``u`` (JCGM 101).
     """
+    straightness = at_targets(straightness, layout)
     done, of_head = agreeing(
         lambda kept: estimate(layout, chain, angles=angles, straightness=kept, assumed=assumed),
         straightness,

@@ -11,12 +11,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Vector
 from stepdiag.solver.model.design import between_nodes
 from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.lateral import MeasuredStraightness, nodes_of
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.model.snapping import POSITION_TOLERANCE_MM
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS
 
 USUAL_UM = 0.5

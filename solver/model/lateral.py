@@ -8,28 +8,30 @@ their own weights: what they disagree about shows in the residuals and enlarges 
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Vector, Volume
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.design import Design, between_nodes
 from stepdiag.solver.model.effects import AngleShapes
+from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_U_UM
-from stepdiag.solver.model.snapping import POSITION_TOLERANCE_MM, snapped_mm
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
+from stepdiag.solver.model.snapping import shared_mm, snapped_mm
+from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class MeasuredStraightness:
     """One pass of the head in one lateral direction: ``name`` is EYX .. EYZ, positions in mm, values and standard uncertainties in um.
 
-    ``approach`` is +1 where the axis travelled in +, -1 where in -. The values may hold any straight line.
+    ``approach`` is +1 where the axis travelled in +, -1 where in -. The values may hold any straight line. The adjustment takes them
+    `at_targets`.
     """
 
     name: str
@@ -46,6 +48,32 @@ class Observed:
     rows: Rows
     target: Vector
     u: Vector
+
+
+def at_targets(measured: Sequence[MeasuredStraightness], layout: Layout) -> list[MeasuredStraightness]:
+    """Return the head's passes at the targets of their stops, which are those of the readings where these have them.
+
+    A value moves with its stop along the straight line through its pass: the line of the head's alignment is steeper than any function.
+    """
+    found = list(measured)
+    for axis, letter in enumerate(AXIS_LETTERS):
+        mine = [index for index, one in enumerate(measured) if one.name[2] == letter]
+        if not mine:
+            continue
+        together = np.concatenate([measured[index].position_mm for index in mine])
+        targets = shared_mm(layout.volume, axis, together, layout.position_mm[:, axis])
+        ends = np.cumsum([len(measured[index].position_mm) for index in mine])[:-1]
+        for index, target_mm in zip(mine, np.split(targets, ends), strict=True):
+            one = measured[index]
+            slope = _slope(one.position_mm, one.value_um)
+            found[index] = replace(one, position_mm=target_mm, value_um=one.value_um + slope * (target_mm - one.position_mm))
+    return found
+
+
+def _slope(position_mm: Vector, value_um: Vector) -> float:
+    away = position_mm - np.mean(position_mm)
+    square = float(away @ away)
+    return float(away @ value_um) / square if square else 0.0
 
 
 def lateral_rows(design: Design, measured: Sequence[MeasuredStraightness], angles: Angles) -> Observed:

@@ -1,6 +1,6 @@
 """From readings to geometry: the volume, the travel of every pass, the beam, and what each reading deviates from nominal."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -9,12 +9,14 @@ from numpy.typing import NDArray
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.setups import Kind, Setup, setup_of
-from stepdiag.solver.geometry.volume import MOST_INCREMENTS, Vector, Volume
-from stepdiag.solver.model.snapping import POSITION_TOLERANCE_MM, arrivals, box_edge_mm, snapped_mm
+from stepdiag.solver.geometry.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector, Volume, position_tolerance_mm
+from stepdiag.solver.model.snapping import arrivals, edges_mm, snapped_mm
 from stepdiag.solver.readings.readings import PassKey, Readings, missing_stops
 from stepdiag.solver.readings.travel import check_laser, check_route, laser_sense
 
 MOST_SETUPS = 200
+MOVES: Mapping[Kind, int] = {"step": 3, "face": 2, "body": 1, "linear": 1}
+"""Stops in a step of each kind of setup."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -127,24 +129,41 @@ def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "rea
         by_kind.setdefault(setup.kind, []).append(setup)
     kinds: tuple[Kind, ...] = ("step", "face", "body", "linear")
     kind = next(kind for kind in kinds if kind in by_kind)
-    names = np.array(readings.setup)
-    rows = {setup: readings.position_mm[names == setup.name] for setup in by_kind[kind]}
-    every = np.concatenate(list(rows.values()))
-    low, high = box_edge_mm(every, every.min(axis=0)), box_edge_mm(every, every.max(axis=0))
+    finest = _increments(readings, [setup.name for setup in by_kind[kind]], kind, source)
+    low, high = (np.array(edge) for edge in zip(*(_edges_mm(readings, by_kind[kind], axis) for axis in range(3)), strict=True))
     if np.any(high - low <= POSITION_TOLERANCE_MM):
         axis = "XYZ"[int(np.argmin(high - low))]
         raise DataError(source, expected="a volume with length in X, Y and Z", found=f"no travel in {axis}", remedy="add a body diagonal")
-    for setup, points in rows.items():
-        _check_box(setup, points, low, high, source)
+    names = np.array(readings.setup)
+    for setup in by_kind[kind]:
+        _check_box(setup, readings.position_mm[names == setup.name], low, high, finest, source)
     x, y, z = (float(value) for value in low)
-    a, b, c = (float(value) for value in high - low)
-    return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=_increments(readings, [setup.name for setup in rows], kind, source))
+    a, b, c = (float(value) for value in np.round(high - low, 6))
+    return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=finest)
 
 
-def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, source: str) -> None:
+def _edges_mm(readings: Readings, setups: Sequence[Setup], axis: int) -> tuple[float, float]:
+    """Return low and high edge of the box along an axis, from the setups that travel it; where none does, from all positions."""
+    signs = {setup.name: setup for setup in setups if setup.signs[axis]}
+    position, steps = [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
+    for key, rows in readings.passes().items():
+        if key.setup not in signs:
+            continue
+        setup = signs[key.setup]
+        # the targets of a linear run are its own: only its ends lie on the edges
+        used = rows[[0, -1]] if setup.kind == "linear" else rows
+        position.append(readings.position_mm[used, axis])
+        steps.append(np.full(len(used), 1 if setup.kind == "linear" else max(int(readings.stop[rows[-1]]) // MOVES[setup.kind], 1)))
+    if len(position) == 1:
+        return float(np.min(readings.position_mm[:, axis])), float(np.min(readings.position_mm[:, axis]))
+    return edges_mm(np.concatenate(position), np.concatenate(steps))
+
+
+def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, increments: int, source: str) -> None:
     moves = np.array(setup.signs) != 0
     off = np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high)) * moves
-    if np.max(off) > POSITION_TOLERANCE_MM:
+    # a stop and the edge, each with its tolerance
+    if np.any(off > 2.0 * position_tolerance_mm((high - low) / increments)):
         axis = int(np.argmax(off))
         raise DataError(
             f"{source}: setup {setup.name}",
@@ -156,9 +175,8 @@ def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, source: 
 
 def _increments(readings: Readings, names: Sequence[str], kind: Kind, source: str) -> int:
     """Return the increments of the finest pass."""
-    moved = {"step": 3, "face": 2, "body": 1, "linear": 1}[kind]
     longest = max(int(readings.stop[rows[-1]]) for key, rows in readings.passes().items() if key.setup in names)
-    increments = longest // moved
+    increments = longest // MOVES[kind]
     if increments > MOST_INCREMENTS:
         raise DataError(source, expected=f"at most {MOST_INCREMENTS} increments", found=str(increments))
     return increments
@@ -171,7 +189,7 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
     place = {setup.name: index for index, setup in enumerate(setups)}
     setup_index = np.array([place[key.setup] for key in keys])[pass_index]
     reported = readings.position_mm[order]
-    position = snapped_mm(volume, reported)
+    position = snapped_mm(volume, reported, targets_tolerance_mm(readings, passes, setups, volume))
     first = np.searchsorted(pass_index, np.arange(len(keys)))
     zero_index, offset_index, origin = _zeros(readings.zero[order], keys, pass_index)
     beam = np.where(np.isfinite(readings.beam_mm[order]), readings.beam_mm[order], position[first][pass_index])
@@ -207,6 +225,18 @@ def _assemble(readings: Readings, passes: dict[PassKey, NDArray[np.int64]], setu
         hours=readings.time_s[order] / 3600.0,
         temperature_c=readings.temperature_c[order],
     )
+
+
+def targets_tolerance_mm(
+    readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]], setups: Sequence[Setup], volume: Volume
+) -> Vector:
+    """Return how far beside its target a stop may lie in each axis, shape (3,): less where a linear run has targets closer together."""
+    step, runs = volume.step_mm.copy(), {setup.name: setup for setup in setups if setup.kind == "linear"}
+    for key, rows in passes.items():
+        if key.setup in runs:
+            axis = int(np.argmax(np.abs(runs[key.setup].signs)))
+            step[axis] = min(step[axis], float(np.min(np.abs(np.diff(readings.position_mm[rows, axis])))))
+    return position_tolerance_mm(step)
 
 
 def _zeros(

@@ -9,51 +9,76 @@ readings determine then follows from whole numbers of increments, and no scatter
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Vector, Volume
 
-POSITION_TOLERANCE_MM = 0.1
-"""Positions closer than this are one target. A program with one decimal is off by 0.05 mm, and a G91 program adds up its rounding; an error
-function changes by a nanometre over such a way, which `solver.adjustment` takes off as well."""
-SHARE_OF_STEP = 0.25
-"""Of an increment: targets of the finest survey must not become one."""
 EDGE_TOLERANCE_MM = 0.005
-"""An edge of the box is a multiple of `EDGE_STEP_MM` where it lies so close to one: a drawing has few decimals, a register flickers."""
-EDGE_STEP_MM = 0.1
+"""An edge of the box is a multiple of 0.1 mm where it lies so close to one: a drawing has few decimals, a register flickers. It is a whole
+number of millimetres where one lies within the scatter of the stops."""
 
 
-def snapped_mm(volume: Volume, position_mm: Vector) -> Vector:
-    """Return the target of each reported position, shape (m, 3): a node, or where no node is near the mean of the positions there."""
+def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None = None) -> Vector:
+    """Return the target of each reported position, shape (m, 3): a node, or where no node is near the mean of the positions there.
+
+    ``tolerance_mm`` (3,) is how far beside its target a stop may lie, by default as the volume has it.
+    """
     snapped = position_mm.copy()
+    # a stop and the box, or two stops, each with their tolerance
+    near_mm = 2.0 * (volume.tolerance_mm if tolerance_mm is None else tolerance_mm)
     for axis in range(3):
-        tolerance = min(POSITION_TOLERANCE_MM, SHARE_OF_STEP * float(volume.step_mm[axis]))
         nodes = volume.nodes_mm(axis)
-        nearest = nodes[np.clip(np.rint((position_mm[:, axis] - nodes[0]) / volume.step_mm[axis]), 0, volume.increments).astype(np.int64)]
-        on_node = np.abs(position_mm[:, axis] - nearest) <= tolerance
+        step = float(volume.step_mm[axis]) or 1.0
+        nearest = nodes[np.clip(np.rint((position_mm[:, axis] - nodes[0]) / step), 0, volume.increments).astype(np.int64)]
+        on_node = np.abs(position_mm[:, axis] - nearest) <= near_mm[axis]
         snapped[on_node, axis] = nearest[on_node]
-        snapped[~on_node, axis] = _clustered(position_mm[~on_node, axis], tolerance)
+        snapped[~on_node, axis] = _clustered(position_mm[~on_node, axis], float(near_mm[axis]))
     return snapped
 
 
-def _clustered(position_mm: Vector, tolerance_mm: float) -> Vector:
-    """Return the mean of the positions that lie together with each, shape (k,): a gap wider than the tolerance parts two targets."""
+def _clustered(position_mm: Vector, near_mm: float) -> Vector:
+    """Return the mean of the positions that lie together with each, shape (k,): a wider gap parts two targets."""
     if not len(position_mm):
         return position_mm
     order = np.argsort(position_mm, kind="stable")
     number = np.empty(len(order), dtype=np.int64)
-    number[order] = np.cumsum(np.diff(position_mm[order], prepend=position_mm[order[0]]) > tolerance_mm)
+    number[order] = np.cumsum(np.diff(position_mm[order], prepend=position_mm[order[0]]) > near_mm)
     mean: Vector = np.round(np.bincount(number, weights=position_mm) / np.bincount(number), 6)[number]
     return mean
 
 
-def box_edge_mm(position_mm: Vector, extreme_mm: Vector) -> Vector:
-    """Return the edge of the box where positions (m, 3) reach ``extreme_mm`` (3,): the median of those that lie there, shape (3,)."""
-    edge = np.empty(3)
-    for axis in range(3):
-        at_edge = position_mm[np.abs(position_mm[:, axis] - extreme_mm[axis]) <= POSITION_TOLERANCE_MM, axis]
-        median = float(np.quantile(at_edge, 0.5))
-        plain = round(round(median / EDGE_STEP_MM) * EDGE_STEP_MM, 1)
-        edge[axis] = plain if abs(plain - median) <= EDGE_TOLERANCE_MM else median
-    return edge
+def shared_mm(volume: Volume, axis: int, position_mm: Vector, target_mm: Vector) -> Vector:
+    """Return the target of positions along an axis, shape (k,): one of the ``target_mm`` where one is near, else as `snapped_mm` has it."""
+    known = np.unique(np.concatenate([target_mm, volume.nodes_mm(axis)]))
+    above = np.clip(np.searchsorted(known, position_mm), 1, len(known) - 1)
+    nearest = np.where(position_mm - known[above - 1] < known[above] - position_mm, known[above - 1], known[above])
+    near_mm = 2.0 * float(volume.tolerance_mm[axis])
+    return np.where(np.abs(nearest - position_mm) <= near_mm, nearest, _clustered(position_mm, near_mm))
+
+
+def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, float]:
+    """Return low and high edge of the box along an axis, from positions (k,) that reach both edges.
+
+    ``steps`` (k,) counts the equal steps from edge to edge in the pass of each position. All stops together say where the edges are: that
+    of one corner may scatter. Positions that are not those of equal steps give their extremes: whoever checks the passes names the stop.
+    """
+    low, high = float(np.min(position_mm)), float(np.max(position_mm))
+    if high - low <= POSITION_TOLERANCE_MM:
+        return low, low
+    share = np.rint((position_mm - low) / (high - low) * steps) / steps
+    ends = np.column_stack([1.0 - share, share])
+    fitted = np.linalg.lstsq(ends, position_mm, rcond=None)[0]
+    off = float(np.max(np.abs(position_mm - ends @ fitted)))
+    if off > 2.0 * POSITION_TOLERANCE_MM:
+        return _rounded(low, EDGE_TOLERANCE_MM), _rounded(high, EDGE_TOLERANCE_MM)
+    slack = max(off, EDGE_TOLERANCE_MM)
+    return _rounded(float(fitted[0]), slack), _rounded(float(fitted[1]), slack)
+
+
+def _rounded(edge_mm: float, slack_mm: float) -> float:
+    """Return the whole number that lies within ``slack_mm`` of an edge, the multiple of 0.1 mm that is near, or the edge."""
+    for decimals, near_mm in ((0, slack_mm), (1, EDGE_TOLERANCE_MM)):
+        if abs(round(edge_mm, decimals) - edge_mm) <= near_mm:
+            return round(edge_mm, decimals) + 0.0
+    return round(edge_mm, 6) + 0.0
 
 
 def arrivals(position_mm: Vector, pass_index: NDArray[np.int64], turned: NDArray[np.bool_]) -> NDArray[np.int64]:

@@ -10,9 +10,8 @@ from stepdiag.solver.geometry.setups import Setup
 from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.readings.readings import PassKey, Readings
 
-ROUTE_TOLERANCE_MM = 0.05
-STOP_TOLERANCE_MM = 0.2
-"""Recording takes a machine within 0.1 mm of a stop to stand at it (a program written with one decimal); a step has two ends."""
+SHORTEST_MOVE_MM = 0.05
+"""Of an axis along which a run has targets of its own."""
 LASER_TOLERANCE = 0.1
 """The travel of the laser agrees with the nominal travel within a tenth: far beyond any machine error, far below a wrong unit."""
 
@@ -26,15 +25,23 @@ def check_route(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np
     signs = np.array(setup.signs) * (1 if key.outward else -1)
     if setup.kind == "linear":
         signs = signs * int(np.sign(np.sum((position[-1] - position[0]) * signs)) or 1)
-    _check_each_move(setup, position, readings.stop[rows], signs, where)
+    _check_each_move(setup, position, readings.stop[rows], signs, _least_move_mm(setup, volume), where)
     _check_steps(setup, position, readings.stop[rows], volume, where)
     _check_ends(setup, position, signs, volume, where)
 
 
-def _check_each_move(setup: Setup, position: Vector, stop: NDArray[np.int64], signs: NDArray[np.int64], where: str) -> None:
+def _least_move_mm(setup: Setup, volume: Volume) -> Vector:
+    """Return the way of each axis that counts as a move, shape (3,): an axis that stands may be beside its target at both stops."""
+    own = np.array(setup.signs) != 0 if setup.kind == "linear" else np.zeros(3, dtype=np.bool_)
+    return np.where(own, SHORTEST_MOVE_MM, 2.0 * volume.tolerance_mm)
+
+
+def _check_each_move(
+    setup: Setup, position: Vector, stop: NDArray[np.int64], signs: NDArray[np.int64], least_mm: Vector, where: str
+) -> None:
     """Every move goes the way the setup says; step diagonals move one axis at a time, over a missing stop as many as it takes."""
     moves, steps = np.diff(position, axis=0), np.diff(stop)
-    moving = np.abs(moves) > ROUTE_TOLERANCE_MM
+    moving = np.abs(moves) > least_mm
     wrong_way = moving & (np.sign(moves) != signs)
     most = np.count_nonzero(signs) if setup.kind in ("step", "face") else 1
     crowded = moving.sum(axis=1) != (np.minimum(steps, most) if setup.kind != "body" else 3)
@@ -60,7 +67,8 @@ def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume
     corner = np.flatnonzero(stop % len(moved) == 0)
     ideal = np.array(volume.size_mm) * (stop[corner] // len(moved))[:, None] / steps
     off = np.abs(np.abs(position[corner] - position[0]) - ideal)[:, moved]
-    if np.max(off) > STOP_TOLERANCE_MM:
+    # two stops and the edges of the box, each with its tolerance
+    if np.any(off > 3.0 * volume.tolerance_mm[moved]):
         worst = int(corner[np.argmax(off.max(axis=1))])
         raise DataError(
             f"{where}, stop {stop[worst]}",
@@ -75,7 +83,7 @@ def _check_ends(setup: Setup, position: Vector, signs: NDArray[np.int64], volume
     if setup.kind != "body":
         return
     travel = position[-1] - position[0]
-    if np.max(np.abs(travel - signs * np.array(volume.size_mm))) > STOP_TOLERANCE_MM:
+    if np.any(np.abs(travel - signs * np.array(volume.size_mm)) > 3.0 * volume.tolerance_mm):
         found = "X, Y, Z by " + ", ".join(f"{value:g}" for value in travel) + " mm"
         raise DataError(where, expected="travel from corner to corner of the box", found=found)
 
