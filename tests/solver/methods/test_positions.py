@@ -13,9 +13,9 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import render_readings
 from stepdiag.solver.result.result import Result
 from testkit.cli import stepdiag
-from testkit.examples import few
 from testkit.exact.beside import Beside, as_exact, as_written, rounded, scattered
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.examples import few
 
 STEEPEST_UM = 150.0
 """Over the length of the axis in mm: the slope of the drawn functions in um/mm. A node's value cannot change by more than the slope times

@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Volume
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.snapping import arrivals, edges_mm, shared_mm, snapped_mm
-from testkit.examples import few
 from testkit.exact.beside import Beside, scattered
 from testkit.exact.surveys import Bench
+from testkit.examples import few
 
 VOLUME = Volume(origin_mm=(-100.0, 0.0, 20.0), size_mm=(500.0, 400.0, 300.0), increments=7)
 
