@@ -93,8 +93,12 @@ class Adjustment:
 
     @property
     def residual_um(self) -> Vector:
-        """Return the residuals of the readings, shape (m,)."""
-        return self.fit.residual[: len(self.layout)]
+        """Return what each reading differs from the machine by, with what its moves missed, shape (m,)."""
+        columns, arrival = self.design.columns, self.layout.arrival
+        missed = self.fit.unknowns[columns.miss :]
+        by_miss = missed[np.maximum(arrival, 0)] * (arrival >= 0) if len(missed) else np.zeros(arrival.shape)
+        found: Vector = self.fit.residual[: len(self.layout)] + np.sum(self.layout.direction * by_miss, axis=1)
+        return found
 
 
 def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()) -> MixedFit:

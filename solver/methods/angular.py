@@ -13,9 +13,9 @@ from stepdiag.solver.result.prediction import TAIL
 from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
-FAR = 6.0
-"""Angles that are surely larger than so many times the usual ones of an ordinary machine are larger than a worn machine's (90 urad): in a
-small survey it is rather a wrong reading that passes for them."""
+FAR = 10.0
+"""Angles that are surely larger than so many times the usual ones of an ordinary machine (150 urad) are larger than a worn machine's
+(90 urad): in a small survey it is rather a wrong reading that passes for them."""
 
 
 def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
