@@ -46,6 +46,7 @@ from stepdiag.solver.model.reported import (
 )
 from stepdiag.solver.planning.identifiability import cheapest_runs, resolved_angles
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
+from stepdiag.solver.uncertainty.machine import usual_sizes_of
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 
@@ -120,7 +121,7 @@ def estimate(
         u=deviation(alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
         # of a single increment a function has only its ends: the shape between them is zero, and no combination stands for it
-        known={**dict.fromkeys(DISPLACEMENTS, True), **identified(found, inverse)},
+        known={**dict.fromkeys(DISPLACEMENTS, True), **identified(found, inverse, usual_sizes_of(adjustment.assumed))},
         spread=spread,
     )
 
@@ -165,7 +166,7 @@ def solve_estimate(
     expected = expected_angles(found, done.spread)
     errors, of_head = beside_head(_errors(done), of_head, straightness, found)
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
-    posterior = make_posterior(found, done.spread, wider, done.quantities, done.known, errors)
+    posterior = make_posterior(found, _barely_seen(done), wider, done.quantities, done.known, errors)
     result = Result(
         volume=layout.volume,
         chain=chain,
@@ -197,6 +198,13 @@ def solve_estimate(
     return replace(
         result, findings=(*result.findings, *coverage_findings(factors), *angle_findings(found, done.spread, resolved, left)), extra=extra
     )
+
+
+def _barely_seen(done: Estimate) -> Spread:
+    """Return the covariances with what is usual for what the readings determine less well than that."""
+    determined = identified(done.quantities, done.adjustment.fit.inverse, {})
+    kept = {name: known or not determined.get(name, True) for name, known in done.known.items()}
+    return with_the_usual(done.adjustment, done.spread, done.quantities, kept)
 
 
 def _noise_text(found: Adjustment) -> str:
@@ -327,4 +335,8 @@ def _advice(done: Estimate, missing: list[str]) -> str:
     found = done.adjustment
     parts = found.design.columns.parts
     advice = cheapest_runs(found.layout, found.design.chain, Model(reversal=REVERSAL_PART in parts, play=found.layout.joined), missing)
-    return "no usual run would tell" if advice is None else f"add {advice}"
+    if advice is None:
+        return "no usual run would tell"
+    if not advice.runs:
+        return "their uncertainty is larger than what is usual for such a machine: repeat the survey with less noise"
+    return f"add {advice}"
