@@ -120,7 +120,7 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
     for name, size in zip(shapes.names, shapes.range_urad, strict=True):
         axis, component = divmod(ROTATIONS.index(name), 3)
-        share = (layout.position_mm[:, axis] - layout.volume.origin_mm[axis]) / layout.volume.size_mm[axis]
+        share = (layout.position_mm[:, axis] - layout.volume.origin_mm[axis]) / layout.volume.length_mm[axis]
         pattern[:, shapes.causes_of(name)] = size * arms[:, axis, component, None] * shapes.at(share)
     sizes = " or ".join(sorted({f"{size:g}" for size in shapes.range_urad}, key=float))
     text = f"angular functions that nobody measured: smooth, {sizes} urad over the travel"

@@ -211,3 +211,21 @@ def test_a_missing_stop_is_still_seen_in_a_box_of_one_millimetre():
 def test_as_written_is_exact():
     survey = Beside(bench=Bench(seed=1, increments=3))
     assert np.array_equal(survey.readings().position_mm, replace(survey, shows=as_written).readings().position_mm)
+
+
+def test_a_direction_that_is_barely_seen_is_not_identified():
+    """A laser that scatters by 60 um on the run along X tells the scale worse than what is usual (28 um/m): no number, and no made-up run."""
+    survey = Beside(bench=Bench(seed=3, increments=5), setups=(*DIAGONALS, "linear-x"), passes=(1,), u_um=0.3)
+    readings = survey.readings()
+    noise = np.where(np.array(readings.setup) == "linear-x", 60.0, 0.0)
+    drawn = 1e-3 * noise * np.random.default_rng(1).standard_normal(len(noise))
+    noisy = replace(readings, reading_mm=readings.reading_mm + drawn, u_um=np.maximum(readings.u_um, noise))
+    quiet, result = solve(readings), solve(noisy)
+    assert quiet.scale["X"].identified
+    assert not result.scale["X"].identified
+    assert result.scale["X"].value is None
+    assert not result.errors["EXX"].slope_identified
+    text = next(finding.text for finding in result.findings if finding.code == "scale-unidentified")
+    assert "the scale of X, Y, Z" in text
+    assert "about 0 min" not in text
+    assert result.extra["volumetric_u_um"] < 50.0
