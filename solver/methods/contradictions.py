@@ -3,15 +3,23 @@
 from typing import Any
 
 from stepdiag.solver.adjustment.diagnostics import NOISE_LIMIT_UM
+from stepdiag.solver.adjustment.scatter import Scatter
 from stepdiag.solver.findings import Finding
 
 FAR = 10.0
 """So many times the usual limit stops an export."""
 
 
-def contradictions(reports: dict[str, dict[str, Any]]) -> list[Finding]:
-    """Return an error for each setup whose scatter is far beyond what is usual."""
-    return [each for name, report in reports.items() for each in _of_setup(name, report)]
+def contradictions(reports: dict[str, dict[str, Any]], scatter: Scatter) -> list[Finding]:
+    """Return an error for each setup, and for the machine, whose scatter is far beyond what is usual."""
+    return [*_of_machine(scatter), *(each for name, report in reports.items() for each in _of_setup(name, report))]
+
+
+def _of_machine(scatter: Scatter) -> list[Finding]:
+    if scatter.repeatability_um <= FAR * NOISE_LIMIT_UM:
+        return []
+    text = f"this machine repeats only to {scatter.repeatability_um:.3g} um, {FAR:g} times what is usual: find the cause, drive it again"
+    return [Finding(code="noise-far", severity="error", text=text)]
 
 
 def _of_setup(name: str, report: dict[str, Any]) -> list[Finding]:

@@ -158,7 +158,7 @@ def solve_estimate(
         *_missing(done),
         *found.findings,
         *setup_findings(found, reports),
-        *contradictions(reports),
+        *contradictions(reports, found.scatter),
         *standards_findings(layout),
         *temperature_findings(layout.temperature_c, found.assumed),
     )

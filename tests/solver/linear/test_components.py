@@ -15,6 +15,6 @@ def test_the_search_ends_where_the_likelihood_is_flat(angle_urad):
     done = estimate(lay_out(Bench(seed=1, angle_urad=angle_urad, increments=8).survey()), "FXYZ")
     sizes, spread = done.adjustment.sizes, done.spread
     free = np.flatnonzero(sizes.sought)
-    gradient, _ = _slope(done.adjustment.fit, (spread.group[:, None] == free).astype(float), sizes.noise)
+    gradient, _ = _slope(done.adjustment.fit, (spread.group[:, None] == free).astype(float))
     first, _ = _prior_slope(np.log(sizes.factor[free]))
     assert gradient + first == pytest.approx(0.0, abs=0.01)

@@ -17,7 +17,7 @@ from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS, Function
 from stepdiag.solver.uncertainty.machine import told_apart
 from stepdiag.virtual.physics.error_functions import smooth
-from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench
 
 POINTS = np.random.default_rng(5).uniform(size=(200, 3)) * np.array([500.0, 400.0, 300.0])
 NODES = np.linspace(0.0, 500.0, 11)
@@ -150,7 +150,7 @@ def test_waves_that_only_a_finer_run_shows_are_expected_of_what_was_not_driven_f
     bench = Bench(seed=1, increments=8, errors_times=1e-3 if named else 1.0, waves=waves, wave_um=4.0)
     diagonals, fine = bench.survey(DIAGONALS), replace(bench, increments=24).survey(LINEAR)
     readings = parse_readings(render_readings(diagonals) + "".join(render_readings(fine).splitlines(keepends=True)[1:]))
-    result = solve(readings)
+    result = solve(readings, assumed=IDEAL)
     found = error_field_um(result, POINTS)
     left = without_rigid_motion(result.volume, POINTS, bench.machine.error_at(POINTS) - found)
     told = predicted(result, POINTS, -found).without_rigid_motion["after"].rms_um

@@ -15,7 +15,7 @@ from stepdiag.solver.planning.planner import Circumstances, bare_survey, best_su
 from stepdiag.solver.planning.runs import Plan, Run, plan_minutes
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import ROTATIONS
-from testkit.exact.surveys import Bench
+from testkit.exact.surveys import IDEAL, Bench
 from testkit.examples import few
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=3)
@@ -27,6 +27,8 @@ QUIET = Assumptions(
 )  # fmt: skip
 SEPARABLE = Circumstances(assumed=QUIET)
 USUAL = Circumstances()
+IDEALLY = Circumstances(assumed=IDEAL)
+"""What is planned for exact machines that come back exactly, to be held against surveys of them."""
 
 
 @pytest.fixture(scope="module")
@@ -132,7 +134,7 @@ def test_best_survey_fits_the_time_and_uses_it():
 def test_best_survey_stops_at_a_target_that_real_surveys_reach():
     """Four diagonals and three linear runs leave 1.1 to 1.3 um of exact machines with 0 to 10 urad (docs/performance.md)."""
     usual = Plan(volume=replace(BOX, increments=10), runs=())
-    found = best_survey(bare_survey(usual), USUAL, target_um=1.5)
+    found = best_survey(bare_survey(usual), IDEALLY, target_um=1.5)
     assert found is not None
     assert found.left_um.value_um <= 1.5
     assert found.minutes < 220
@@ -152,7 +154,7 @@ def test_the_forecast_is_what_the_result_will_predict():
 @pytest.mark.parametrize(("increments", "left_um"), [(3, (6.1, 9.6)), (4, (4.6, 7.5)), (6, (2.5, 3.2)), (10, (1.2, 1.7))])
 def test_what_is_planned_to_be_left_is_what_surveys_of_few_increments_leave(increments, left_um):
     """What twelve exact machines of 10 urad left, lowest and highest. Of four increments 7.3 to 9.3 um were planned: sixty leave 5.7."""
-    ahead = forecast(bare_survey(Plan(volume=replace(BOX, increments=increments), runs=())).with_runs(*LINEAR), USUAL)
+    ahead = forecast(bare_survey(Plan(volume=replace(BOX, increments=increments), runs=())).with_runs(*LINEAR), IDEALLY)
     low, high = left_um
     assert ahead.left_um.low_um < low < ahead.left_um.value_um < high < ahead.left_um.high_um
 
@@ -210,13 +212,13 @@ def test_less_of_a_slip_can_hide_in_what_is_driven_out_and_back():
 
 def test_a_slip_makes_of_the_volume_what_the_plan_says():
     """Half of what could hide, which nothing names: the error field of the result moves by half of it."""
-    ahead = forecast(BARE.with_runs(*LINEAR), USUAL).ahead
+    ahead = forecast(BARE.with_runs(*LINEAR), IDEALLY).ahead
     bench = Bench(seed=4, increments=3, diagonal_noise_um=0.2, linear_noise_um=0.2, size_mm=tuple(BOX.size_mm))
     clean, at = bench.survey(), ahead.unseen
     slipped = (np.array(clean.setup) == at.setup) & (np.array(clean.stop) >= at.stop)
     wrong = replace(clean, reading_mm=np.array(clean.reading_mm) + 0.5e-3 * at.half_um * slipped)
     points = np.random.default_rng(1).uniform(size=(300, 3)) * BOX.size_mm
-    moved = error_field_um(solve(wrong), points) - error_field_um(solve(clean), points)
+    moved = error_field_um(solve(wrong, assumed=IDEAL), points) - error_field_um(solve(clean, assumed=IDEAL), points)
     assert np.sqrt(np.mean(np.sum(moved**2, axis=1))) == pytest.approx(0.5 * ahead.unseen_volume_um, rel=0.25)
 
 
@@ -224,11 +226,11 @@ def test_a_slip_makes_of_the_volume_what_the_plan_says():
 def test_a_slip_of_twice_what_could_hide_is_named(stop):
     """On a survey like that of the plan, at an end of the diagonal and in its middle; the clean survey has nothing to say."""
     bench = Bench(seed=4, increments=3, diagonal_noise_um=0.2, linear_noise_um=0.2)
-    hides_um = forecast(BARE.with_runs(*LINEAR), USUAL).ahead.unseen.half_um
+    hides_um = forecast(BARE.with_runs(*LINEAR), IDEALLY).ahead.unseen.half_um
     clean = bench.survey()
     slipped = (np.array(clean.setup) == "npp") & (np.array(clean.stop) >= stop)
     wrong = replace(clean, reading_mm=np.array(clean.reading_mm) + 2e-3 * hides_um * slipped)
-    errors = [{each.code for each in solve(readings).findings if each.severity != "info"} for readings in (clean, wrong)]
+    errors = [{each.code for each in solve(readings, assumed=IDEAL).findings if each.severity != "info"} for readings in (clean, wrong)]
     assert errors[0] == set()
     assert errors[1]
 

@@ -158,7 +158,7 @@ def test_five_ppm_on_one_diagonal_are_named_or_within_u():
         done = estimate(lay_out(replace(readings, reading_mm=readings.reading_mm * longer)), bench.chain)
         found = done.adjustment
         reports = setup_reports(found)
-        findings = [*found.findings, *setup_findings(found, reports), *contradictions(found, reports)]
+        findings = [*found.findings, *setup_findings(found, reports), *contradictions(reports, found.scatter)]
         if any(setup in finding.text for finding in findings):
             named += 1
             continue

@@ -10,6 +10,7 @@ import numpy as np
 
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import KnownAngle
+from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.readings.readings import NO_ZERO, Readings, make_readings
 from stepdiag.solver.result.result import Result
 from stepdiag.virtual.drive.sequence import Box
@@ -21,6 +22,10 @@ from stepdiag.virtual.physics.truth import Truth
 DATA = Path(__file__).parents[3] / "data"
 DIAGONALS = ("ppp", "npp", "pnp", "ppn")
 LINEAR = ("linear-x", "linear-y", "linear-z")
+
+IDEAL = Assumptions(angles_urad=10.0, repeatability_um=0.0, growth_um_m=0.0, between_um=0.3)
+"""The sizes of the machine of a `Bench`, which comes back exactly, does not grow, and has no screws: for tests of what readings can show
+where the machine is no limit. What an ordinary machine shows is asked with the default assumptions."""
 
 
 def golden_rows(name: str) -> list[dict[str, str]]:

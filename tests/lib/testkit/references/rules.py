@@ -48,7 +48,7 @@ def _limits(survey, given):
     found = estimate(lay_out(parse_readings(readings)), "FXYZ", angles=parse_angles(angles)).adjustment
     changed = [{**setup_reports(found), "npp": {**setup_reports(found)["npp"], **one}} for one in given["reports"]]
     return {
-        "reports": [[setup_findings(found, one), contradictions(one)] for one in changed],
+        "reports": [[setup_findings(found, one), contradictions(one, found.scatter)] for one in changed],
         "scatter": [scatter_findings(_scattering(found, **one)) for one in given["scatter"]],
     }
 
