@@ -24,6 +24,7 @@ from stepdiag.solver.readings.readings import Readings, make_readings
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS
+from stepdiag.virtual.drive.arrivals import Scatter
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
 from stepdiag.virtual.physics.environment import Course, Environment
@@ -33,6 +34,8 @@ from stepdiag.virtual.physics.machine import Machine
 SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
 BOX = Box(origin_mm=(0.0, 0.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 NOISE_UM = {"linear": 0.2, "diagonal": 0.3}
+REPEATABILITY_UM = 0.5
+"""Of each move of an axis, along it: an ordinary machine (`stepdiag.virtual.physics.ordinary`)."""
 TILT_MRAD = 0.5
 
 
@@ -134,7 +137,8 @@ def drive(case: Case, machine: Machine, seed: int) -> Readings:
         how = Alignment(mirror_mrad=mirror, beam_mrad=(0.0, 0.0) if linear else beam)
         noise = NOISE_UM["linear" if linear else "diagonal"]
         for number in case.passes:
-            taken = Conditions(noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s)
+            scatter = Scatter(arrival_um=(REPEATABILITY_UM,) * 3)
+            taken = Conditions(noise_um=noise, seed=int(rng.integers(1 << 31)), start_s=start_s, scatter=scatter)
             one = simulate_pass(machine, case.box, setup, number, alignment=how, conditions=taken)
             parts.append((setup, number, one, noise))
             start_s = float(one.time_s[-1]) + 600.0
@@ -174,7 +178,9 @@ def judge(case: Case, seed: int, exact: ExactModel | None) -> Verdict:
 
 
 def _exact(case: Case) -> ExactModel:
-    return ExactModel(box=BOX, setups=tuple(case.setups), noise_um=NOISE_UM, angle_urad=case.angle_urad, chain=case.chain)
+    # it takes what each move misses by for noise of the stop
+    noise_um = {kind: float(np.hypot(um, REPEATABILITY_UM)) for kind, um in NOISE_UM.items()}
+    return ExactModel(box=BOX, setups=tuple(case.setups), noise_um=noise_um, angle_urad=case.angle_urad, chain=case.chain)
 
 
 def row(case: Case, seeds: Sequence[int]) -> tuple[str, list[Verdict]]:

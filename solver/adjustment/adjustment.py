@@ -93,8 +93,12 @@ class Adjustment:
 
     @property
     def residual_um(self) -> Vector:
-        """Return the residuals of the readings, shape (m,)."""
-        return self.fit.residual[: len(self.layout)]
+        """Return what each reading differs from the machine by, with what its moves missed, shape (m,)."""
+        columns, arrival = self.design.columns, self.layout.arrival
+        missed = self.fit.unknowns[columns.miss :]
+        by_miss = missed[np.maximum(arrival, 0)] * (arrival >= 0) if len(missed) else np.zeros(arrival.shape)
+        found: Vector = self.fit.residual[: len(self.layout)] + np.sum(self.layout.direction * by_miss, axis=1)
+        return found
 
 
 def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()) -> MixedFit:
@@ -214,16 +218,16 @@ class _Task:
             current = refit(self.rows, self.target, current.weight, current.inverse)
         return self._with_effects(current)
 
-    def _with_effects(self, fixed: Fit) -> MixedFit:
-        """Return a fit with the effects, each kind of the size that the readings make most likely."""
-        found, self.sizes = self._found(fixed, self.effects)
+    def _with_effects(self, fixed: Fit, near: Vector | None = None) -> MixedFit:
+        """Return a fit with the effects, each kind of the size that the readings make most likely; it is looked for ``near`` others."""
+        found, self.sizes = self._found(fixed, self.effects, near)
         return found
 
-    def _found(self, fixed: Fit, effects: Sequence[Effect]) -> tuple[MixedFit, Sizes]:
+    def _found(self, fixed: Fit, effects: Sequence[Effect], near: Vector | None = None) -> tuple[MixedFit, Sizes]:
         group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
         usual = MixedFit(fixed, self._causes(fixed, effects), np.ones(len(group)))
         sought = [effect.sought and (self.clean or effect.name in EARLY) for effect in effects]
-        sizes = scored(usual, group, np.array(sought, dtype=np.bool_))
+        sizes = scored(usual, group, np.array(sought, dtype=np.bool_), near)
         return sized(usual, sizes.factor[group]), sizes
 
     def _causes(self, fixed: Fit, effects: Sequence[Effect]) -> Causes:
@@ -255,14 +259,14 @@ class _Task:
         for _ in range(ROUNDS):
             before = self.scatter
             self._take(estimated(current, self.layout, self.misses, before, self.usual_scatter, robust=robust))
-            if self.scatter.near(before):
+            if self.scatter.near(before, self.layout):
                 break
             current = self._again(current)
-        return current
+        return self._with_effects(current.fixed)
 
     def _again(self, current: AnyFit) -> MixedFit:
-        """Fit with the weights as they are now."""
-        return self._with_effects(fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse))
+        """Fit with the weights as they are now, with sizes near those found before."""
+        return self._with_effects(fit(self.rows, self.design.blocks, self.target, self._weight(), current.inverse), self.sizes.factor)
 
     def _target_for(self, unknowns: Vector) -> Vector:
         """Return the deviations freed of what is of second order in the tilts just found, and of what lies beside the targets, shape (m,).

@@ -30,7 +30,7 @@ AS_GOOD = 12.0
 """Two explanations are equally good if their likelihoods differ by less than this (twice the logarithm; p < 0.001)."""
 LEAST_SHOWN = 7.0
 CRITICAL_OF_BOTH = 30.0
-"""What residuals and smoothness must say together for a cause that the residuals alone do not prove: more than `CRITICAL` of one of them."""
+"""What residuals and smoothness must say together for a cause that the residuals alone do not prove: more than `CRITICAL` of one."""
 BETTER = 10.0
 """By how much an explanation beats effects larger than usual (twice the logarithm): that its size is free has cost it 15 already, and
 both together are five standard deviations, as `CRITICAL` of a survey with a thousand stops."""

@@ -44,10 +44,11 @@ SETUPS_ALIKE = 0.5
 """Of the noise of a setup beside the others': beams differ in length and in their air."""
 BESIDE_STATED_UM = 0.05
 """Noise beside what the stops state: the mean over a dwell averages vibration out."""
-SETTLED = 0.03
+SETTLED = 0.05
 """Sizes that change by less than this share are found."""
 ROUNDS = 8
-_LOG = np.linspace(-8.0, 8.0, 641)
+_LOG = np.linspace(-8.0, 8.0, 401)
+_COMMON = np.linspace(-8.0, 8.0, 161)
 _NORMAL = 1.4826
 """Standard deviation of a normal variable over the median of its size."""
 
@@ -86,10 +87,11 @@ class Scatter:
         u: Vector = np.maximum(np.hypot(stated, self.noise_um[layout.setup_index]), LEAST_U_UM)
         return u
 
-    def near(self, other: "Scatter") -> bool:
-        """Tell whether the sizes differ by less than `SETTLED`."""
-        own, others = (np.log(np.concatenate([one.misses_um, one.noise_um])) for one in (self, other))
-        return bool(np.max(np.abs(own - others)) < SETTLED)
+    def near(self, other: "Scatter", layout: Layout) -> bool:
+        """Tell whether readings and misses beside them scatter alike within `SETTLED`."""
+        own, others = (one.u_um(layout) for one in (self, other))
+        misses = np.hypot(self.misses_um, np.mean(own)) / np.hypot(other.misses_um, np.mean(others))
+        return bool(np.max(np.abs(np.log(np.concatenate([misses, own / others])))) < SETTLED)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,15 +135,15 @@ def _noise(fit: AnyFit, layout: Layout, before: Scatter, assumed: Scatter, *, ro
 
 def _shown(fit: AnyFit, rows: NDArray[np.int64], *, robust: bool) -> tuple[float, float]:
     """Return degrees of freedom and square sum that the residuals of some rows show of their scatter."""
-    redundancy = fit.redundancy_of(rows)
-    checked = rows[(redundancy > CHECKED) & (fit.weight[rows] > 0)]
-    freedom = float(np.sum(redundancy[(redundancy > CHECKED) & (fit.weight[rows] > 0)]))
+    redundancy = fit.redundancy[rows]
+    used = (redundancy > CHECKED) & (fit.weight[rows] > 0)
+    checked, freedom = rows[used], float(np.sum(redundancy[used]))
     if freedom < 1.0:
         return 0.0, 0.0
     weighted = fit.weight[checked] * fit.residual[checked] ** 2
     if not robust:
         return freedom, float(np.sum(weighted))
-    normalised = np.sqrt(weighted / fit.redundancy_of(checked))
+    normalised = np.sqrt(weighted / redundancy[used])
     return freedom, freedom * (_NORMAL * float(np.quantile(normalised, 0.5))) ** 2
 
 
@@ -156,7 +158,7 @@ def _together(likely: Sequence[Vector], log_before: Vector, assumed: Vector, ali
 
     ``likely`` (k, sizes) are the log-likelihoods of sizes ``before`` * exp(`_LOG`); the class has a size of its own beside the assumed.
     """
-    common, size = np.linspace(-8.0, 8.0, 321)[:, None], np.log(assumed)
+    common, size = _COMMON[:, None], np.log(assumed)
     each = [one - 0.5 * ((at + _LOG - own - common) / alike) ** 2 for one, at, own in zip(likely, log_before, size, strict=True)]
     best = int(np.argmax(sum((np.max(one, axis=1) for one in each), -0.5 * (common[:, 0] / BROAD) ** 2)))
     return np.array([np.exp(at + _LOG[np.argmax(one[best])]) for one, at in zip(each, log_before, strict=True)])

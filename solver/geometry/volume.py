@@ -38,7 +38,10 @@ POINTS = 350
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Volume:
-    """A box cut in ``increments`` equal increments per axis."""
+    """A box cut in ``increments`` equal increments per axis.
+
+    An axis that no setup travels has the size 0: the box is then a face or a line, and nothing is known of that axis.
+    """
 
     origin_mm: tuple[float, float, float]
     size_mm: tuple[float, float, float]
@@ -48,6 +51,23 @@ class Volume:
     def step_mm(self) -> Vector:
         """Return the increment of each axis, shape (3,)."""
         return np.asarray(self.size_mm, dtype=np.float64) / self.increments
+
+    @property
+    def length_mm(self) -> Vector:
+        """Return the size of each axis to divide by, shape (3,): 1 mm where an axis has none."""
+        size = np.asarray(self.size_mm, dtype=np.float64)
+        return np.where(size > 0, size, 1.0)
+
+    @property
+    def travelled(self) -> tuple[bool, bool, bool]:
+        """Tell of each axis whether the survey travelled it."""
+        x, y, z = self.size_mm
+        return x > 0, y > 0, z > 0
+
+    @property
+    def solid(self) -> bool:
+        """Tell whether the survey travelled all three axes: only then it says something about a volume."""
+        return all(self.travelled)
 
     @property
     def tolerance_mm(self) -> Vector:

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.mixed import MixedFit
 
-ROUNDS = 40
+ROUNDS, ROUNDS_NEAR = 40, 4
+"""The second where the search begins near its end, and goes on with the next weights."""
 LARGEST_STEP = 1.5
 SETTLED = 1e-3
 FURTHEST = 7.0
@@ -44,16 +45,17 @@ def _prior_slope(log_factor: Vector) -> tuple[Vector, Vector]:
     return first, np.maximum(2.0 * (TAIL + HEAD) * square / (1.0 + square) ** 2, _LEAST_CURVED)
 
 
-def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_]) -> Sizes:
+def scored(mixed: MixedFit, group: NDArray[np.int64], sought: NDArray[np.bool_], near: Vector | None = None) -> Sizes:
     """Return the sizes that the readings make most likely.
 
-    ``mixed`` brings the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought`` (groups,) says whose size is not known.
+    ``mixed`` brings the usual sizes, ``group`` (q,) numbers the group of each cause; ``sought`` (groups,) says whose size is not known,
+    ``near`` (groups,) where the search begins: at the usual sizes without it.
     """
-    log = np.zeros(len(sought))
+    log = np.zeros(len(sought)) if near is None else np.where(sought, np.log(near), 0.0)
     free = np.flatnonzero(sought)
     member = (group[:, None] == free).astype(np.float64)
     furthest, before = np.full(len(free), LARGEST_STEP), np.zeros(len(free))
-    for _ in range(ROUNDS if len(free) else 0):
+    for _ in range((ROUNDS if near is None else ROUNDS_NEAR) if len(free) else 0):
         here = sized(mixed, np.exp(log)[group])
         gradient, information = _slope(here, member)
         first, curved = _prior_slope(log[free])

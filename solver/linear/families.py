@@ -22,8 +22,8 @@ POINTS = 15
 CLASS_SPREAD = 0.6
 """Standard deviation of the logarithm of how large the errors of one machine are beside those of its class: between a third of the usual
 and three times it lie 95 %, as far as good and old machines lie apart (docs/uncertainty.md)."""
-ABSENT, NEXT_TO_NONE, WAVES_SPREAD = 0.25, 0.04, (0.4, 1.6)
-"""Of hidden waves: the share of machines without, what these have, and the range of the others: ball screws of 1 to 3 um."""
+ABSENT, NEXT_TO_NONE, WAVES_SPREAD = 0.25, 0.04, (0.3, 2.0)
+"""Of hidden waves: the share of machines without, what these have, and the range of the others: ball screws of 0.5 to 3 um."""
 _FINE = 281
 
 

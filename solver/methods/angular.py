@@ -13,9 +13,9 @@ from stepdiag.solver.result.prediction import TAIL
 from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
-FAR = 8.0
-"""Of worn machines with 90 urad this is at most 7 times the usual of an ordinary one. What is surely larger is no machine: in a
-small survey a wrong reading passes for large angles."""
+FAR = 10.0
+"""Angles that are surely larger than so many times the usual ones of an ordinary machine (150 urad) are larger than a worn machine's
+(90 urad): in a small survey it is rather a wrong reading that passes for them."""
 
 
 def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
@@ -84,8 +84,8 @@ def _far(found: Adjustment, least_urad: float) -> list[Finding]:
     if least_urad <= FAR * usual:
         return []
     text = (
-        f"the readings of {', '.join(setup.name for setup in found.layout.setups)} agree only if this machine turns by {least_urad:.2g} urad "
-        f"or more (assumed {usual:.2g}): a pass of them is wrong, or the machine is worn; measure the angles, or state angles_urad, or "
+        f"the readings of {', '.join(setup.name for setup in found.layout.setups)} agree only if this machine turns by "
+        f"{least_urad:.2g} urad or more (assumed {usual:.2g}): a pass of them is wrong, or the machine is worn; measure the angles, or state angles_urad, or "
         "drive each setup again, out and back"
     )
     return [Finding(code="angles-far", severity="error", text=text)]

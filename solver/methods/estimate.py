@@ -46,6 +46,7 @@ from stepdiag.solver.model.reported import (
 )
 from stepdiag.solver.planning.identifiability import cheapest_runs, resolved_angles
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
+from stepdiag.solver.uncertainty.machine import usual_sizes_of
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 
@@ -120,7 +121,7 @@ def estimate(
         u=deviation(alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
         # of a single increment a function has only its ends: the shape between them is zero, and no combination stands for it
-        known={**dict.fromkeys(DISPLACEMENTS, True), **identified(found, inverse)},
+        known={**dict.fromkeys(DISPLACEMENTS, True), **identified(found, inverse, usual_sizes_of(adjustment.assumed))},
         spread=spread,
     )
 
@@ -164,39 +165,53 @@ def solve_estimate(
     factors = coverage(found, done.quantities, done.known, done.u, done.u_readings)
     expected = expected_angles(found, done.spread)
     errors, of_head = beside_head(_errors(done), of_head, straightness, found)
-    wider = with_the_usual(found, done.spread, done.quantities, done.known)
-    posterior = make_posterior(found, done.spread, wider, done.quantities, done.known, errors)
     result = Result(
         volume=layout.volume,
         chain=chain,
         method="estimate",
         errors={**errors, **{name: expected[name] for name in resolved}},
-        expected={name: function for name, function in expected.items() if name not in resolved},
+        expected={name: function for name, function in expected.items() if name not in resolved and layout.volume.solid},
         reversal=_reversal(done),
         squareness={name: _quantity(done.number(name)) for name in SQUARENESS},
         scale={letter: _scale(done.number(letter)) for letter in AXIS_LETTERS},
         setups=reports,
         findings=(*findings, *coarse_findings(errors), *head_findings(of_head)),
-        posterior=posterior,
     )
     texts = {"readings": _noise_text(found), **{effect.name: effect.text for effect in found.effects}}
-    volume = volume_report(result)
-    left = left_with_head_um(found, wider, volume["volumetric_u_um"])
+    if layout.volume.solid:
+        result = _over_the_volume(result, done, resolved)
     extra = {
+        **result.extra,
         **_extra(done),
         "assumed": found.assumed.as_json(),
         "lengths": lengths_report(result.scale, found.assumed, known=bool(np.all(np.isfinite(found.layout.temperature_c)))),
-        "tool": tool_report(errors, expected, found.assumed),
-        **volume,
+        **({"tool": tool_report(errors, expected, found.assumed)} if layout.volume.solid else {}),
         **({"head_straightness": of_head} if of_head else {}),
         "budget": budget(done.spread, done.quantities, done.known, done.u, done.u_readings, texts),
         **({"coverage": factors} if factors else {}),
         "standards": standards_report(layout, found.assumed),
         **({"monte_carlo": drawn_surveys(done.spread, done.quantities, done.known, done.u, trials)} if trials else {}),
     }
-    return replace(
-        result, findings=(*result.findings, *coverage_findings(factors), *angle_findings(found, done.spread, resolved, left)), extra=extra
-    )
+    return replace(result, findings=(*result.findings, *coverage_findings(factors)), extra=extra)
+
+
+def _over_the_volume(result: Result, done: Estimate, resolved: Sequence[str]) -> Result:
+    """Return the result with what it says about the whole volume: the machine's posterior, its predictions, what the angles leave."""
+    found = done.adjustment
+    wider = with_the_usual(found, done.spread, done.quantities, done.known)
+    posterior = make_posterior(found, _barely_seen(done), wider, done.quantities, done.known, result.errors)
+    whole = replace(result, posterior=posterior)
+    volume = volume_report(whole)
+    left = left_with_head_um(found, wider, volume["volumetric_u_um"])
+    angles = angle_findings(found, done.spread, resolved, left)
+    return replace(whole, findings=(*whole.findings, *angles), extra=volume)
+
+
+def _barely_seen(done: Estimate) -> Spread:
+    """Return the covariances with what is usual for what the readings determine less well than that."""
+    determined = identified(done.quantities, done.adjustment.fit.inverse, {})
+    kept = {name: known or not determined.get(name, True) for name, known in done.known.items()}
+    return with_the_usual(done.adjustment, done.spread, done.quantities, kept)
 
 
 def _noise_text(found: Adjustment) -> str:
@@ -228,11 +243,11 @@ def _positioning(done: Estimate, name: str) -> Function:
 
 def _function(done: Estimate, name: str, with_slope: str | None) -> Function:
     """Return a function with its slope where that is identified, else its shape, else without values."""
-    volume = done.adjustment.layout.volume
+    volume, axis = done.adjustment.layout.volume, AXIS_LETTERS.index(name[-1])
     full = done.curve(with_slope, volume.increments) if with_slope else None
     value, u, u_readings = full or done.curve(name, volume.increments) or (None, None, None)
     return Function(
-        position_mm=volume.nodes_mm(AXIS_LETTERS.index(name[-1])),
+        position_mm=volume.nodes_mm(axis) if volume.travelled[axis] else volume.nodes_mm(axis)[:1],
         value=value,
         u=u,
         unit="um",
@@ -281,7 +296,8 @@ def backlash_numbers(done: Estimate) -> dict[str, dict[str, object]]:
 def _extra(done: Estimate) -> dict[str, Any]:
     """Return the further entries of the JSON: fit, scale sum and closure residual."""
     found = done.adjustment
-    number = done.number(SCALE_SUM)
+    solid = found.layout.volume.solid
+    number = done.number(SCALE_SUM) if solid else None
     fit = {
         "readings": len(found.layout),
         "used": int(np.count_nonzero(np.isfinite(found.u_um))),
@@ -299,7 +315,7 @@ def _extra(done: Estimate) -> dict[str, Any]:
     numbers = backlash_numbers(done)
     if numbers:
         extra["backlash"] = numbers
-    slips = slips_report(found.as_usual(), found.layout, found.design)
+    slips = slips_report(found.as_usual(), found.layout, found.design) if solid else None
     if slips:
         extra["unseen_slip"] = slips
     closure = closure_report(found.layout)
@@ -308,6 +324,8 @@ def _extra(done: Estimate) -> dict[str, Any]:
 
 def _missing(done: Estimate) -> list[Finding]:
     """Return a finding for scales, squarenesses and functions that are not identified, with the cheapest runs that would help."""
+    if not done.adjustment.layout.volume.solid:
+        return [_standing(done)]
     groups = (
         ("scale-unidentified", "the scale of {} alone: EXX, EYY, EZZ are given there without slope", AXIS_LETTERS),
         ("squareness-unidentified", "the squareness {}", SQUARENESS),
@@ -323,8 +341,25 @@ def _missing(done: Estimate) -> list[Finding]:
     return findings
 
 
+def _standing(done: Estimate) -> Finding:
+    """Return the finding of a survey in which an axis did not travel: it measures axes, not a volume."""
+    moved = done.adjustment.layout.volume.travelled
+    standing = " and ".join(letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels)
+    missing = [name for name in (*DISPLACEMENTS, *SQUARENESS) if not done.known[name]]
+    missing += [f"the scale of {letter}" for letter in AXIS_LETTERS if not done.known[letter]]
+    text = (
+        f"{standing} did not travel: the readings do not determine {', '.join(missing)}, and nothing is stated about the volume; "
+        "for these, survey the four body diagonals"
+    )
+    return Finding(code="function-unidentified", severity="info", text=text)
+
+
 def _advice(done: Estimate, missing: list[str]) -> str:
     found = done.adjustment
     parts = found.design.columns.parts
     advice = cheapest_runs(found.layout, found.design.chain, Model(reversal=REVERSAL_PART in parts, play=found.layout.joined), missing)
-    return "no usual run would tell" if advice is None else f"add {advice}"
+    if advice is None:
+        return "no usual run would tell"
+    if not advice.runs:
+        return "their uncertainty is larger than what is usual for such a machine: repeat the survey with less noise"
+    return f"add {advice}"

@@ -88,18 +88,19 @@ def make_posterior(
     rows, u = usual_rows(quantities, known, found.assumed)
     if len(rows):
         told, unmeasured = told_apart(machine, spread.fit.inverse, rows, u)
-        offset = _offset(machine, wider, spread, errors)
+        offset = _offset(machine, wider, spread, errors, known)
     posterior = posterior_of(spread, told, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
 
-def _offset(machine: Machine, wider: Spread, spread: Spread, errors: Mapping[str, Function]) -> Vector:
+def _offset(machine: Machine, wider: Spread, spread: Spread, errors: Mapping[str, Function], known: Mapping[str, bool]) -> Vector:
     """Return where the machine is to be expected beside what is reported: nothing but what is not identified is left out there.
 
     Of a positioning function whose slope is not identified the rest is reported all the same.
     """
     expected = machine.combination.times(wider.fit.unknowns) + machine.on_causes @ wider.fit.amount
-    seen = spread.fit.inverse.sees(machine.combination)
+    whole = np.array([known.get(name, True) and (name not in POSITIONING or known[name[-1]]) for name in machine.names])
+    seen = whole & spread.fit.inverse.sees(machine.combination)
     reported = np.array([_value_at(errors.get(name), node) for name, node in zip(machine.names, machine.node, strict=True)])
     found: Vector = np.where(seen, 0.0, expected - reported)
     return found

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, AXES, Vector, Volume
+from stepdiag.solver.geometry.volume import AXES, POSITION_TOLERANCE_MM, Vector, Volume
 from stepdiag.solver.readings.csv_table import number_in, read_table
 from stepdiag.solver.result.result import ROTATIONS
 

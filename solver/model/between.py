@@ -135,7 +135,7 @@ def _positions(layout: Layout, axis: int, off: NDArray[np.bool_], of_head_mm: Se
 
 def _axis(layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool_], waves: float) -> AxisBetween:
     """Return the bridges of the cells at positions, at most so many components in each."""
-    steps = (position_mm - layout.volume.origin_mm[axis]) / layout.volume.step_mm[axis]
+    steps = (position_mm - layout.volume.origin_mm[axis]) / layout.volume.length_mm[axis] * layout.volume.increments
     cell = np.floor(steps).astype(np.int64)
     pieces = []
     for number in np.unique(cell):
@@ -152,7 +152,14 @@ def _axis(layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool
 
 def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> AxisBetween:
     """Return the axis with a share of its components, one a cell at least."""
-    cells = max(len(np.unique(np.floor((axis.position_mm - layout.volume.origin_mm[number]) / layout.volume.step_mm[number]))), 1)
+    cells = max(
+        len(
+            np.unique(
+                np.floor((axis.position_mm - layout.volume.origin_mm[number]) / layout.volume.length_mm[number] * layout.volume.increments)
+            )
+        ),
+        1,
+    )
     return _axis(layout, number, axis.position_mm, axis.alone, max(np.floor(share * axis.basis.shape[1] / cells), 1.0))
 
 

@@ -144,7 +144,7 @@ def _rows(pieces: Sequence[tuple[NDArray[np.int64], Vector]], columns: Columns) 
 
 def between_nodes(volume: Volume, position_mm: Vector) -> tuple[NDArray[np.int64], Vector]:
     """Return the lower node and the fraction towards the next for positions (m, 3); what rounding makes of a node lies on it."""
-    steps = (position_mm - volume.origin_mm) / volume.step_mm
+    steps = (position_mm - volume.origin_mm) / volume.length_mm * volume.increments
     near = np.round(steps)
     steps = np.where(np.abs(steps - near) <= _ROUNDING, near, steps)
     lower = np.clip(np.floor(steps), 0, volume.increments - 1)

@@ -120,7 +120,7 @@ def _angles(layout: Layout, chain: str, shapes: AngleShapes) -> tuple[Effect, Ef
     pattern = np.zeros((len(layout), len(shapes.names) * (shapes.waves + 1)))
     for name, size in zip(shapes.names, shapes.range_urad, strict=True):
         axis, component = divmod(ROTATIONS.index(name), 3)
-        share = (layout.position_mm[:, axis] - layout.volume.origin_mm[axis]) / layout.volume.size_mm[axis]
+        share = (layout.position_mm[:, axis] - layout.volume.origin_mm[axis]) / layout.volume.length_mm[axis]
         pattern[:, shapes.causes_of(name)] = size * arms[:, axis, component, None] * shapes.at(share)
     sizes = " or ".join(sorted({f"{size:g}" for size in shapes.range_urad}, key=float))
     text = f"angular functions that nobody measured: smooth, {sizes} urad over the travel"
@@ -210,16 +210,17 @@ def growth_waves(layout: Layout) -> Vector:
 
 
 def _registers(layout: Layout) -> Effect:
-    """Return what it does to the readings where positions scatter in the registers alone and the machine stands still at its targets.
+    """Return what it does to the readings where positions scatter in the registers alone and the machine stands still.
 
-    The deviations count from the positions reported. What of their scatter about the mean of a target the laser did not see is found, from
-    nothing (the machine stood there) to all of it (amount 1).
+    The deviations count from the positions reported. While an axis stands, from one move to the next, its place cannot change: what the
+    laser did not see of the scatter about the mean of these stops is found, from nothing (the axis stood there) to all of it (amount 1).
     """
     scatter = np.zeros_like(layout.beside_mm)
     for axis in range(3):
-        target = np.unique(layout.position_mm[:, axis], return_inverse=True)[1]
-        mean = np.bincount(target, weights=layout.beside_mm[:, axis]) / np.bincount(target)
-        scatter[:, axis] = layout.beside_mm[:, axis] - mean[target]
+        stands = np.where(layout.arrival[:, axis] < 0, -1 - layout.pass_index, layout.arrival[:, axis])
+        stay = np.unique(stands, return_inverse=True)[1]
+        mean = np.bincount(stay, weights=layout.beside_mm[:, axis]) / np.bincount(stay)
+        scatter[:, axis] = layout.beside_mm[:, axis] - mean[stay]
     pattern = -1e3 * np.sum(scatter * layout.direction, axis=1)[:, None]
     pattern *= float(np.sqrt(np.mean(pattern**2))) > LEAST_SCATTER_UM if len(layout) else 0.0
     return Effect(name="registers", text="positions may scatter in the registers alone", pattern_um=pattern)

@@ -97,7 +97,7 @@ def lateral_angles(design: Design, measured: Sequence[MeasuredStraightness], sha
     for one in measured:
         axis, component = divmod(DISPLACEMENTS.index(one.name), 3)
         arms = _arms(design, axis, component, one.position_mm)
-        share = (one.position_mm - design.volume.origin_mm[axis]) / design.volume.size_mm[axis]
+        share = (one.position_mm - design.volume.origin_mm[axis]) / design.volume.length_mm[axis]
         effect = np.zeros((len(share), pieces[0].shape[1]))
         for about, name in enumerate(ROTATIONS[3 * axis : 3 * axis + 3]):
             if name in shapes.names:
@@ -125,7 +125,7 @@ def _rows_of(design: Design, number: int, one: MeasuredStraightness) -> tuple[ND
             value[:, 2 * place + side] = np.where(node > 0, coefficient * weight, 0.0)
     column[:, 10:] = columns.line + 2 * number + np.arange(2)
     value[:, 10] = 1.0
-    value[:, 11] = (one.position_mm - design.volume.origin_mm[axis]) / design.volume.size_mm[axis]
+    value[:, 11] = (one.position_mm - design.volume.origin_mm[axis]) / design.volume.length_mm[axis]
     return column, value
 
 

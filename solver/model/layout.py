@@ -15,6 +15,8 @@ from stepdiag.solver.readings.readings import PassKey, Readings, missing_stops
 from stepdiag.solver.readings.travel import check_laser, check_route, laser_sense
 
 MOST_SETUPS = 200
+BESIDE_NODE = 0.3
+"""Of an increment, from a node to the nearest target of a run: its value is then that target's rather than its neighbours'."""
 MOVES: Mapping[Kind, int] = {"step": 3, "face": 2, "body": 1, "linear": 1}
 """Stops in a step of each kind of setup."""
 
@@ -106,7 +108,7 @@ def lay_out(readings: Readings, source: str = "readings", volume: Volume | None 
     """Return the geometry of readings.
 
     Without ``volume``, it and the increments follow from the body step diagonals, without them from the face diagonals, then the
-    continuous diagonals, then the linear runs. Stops outside the volume are left out with a finding. Raises ``DataError`` where
+    continuous diagonals, then the linear runs; an axis that none of these travels is without length. Stops outside the volume are left out with a finding. Raises ``DataError`` where
     positions do not form a box, a pass does not drive what its setup says, or the laser contradicts the travel, naming the stop.
     """
     passes = readings.passes()
@@ -129,11 +131,11 @@ def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "rea
         by_kind.setdefault(setup.kind, []).append(setup)
     kinds: tuple[Kind, ...] = ("step", "face", "body", "linear")
     kind = next(kind for kind in kinds if kind in by_kind)
+    ordered = [by_kind[one] for one in kinds if one in by_kind]
+    low, high = (np.array(edge) for edge in zip(*(_edges_mm(readings, ordered, axis) for axis in range(3)), strict=True))
     finest = _increments(readings, [setup.name for setup in by_kind[kind]], kind, source)
-    low, high = (np.array(edge) for edge in zip(*(_edges_mm(readings, by_kind[kind], axis) for axis in range(3)), strict=True))
-    if np.any(high - low <= POSITION_TOLERANCE_MM):
-        axis = "XYZ"[int(np.argmin(high - low))]
-        raise DataError(source, expected="a volume with length in X, Y and Z", found=f"no travel in {axis}", remedy="add a body diagonal")
+    if kind == "linear":
+        finest = _even_steps(readings, by_kind[kind], low, high, finest)
     names = np.array(readings.setup)
     for setup in by_kind[kind]:
         _check_box(setup, readings.position_mm[names == setup.name], low, high, finest, source)
@@ -142,9 +144,13 @@ def infer_volume(readings: Readings, setups: Iterable[Setup], source: str = "rea
     return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=finest)
 
 
-def _edges_mm(readings: Readings, setups: Sequence[Setup], axis: int) -> tuple[float, float]:
-    """Return low and high edge of the box along an axis, from the setups that travel it; where none does, from all positions."""
-    signs = {setup.name: setup for setup in setups if setup.signs[axis]}
+def _edges_mm(readings: Readings, kinds: Sequence[Sequence[Setup]], axis: int) -> tuple[float, float]:
+    """Return low and high edge of the box along an axis, from the setups of the first of the ``kinds`` that travels it.
+
+    Where none does, the axis reaches over the lines at which it stood, and is without length where these are one.
+    """
+    travelling = ([setup for setup in setups if setup.signs[axis]] for setups in kinds)
+    signs = {setup.name: setup for setup in next(filter(None, travelling), [])}
     position, steps = [np.zeros(0)], [np.zeros(0, dtype=np.int64)]
     for key, rows in readings.passes().items():
         if key.setup not in signs:
@@ -155,8 +161,25 @@ def _edges_mm(readings: Readings, setups: Sequence[Setup], axis: int) -> tuple[f
         position.append(readings.position_mm[used, axis])
         steps.append(np.full(len(used), 1 if setup.kind == "linear" else max(int(readings.stop[rows[-1]]) // MOVES[setup.kind], 1)))
     if len(position) == 1:
-        return float(np.min(readings.position_mm[:, axis])), float(np.min(readings.position_mm[:, axis]))
+        return edges_mm(readings.position_mm[:, axis], np.ones(len(readings), dtype=np.int64))
     return edges_mm(np.concatenate(position), np.concatenate(steps))
+
+
+def _even_steps(readings: Readings, runs: Sequence[Setup], low: Vector, high: Vector, most: int) -> int:
+    """Return the most equal steps at which every node has a target of each run beside it: else its value hangs on others' far away."""
+    shares = []
+    for setup in runs:
+        axis = int(np.argmax(np.abs(setup.signs)))
+        position = readings.position_mm[np.array(readings.setup) == setup.name, axis]
+        shares.append(np.sort((position - low[axis]) / (high[axis] - low[axis])))
+    return next((steps for steps in range(most, 1, -1) if all(_beside_nodes(share, steps) for share in shares)), 1)
+
+
+def _beside_nodes(share: Vector, steps: int) -> bool:
+    nodes = np.arange(1, steps) / steps
+    above = np.clip(np.searchsorted(share, nodes), 1, len(share) - 1)
+    nearest = np.minimum(np.abs(nodes - share[above - 1]), np.abs(share[above] - nodes))
+    return bool(np.all(nearest * steps <= BESIDE_NODE))
 
 
 def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, increments: int, source: str) -> None:

@@ -63,7 +63,7 @@ def quantities(columns: Columns, volume: Volume) -> Quantities:
     slopes |= {letter: ((axis, axis, 1.0), (axis, axis, 0.0)) for axis, letter in enumerate(AXIS_LETTERS)}
     for name, terms in slopes.items():
         ends = np.array([[columns.of(DISPLACEMENT_PART, axis, component)[-1] for component, axis, _ in terms]])
-        rise = np.array([[1e3 * sign / volume.size_mm[axis] for _, axis, sign in terms]])
+        rise = np.array([[1e3 * sign / volume.length_mm[axis] for _, axis, sign in terms]])
         pieces.append((name, np.zeros(1, dtype=np.int64), ends, rise))
     return Quantities(
         names=tuple(name for name, nodes, _, _ in pieces for _ in nodes),

@@ -1,5 +1,6 @@
 """What a result reports beside the quantities of a forecast: functions with and without their slope, reversal, the sum of the scales."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
@@ -78,13 +79,22 @@ def _further(design: Design) -> list[tuple[str, int, int, float]]:
     return found
 
 
-def identified(found: Quantities, inverse: Inverse) -> dict[str, bool]:
-    """Return for every quantity whether the readings determine all of it."""
-    seen = inverse.sees(found.combination)
-    known = dict.fromkeys(found.names, True)
-    for name, one in zip(found.names, seen.tolist(), strict=True):
-        known[name] = known[name] and one
-    return known
+def identified(found: Quantities, inverse: Inverse, usual: Mapping[str, float]) -> dict[str, bool]:
+    """Return for every quantity whether the readings determine all of it, and better than it is ``usual`` for a machine of its class.
+
+    ``usual`` holds usual sizes by name, in the units of the quantities; a name without one needs only to be determined. A positioning
+    function with its slope is identified where its shape and its scale are.
+    """
+    variances = variance(found, inverse)
+    names, number = np.unique(np.array(found.names), return_inverse=True)
+    determined = np.bincount(number, weights=~inverse.sees(found.combination)) == 0
+    mean_square = np.bincount(number, weights=variances) / np.bincount(number)
+    better = np.array([square < usual.get(name, np.inf) ** 2 for name, square in zip(names.tolist(), mean_square, strict=True)])
+    known = dict(zip(names.tolist(), (determined & better).tolist(), strict=True))
+    for name in POSITIONING:
+        if sloped(name) in known:
+            known[sloped(name)] &= known.get(name, True) and known[name[-1]]
+    return {name: known[name] for name in found.groups}
 
 
 def variance(found: Quantities, inverse: Inverse) -> Vector:

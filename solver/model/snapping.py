@@ -26,7 +26,7 @@ def snapped_mm(volume: Volume, position_mm: Vector, tolerance_mm: Vector | None 
     near_mm = 2.0 * (volume.tolerance_mm if tolerance_mm is None else tolerance_mm)
     for axis in range(3):
         nodes = volume.nodes_mm(axis)
-        step = float(volume.step_mm[axis]) or 1.0
+        step = float(volume.length_mm[axis]) / volume.increments
         nearest = nodes[np.clip(np.rint((position_mm[:, axis] - nodes[0]) / step), 0, volume.increments).astype(np.int64)]
         on_node = np.abs(position_mm[:, axis] - nearest) <= near_mm[axis]
         snapped[on_node, axis] = nearest[on_node]
@@ -61,8 +61,9 @@ def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, floa
     of one corner may scatter. Positions that are not those of equal steps give their extremes: whoever checks the passes names the stop.
     """
     low, high = float(np.min(position_mm)), float(np.max(position_mm))
-    if high - low <= POSITION_TOLERANCE_MM:
-        return low, low
+    if high - low <= 2.0 * POSITION_TOLERANCE_MM:
+        standing = _rounded(float(np.quantile(position_mm, 0.5)), EDGE_TOLERANCE_MM)
+        return standing, standing
     share = np.rint((position_mm - low) / (high - low) * steps) / steps
     ends = np.column_stack([1.0 - share, share])
     fitted = np.linalg.lstsq(ends, position_mm, rcond=None)[0]

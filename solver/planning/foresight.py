@@ -107,7 +107,7 @@ def foresee(layout: Layout, chain: str, assumed: Assumptions, increments: int) -
     group = np.repeat(np.arange(len(effects)), [effect.count for effect in effects])
     spread = Spread(mixed, group, tuple(effect.name for effect in effects), usual_sizes(len(effects)))
     found = reported(design)
-    known = {**dict.fromkeys(DISPLACEMENTS, True), **identified(found, mixed.inverse)}
+    known = {**dict.fromkeys(DISPLACEMENTS, True), **identified(found, mixed.inverse, usual_sizes_of(assumed))}
     ahead = _Ahead(spread=spread, design=design, shapes=shapes, assumed=assumed, increments=increments)
     return Foresight(
         u=_u(found, known, spread),

@@ -74,7 +74,8 @@ def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume
             f"{where}, stop {stop[worst]}",
             expected=f"one increment of every axis in each of {steps} equal steps from end to end of the box",
             found="the axes at " + ", ".join(f"{value:g}" for value in position[worst]) + " mm",
-            remedy="a stop is missing or the pass stops short of the corner",
+            remedy="a stop is missing, the pass stops short of the corner, or a G91 program with rounded steps ends beside the corner: "
+            "write positions absolute or with more decimals",
         )
 
 

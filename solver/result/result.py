@@ -211,8 +211,8 @@ def _volume(node: Node) -> Volume:
     increments = node.child("increments")
     if len(origin.numbers()) != 3:
         origin.refuse("three numbers")
-    if len(size.numbers()) != 3 or min(size.numbers()) <= 0:
-        size.refuse("three numbers above 0")
+    if len(size.numbers()) != 3 or min(size.numbers()) < 0 or max(size.numbers()) == 0:
+        size.refuse("three numbers, 0 for an axis without travel")
     if type(increments.value) is not int or not 1 <= increments.value <= MOST_INCREMENTS:
         increments.refuse(f"a whole number from 1 to {MOST_INCREMENTS}")
     x, y, z = origin.numbers().tolist()

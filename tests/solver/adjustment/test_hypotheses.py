@@ -116,7 +116,9 @@ def test_a_step_that_hardly_anything_checks_is_named_and_refused(setup):
     readings = Bench(seed=1, increments=2).survey()
     for stop in range(1, 3 if setup == "linear-y" else 7, 2):
         later = np.array([name == setup and at >= stop for name, at in zip(readings.setup, readings.stop, strict=True)])
-        errors = [each for each in solve(replace(readings, reading_mm=readings.reading_mm + 0.2 * later)).findings if each.severity == "error"]
+        errors = [
+            each for each in solve(replace(readings, reading_mm=readings.reading_mm + 0.2 * later)).findings if each.severity == "error"
+        ]
         assert errors
         assert any(f"{setup}," in finding.text for finding in errors)
 

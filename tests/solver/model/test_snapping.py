@@ -8,9 +8,9 @@ from hypothesis import strategies as st
 from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Volume
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.snapping import arrivals, edges_mm, shared_mm, snapped_mm
-from testkit.examples import few
 from testkit.exact.beside import Beside, scattered
 from testkit.exact.surveys import Bench
+from testkit.examples import few
 
 VOLUME = Volume(origin_mm=(-100.0, 0.0, 20.0), size_mm=(500.0, 400.0, 300.0), increments=7)
 
@@ -38,7 +38,7 @@ def test_targets_of_a_run_are_one_target_each_and_what_is_snapped_stays():
 
 def test_targets_closer_together_than_the_tolerance_stay_apart_where_a_run_has_them():
     """The pitch of a screw is looked at in steps of 0.2 mm: the tolerance is a quarter of that."""
-    targets = {"linear-x": tuple(np.round(np.arange(0.0, 4.01, 0.2), 1).tolist() + [500.0])}
+    targets = {"linear-x": (*np.round(np.arange(0.0, 4.01, 0.2), 1).tolist(), 500.0)}
     survey = Beside(bench=Bench(increments=2), passes=(1, 2), stands=scattered(5.0, 1), targets_mm=targets)
     layout = lay_out(survey.readings())
     along = layout.position_mm[np.array([setup.name for setup in layout.setups])[layout.setup_index] == "linear-x", 0]

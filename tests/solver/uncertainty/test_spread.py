@@ -74,7 +74,8 @@ def test_a_source_never_shrinks_u_and_a_run_never_grows_it(larger, runs):
     few, many = (lay_out(Bench(increments=3).survey((*DIAGONALS, *LINEAR[:count]))) for count in (runs, 3))
     base, source, run = (foresee(layout, "FXYZ", one, 3) for layout, one in ((few, usual), (few, wider), (many, usual)))
     for name, u in base.u.items():
-        assert source.u[name] >= u * (1 - 1e-9), name
+        # what is worse known than is usual is not identified, and stands in no table
+        assert source.u.get(name, np.inf) >= u * (1 - 1e-9), name
         assert run.u[name] <= u * (1 + 1e-9), name
     assert source.volumetric_um >= base.volumetric_um * (1 - 1e-9)
     assert run.volumetric_um <= base.volumetric_um * (1 + 1e-9)

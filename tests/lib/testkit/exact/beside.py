@@ -68,7 +68,7 @@ class Beside:
         placing = np.random.default_rng(1000 + bench.seed)
         for setup in self.setups:
             placed = aligned_setup(bench.machine, box, setup, self._alignment(placing, setup))
-            first_mm = None
+            first_mm, last = None, (0.0, np.zeros(3))
             for number in self.passes:
                 targets = self._targets(box, setup)[:: 1 if number % 2 else -1]
                 stands = self.stands(setup, number, targets)
@@ -78,7 +78,7 @@ class Beside:
                 if self.turned and number > 1:
                     # the machine turned round where the pass before ended: its last reading is this pass's first
                     count[0], shows[0] = last
-                last = count[-1], shows[-1]
+                last = (count[-1], shows[-1])
                 first_mm = count[0] if first_mm is None or not self.joined else first_mm
                 columns["setup"] += [setup] * len(shows)
                 columns["pass_number"] += [number] * len(shows)
