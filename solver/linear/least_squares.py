@@ -183,7 +183,7 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
 
 
 def _refined(system: _System, basis: Vector, held: NDArray[np.int64], elimination: Elimination) -> Vector:
-    """Return directions (count, k) that are nearly null with the digits that the normal matrix costs restored; ``held`` stay as they are."""
+    """Return directions (count, k) that are nearly null with the digits restored that the normal matrix cost; ``held`` stay as they are."""
     refined = basis
     for _ in range(REFINEMENTS):
         left = system.times_normal(refined)

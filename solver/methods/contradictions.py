@@ -20,7 +20,10 @@ def contradictions(reports: dict[str, dict[str, Any]], scatter: Scatter) -> list
 def _of_machine(scatter: Scatter) -> list[Finding]:
     if scatter.repeatability_um <= REPEATS_UM:
         return []
-    text = f"this machine repeats only to {scatter.repeatability_um:.3g} um, as no machine does: a mirror or a beam moved; drive the survey again"
+    text = (
+        f"this machine repeats only to {scatter.repeatability_um:.3g} um, as no machine does: a mirror or a beam moved; "
+        "drive the survey again"
+    )
     return [Finding(code="noise-far", severity="error", text=text)]
 
 

@@ -66,7 +66,8 @@ def test_with_linear_runs_every_wrong_stop_is_found_and_harmless(error_um, rows)
 
 @pytest.mark.parametrize("error_um", [8.0, -8.0])
 def test_a_wrong_stop_of_an_ordinary_machine_is_found_or_lies_within_u(error_um):
-    """At the first two stops it may be backlash of a pass that begins without overrun: there U holds it (1.5 u of 2). All others are named."""
+    """At the first two stops it may be backlash of a pass that begins without overrun: there U holds it (1.5 u of 2). All others
+    are named."""
     readings, before = clean(FULL, 10)
     for row in PICKED[::2]:
         after = solve(spoiled(readings, row, error_um))

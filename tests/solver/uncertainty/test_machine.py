@@ -19,7 +19,9 @@ def test_what_is_known_and_what_is_not_make_the_covariance_with_what_is_usual(se
 
     Where it is hardly larger than what is known, it says a little of that too: never is less said to be uncertain for it.
     """
-    done = estimate(lay_out(Bench(angle_urad=2.0, increments=2, diagonal_noise_um=0.1, linear_noise_um=0.1).survey(setups)), "FXYZ", assumed=IDEAL)
+    done = estimate(
+        lay_out(Bench(angle_urad=2.0, increments=2, diagonal_noise_um=0.1, linear_noise_um=0.1).survey(setups)), "FXYZ", assumed=IDEAL
+    )
     found, spread = done.adjustment, done.spread
     rows, u = usual_rows(done.quantities, done.known, found.assumed)
     machine = machine_of(found.design, found.shapes, 0, len(spread.fit.size))
