@@ -87,9 +87,11 @@ def _fact(value: object) -> str:
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 
 
-def effect_table(conclusion: Conclusion, as_left: "AsLeft | None", words: Mapping[str, str]) -> Table:
-    """Return the volume as found, predicted and as left, rms and largest vector, in um at k = 2."""
+def effect_table(conclusion: Conclusion, as_left: "AsLeft | None", words: Mapping[str, str]) -> Table | None:
+    """Return the volume as found, predicted and as left, rms and largest vector, in um at k = 2; None where no volume was surveyed."""
     reach = conclusion.reach
+    if reach is None:
+        return None
     rows = [(words["as_found"], interval_words(reach.rms_before), bound_words(reach.largest_before))]
     rows.append((words["predicted"], interval_words(reach.rms_after), bound_words(reach.largest_after)))
     left = (interval_words(as_left.rms), bound_words(as_left.largest)) if as_left is not None else (words["not_yet"], words["not_yet"])
@@ -124,13 +126,13 @@ class AsLeft:
     """What became of the machine: an interval wholly below or above the one as found is better or worse, one that meets it is neither."""
 
 
-def as_left(source: str, again: Conclusion, found: Reach) -> AsLeft:
-    """Return what a survey after loading says of the reach ``found`` before it: whether the prediction came true, and what was gained."""
-    rms, predicted = again.reach.rms_before, found.rms_after
+def as_left(source: str, again: Reach, found: Reach) -> AsLeft:
+    """Return what the reach ``again`` after loading says of that ``found`` before: whether the prediction came true, and the gain."""
+    rms, predicted = again.rms_before, found.rms_after
     order = None if predicted is None else _beside(rms, predicted)
     gains: dict[int | None, Gain] = {-1: "better", 0: "same", 1: "worse", None: "unsure"}
     kept = None if order is None else order == 0
-    return AsLeft(source=source, rms=rms, largest=again.reach.largest_before, kept=kept, gain=gains[_beside(rms, found.rms_before)])
+    return AsLeft(source=source, rms=rms, largest=again.largest_before, kept=kept, gain=gains[_beside(rms, found.rms_before)])
 
 
 def _beside(one: Interval, other: Interval) -> int | None:

@@ -214,7 +214,7 @@ def test_as_written_is_exact():
 
 
 def test_a_direction_that_is_barely_seen_is_not_identified():
-    """A laser that scatters by 60 um on the run along X tells the scale worse than what is usual (28 um/m): no number, and no made-up run."""
+    """A laser that scatters by 60 um on the run along X tells the scale worse than what is usual (28 um/m): no number."""
     survey = Beside(bench=Bench(seed=3, increments=5), setups=(*DIAGONALS, "linear-x"), passes=(1,), u_um=0.3)
     readings = survey.readings()
     noise = np.where(np.array(readings.setup) == "linear-x", 60.0, 0.0)
