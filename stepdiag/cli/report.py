@@ -230,7 +230,7 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     names = [result.source for result in read]
     console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
-    what = "volumetric error" if comparison.common.solid else "error along the measured line"
+    what = "volumetric error" if comparison.common.solid else "error where the axes travelled"
     told = f"{what} (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um"
     console.print(told)
     if trends:
