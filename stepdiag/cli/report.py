@@ -82,11 +82,7 @@ def _as_left(before: "Result", exported: "list[Exported]", after: "Result") -> "
 
     same_machine(before, after)
     same_volume(before, after)
-    again, found = conclude(after).reach, _concluded(before, exported).reach
-    if again is None or found is None:
-        found_axis = "a survey in which an axis did not travel"
-        raise UsageError("as left", expected="two surveys of the whole volume", found=found_axis, remedy="compare the two results")
-    return as_left(after.source, again, found)
+    return as_left(after.source, conclude(after), _concluded(before, exported).reach)
 
 
 def _concluded(before: "Result", exported: "list[Exported]") -> "Conclusion":

@@ -126,13 +126,19 @@ class AsLeft:
     """What became of the machine: an interval wholly below or above the one as found is better or worse, one that meets it is neither."""
 
 
-def as_left(source: str, again: Reach, found: Reach) -> AsLeft:
-    """Return what the reach ``again`` after loading says of that ``found`` before: whether the prediction came true, and the gain."""
-    rms, predicted = again.rms_before, found.rms_after
+def as_left(source: str, again: Conclusion, found: Reach | None) -> AsLeft:
+    """Return what a survey after loading says of the reach ``found`` before it: whether the prediction came true, and what was gained.
+
+    Raises ``UsageError`` where an axis did not travel in one of the two: nothing is stated about a volume there.
+    """
+    if again.reach is None or found is None:
+        what = "a survey in which an axis did not travel"
+        raise UsageError("as left", expected="two surveys of the whole volume", found=what, remedy="compare the two results")
+    rms, predicted = again.reach.rms_before, found.rms_after
     order = None if predicted is None else _beside(rms, predicted)
     gains: dict[int | None, Gain] = {-1: "better", 0: "same", 1: "worse", None: "unsure"}
     kept = None if order is None else order == 0
-    return AsLeft(source=source, rms=rms, largest=again.largest_before, kept=kept, gain=gains[_beside(rms, found.rms_before)])
+    return AsLeft(source=source, rms=rms, largest=again.reach.largest_before, kept=kept, gain=gains[_beside(rms, found.rms_before)])
 
 
 def _beside(one: Interval, other: Interval) -> int | None:
