@@ -15,6 +15,7 @@ NULL_TOLERANCE = 1e-7
 _SHIFT = 1e-8
 _CANDIDATE = 1e-3
 _FIRST_BLOCK = 12
+REFINEMENTS = 2
 _PIECE = 512
 """Rows that are worked out together: what that needs grows with their number times that of the unknowns."""
 
@@ -104,7 +105,7 @@ def invert(rows: Rows, weight: Vector, blocks: Blocks, like: Inverse | None = No
         held = _pivots(basis)
         elimination = eliminate(system.normal.held(held))
         # where weights have changed by powers of ten, the basis has lost as many digits
-        basis = np.linalg.qr(_to_full_precision(system, held, elimination))[0]
+        basis = np.linalg.qr(_refined(system, basis @ np.linalg.inv(basis[held]), held, elimination))[0]
     place = blocks.place
     return Inverse(
         packed=system.packed,
@@ -134,8 +135,12 @@ class _System:
         """Return columns of the normal matrix, shape (count, k)."""
         unit = np.zeros((len(self.scale), len(places)))
         unit[places, np.arange(len(places))] = 1.0
-        ordered = np.empty_like(unit)
-        ordered[self.packed.blocks.place] = self.packed.transposed_times(np.sqrt(self.weight)[:, None] * self.image(unit))
+        return self.times_normal(unit)
+
+    def times_normal(self, block: Vector) -> Vector:
+        """Return the normal matrix times ``block`` (count, k), row by row, shape (count, k)."""
+        ordered = np.empty_like(block)
+        ordered[self.packed.blocks.place] = self.packed.transposed_times(np.sqrt(self.weight)[:, None] * self.image(block))
         return self.scale[:, None] * ordered
 
     def unseen(self, block: Vector, tolerance: float) -> Vector:
@@ -166,20 +171,25 @@ def _null_space(system: _System) -> tuple[Vector, NDArray[np.int64], Elimination
     elimination = eliminate(system.normal.held(held))
     if not len(held):
         return np.zeros((len(system.scale), 0)), held, elimination
-    basis = system.unseen(np.linalg.qr(_to_full_precision(system, held, elimination))[0], NULL_TOLERANCE)
+    coupling = system.columns(held)
+    coupling[held] = 0.0
+    exact = -elimination.solve(coupling)
+    exact[held] = np.eye(len(held))
+    basis = system.unseen(np.linalg.qr(_refined(system, exact, held, elimination))[0], NULL_TOLERANCE)
     if basis.shape[1] < len(held):
         held = _pivots(basis)
         elimination = eliminate(system.normal.held(held))
     return basis, held, elimination
 
 
-def _to_full_precision(system: _System, held: NDArray[np.int64], elimination: Elimination) -> Vector:
-    """Return what the other unknowns do in the directions that hold each of ``held`` at one in turn, shape (count, k)."""
-    coupling = system.columns(held)
-    coupling[held] = 0.0
-    exact: Vector = -elimination.solve(coupling)
-    exact[held] = np.eye(len(held))
-    return exact
+def _refined(system: _System, basis: Vector, held: NDArray[np.int64], elimination: Elimination) -> Vector:
+    """Return directions (count, k) that are nearly null with the digits restored that the normal matrix cost; ``held`` stay as they are."""
+    refined = basis
+    for _ in range(REFINEMENTS):
+        left = system.times_normal(refined)
+        left[held] = 0.0
+        refined = refined - elimination.solve(left)
+    return refined
 
 
 def _candidates(system: _System) -> Vector:

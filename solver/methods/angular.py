@@ -83,10 +83,10 @@ def _far(found: Adjustment, least_urad: float) -> list[Finding]:
     usual = float(np.mean(found.shapes.range_urad))
     if least_urad <= FAR * usual:
         return []
+    setups = ", ".join(setup.name for setup in found.layout.setups)
     text = (
-        f"the readings of {', '.join(setup.name for setup in found.layout.setups)} agree only if this machine turns by "
-        f"{least_urad:.2g} urad or more (assumed {usual:.2g}): a pass of them is wrong, or the machine is worn; measure the angles, or "
-        "state angles_urad, or drive each setup again, out and back"
+        f"the readings of {setups} agree only if this machine turns by {least_urad:.2g} urad or more (assumed {usual:.2g}): "
+        "a pass of them is wrong, or the machine is worn; measure the angles, or state angles_urad, or drive each setup again, out and back"
     )
     return [Finding(code="angles-far", severity="error", text=text)]
 

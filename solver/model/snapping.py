@@ -75,9 +75,9 @@ def edges_mm(position_mm: Vector, steps: NDArray[np.int64]) -> tuple[float, floa
 
 
 def _rounded(edge_mm: float, slack_mm: float) -> float:
-    """Return the whole number that lies within ``slack_mm`` of an edge, the multiple of 0.1 mm that is near, or the edge."""
-    for decimals, near_mm in ((0, slack_mm), (1, EDGE_TOLERANCE_MM)):
-        if abs(round(edge_mm, decimals) - edge_mm) <= near_mm:
+    """Return the whole number that lies within ``slack_mm`` of an edge, else the multiple of 0.1 mm that does, else the edge."""
+    for decimals in (0, 1):
+        if abs(round(edge_mm, decimals) - edge_mm) <= slack_mm:
             return round(edge_mm, decimals) + 0.0
     return round(edge_mm, 6) + 0.0
 

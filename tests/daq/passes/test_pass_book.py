@@ -144,7 +144,7 @@ def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_o
     passes = book()
     passes.add_all(stops_of())
     taken_ns = max(each.window_from_ns for each in stops_of()) if stop is None else stop
-    doubt = Doubt(setup="ppp", pass_number=1, stop=stop, code="chi-square-far", text="contradicts the others", taken_ns=taken_ns)
+    doubt = Doubt(setup="ppp", pass_number=1, stop=stop, code="pass-wanders", text="contradicts the others", taken_ns=taken_ns)
     passes.suspect([doubt])
     (only,) = passes.passes
     assert passes.doubts() == (doubt,)

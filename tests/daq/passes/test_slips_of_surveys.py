@@ -21,8 +21,8 @@ ONE_WAY = [
 
 
 @cache
-def clean(*, back, n=4):
-    found = survey_of(back=back, n=n)
+def clean(*, back, n=4, ideal=False):
+    found = survey_of(back=back, n=n, ideal=ideal)
     assert not found.doubted
     assert found.after_um < 0.2 * found.before_um
     return found
@@ -43,8 +43,21 @@ def test_out_and_back_a_slip_is_put_right_or_named(slip):
 
 
 @pytest.mark.parametrize("slip", ONE_WAY)
-def test_one_way_a_slip_is_put_right_or_named(slip):
+def test_one_way_a_slip_of_a_machine_that_is_said_to_repeat_is_put_right_or_named(slip):
+    assert_right_or_named(survey_of(slip, ideal=True), slip, clean(back=False, ideal=True))
+
+
+@pytest.mark.parametrize("slip", ONE_WAY[1:])
+def test_one_way_a_slip_of_an_ordinary_machine_is_put_right_or_named(slip):
+    """From 20 um on: four increments driven once cannot tell less from how such a machine repeats and turns (`slip-hidden` of the plan)."""
     assert_right_or_named(survey_of(slip), slip, clean(back=False))
+
+
+@pytest.mark.parametrize("size_um", [5.0, 12.0])
+def test_one_way_a_slip_that_an_ordinary_machine_hides_does_not_make_it_worse(size_um):
+    """5 um leave 2.5 of 6.3 um, 12 um 5.8 um."""
+    found = survey_of(Slip("npp", 1, 10, size_um))
+    assert found.after_um < found.before_um
 
 
 @pytest.mark.parametrize("stop", [1, 4])

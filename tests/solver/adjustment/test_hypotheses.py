@@ -111,8 +111,8 @@ def test_good_surveys_are_left_alone(angle_urad):
 
 @pytest.mark.parametrize("setup", [*DIAGONALS, "linear-y"])
 def test_a_step_that_hardly_anything_checks_is_named_and_refused(setup):
-    """Two increments, one way: seven degrees of freedom, and the step is in all residuals. In the run nothing sees it but the angles that it
-    would need."""
+    """Two increments, one way: seven degrees of freedom, and the step is in all residuals. In the run nothing sees it but the angles that
+    it would need."""
     readings = Bench(seed=1, increments=2).survey()
     for stop in range(1, 3 if setup == "linear-y" else 7, 2):
         later = np.array([name == setup and at >= stop for name, at in zip(readings.setup, readings.stop, strict=True)])

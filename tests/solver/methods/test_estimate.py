@@ -10,7 +10,6 @@ from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import KnownAngle
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.runs import Plan, Run
 from stepdiag.solver.readings.readings import make_readings, parse_readings
@@ -18,7 +17,7 @@ from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.virtual.physics.error_functions import Smooth
 from testkit.exact.rigid import Hall, RandomMachine, drive
-from testkit.exact.surveys import DATA, DIAGONALS, LINEAR, Bench, golden_rows, golden_shapes, solved
+from testkit.exact.surveys import DATA, DIAGONALS, IDEAL, LINEAR, Bench, golden_rows, golden_shapes, solved
 
 SEEDS = range(12)
 
@@ -47,7 +46,7 @@ def worst_shape_um(result):
 
 def test_golden_separable_survey():
     """Theory 11: truth 20 / 8 / -15 urad, S = 6.379 um; second order in the 0.4 mrad tilts is corrected: 1 nm, 0.02 urad remain."""
-    result = solve(golden("separable"))
+    result = solve(golden("separable"), assumed=IDEAL)
     assert worst_shape_um(result) < 0.001
     assert result.squareness["C0Y"].value == pytest.approx(-20.0, abs=0.02)
     assert result.squareness["B0Z"].value == pytest.approx(-15.0, abs=0.02)
@@ -78,10 +77,12 @@ def rms_over_seeds(**options):
 
 
 def test_four_diagonals_and_three_linear_runs():
-    """At most 0.95 um of 11.7 um: 0.3 um noise (linear 0.2), mirror and beam 0.5 mrad out in different directions."""
+    """At most 0.95 um of 11.7 um: 0.3 um noise (linear 0.2), mirror and beam 0.5 mrad out in different directions.
+
+    0.84 um where the machine is known to miss no target, 0.854 where the readings have to say so."""
     after, before = rms_over_seeds()
     assert before > 10.0
-    assert after < 0.85
+    assert after < 0.87
 
 
 def test_what_is_left_is_the_noise_of_the_readings_however_large_the_machines_errors():
@@ -123,8 +124,8 @@ def test_angular_errors_are_known_as_well_on_every_chain(chain):
 def test_angles_of_the_wrong_chain_do_not_cure():
     """The arms matter: the same angles applied with the order of the axes reversed leave micrometres."""
     bench = Bench(angle_urad=30.0, chain="FXYZ", diagonal_noise_um=0.01, linear_noise_um=0.01)
-    right, _ = left_um(bench, solve(bench.survey(), angles=bench.angles(0.0, stated=False)))
-    wrong, _ = left_um(bench, solve(bench.survey(), chain="FZYX", angles=bench.angles(0.0, stated=False)))
+    right, _ = left_um(bench, solve(bench.survey(), angles=bench.angles(0.0, stated=False), assumed=IDEAL))
+    wrong, _ = left_um(bench, solve(bench.survey(), chain="FZYX", angles=bench.angles(0.0, stated=False), assumed=IDEAL))
     assert right < 0.1**2
     assert wrong > 1.0
 
@@ -151,7 +152,7 @@ def test_stated_uncertainties_of_the_usual_survey_hold_the_truth(options):
 
 
 def assert_held(found):
-    """k = 2 holds the truth in 93 to 99.5 %: these machines neither drift nor warm up, which the usual assumptions allow for."""
+    """k = 2 holds the truth in 93 to 99.5 %: these machines neither drift nor warm up, which the assumptions allow for."""
     assert 0.93 < np.mean(np.abs(found) < 2.0) < 0.995
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(0.85, abs=0.2)
 
@@ -166,7 +167,7 @@ def assert_held(found):
 )
 def test_stated_uncertainties_hold_the_truth(setups, options):
     benches = [Bench(seed=seed, **options) for seed in range(12)]
-    assert_held([score for bench in benches for score in scores(bench, solve(bench.survey(setups)))])
+    assert_held([score for bench in benches for score in scores(bench, solve(bench.survey(setups), assumed=IDEAL))])
 
 
 def test_estimates_reach_the_cramer_rao_bound():
@@ -187,8 +188,8 @@ def test_estimates_reach_the_cramer_rao_bound():
             reading_mm=base.reading_mm + 1e-3 * rng.normal(scale=u_um),
             u_um=u_um,
         )
-        rms.append(estimate(lay_out(noisy), "FXYZ").value)
-    done = estimate(layout, "FXYZ")
+        rms.append(estimate(lay_out(noisy), "FXYZ", assumed=IDEAL).value)
+    done = estimate(layout, "FXYZ", assumed=IDEAL)
     rows = done.adjustment.design.rows.dense() / u_um[:, None]
     wanted = done.quantities.combination.dense()
     bound = np.sqrt(np.diag(wanted @ np.linalg.pinv(rows.T @ rows, rcond=1e-12, hermitian=True) @ wanted.T))
@@ -196,12 +197,12 @@ def test_estimates_reach_the_cramer_rao_bound():
     assert np.sqrt(np.mean((np.std(rms, axis=0)[told] / bound[told]) ** 2)) < 1.05
 
 
-KNOWN = Assumptions(angles_urad=0.0, drift_um=0.0, wander_um=0.0, setup_c=0.0, index_setup=0.0, alignment_mrad=0.0, repeatability_um=0.0)
+KNOWN = replace(IDEAL, angles_urad=0.0, drift_um=0.0, wander_um=0.0, setup_c=0.0, index_setup=0.0, alignment_mrad=0.0)
 
 
 def test_the_linear_operator_and_the_covariance_agree_with_the_estimate():
     bench = Bench(increments=4)
-    done = estimate(lay_out(bench.survey()), "FXYZ")
+    done = estimate(lay_out(bench.survey()), "FXYZ", assumed=IDEAL)
     moved = lay_out(bench.survey())
     bump = np.random.default_rng(0).normal(scale=0.1, size=len(moved))
     changed = make_readings(
@@ -337,19 +338,17 @@ def test_a_mirror_over_two_milliradians_is_to_be_realigned():
     assert "mirror-misaligned" not in {finding.code for finding in solve(Bench(tilt_mrad=1.5).survey()).findings}
 
 
-def test_readings_that_disagree_more_than_stated_enlarge_the_uncertainties():
-    honest = Bench(diagonal_noise_um=1.5, linear_noise_um=1.5).survey()
-    boasting = make_readings(
-        setup=honest.setup,
-        pass_number=honest.pass_number,
-        stop=honest.stop,
-        position_mm=honest.position_mm,
-        reading_mm=honest.reading_mm,
-        u_um=np.full(len(honest), 0.3),
-    )
+def test_of_readings_noisier_than_stated_the_noise_is_estimated_and_named():
+    """Five times noisier than stated: U is that of readings that state it, and holds the truth."""
+    honest = Bench(diagonal_noise_um=1.5, linear_noise_um=1.5)
+    boasting = replace(honest.survey(), u_um=np.full(len(honest.survey()), 0.3))
     result = solve(boasting)
-    assert "chi-square-high" in {finding.code for finding in result.findings}
-    assert result.errors["EYX"].u[5] == pytest.approx(solve(honest).errors["EYX"].u[5], rel=0.35)
+    (finding,) = [finding for finding in result.findings if finding.code == "stated-u-low"]
+    assert finding.severity == "warning"
+    assert "stops state 0.3 um" in finding.text
+    assert result.errors["EYX"].u[5] == pytest.approx(solve(honest.survey()).errors["EYX"].u[5], rel=0.35)
+    assert np.mean(np.abs(scores(honest, result)) < 2.0) > 0.93
+    assert "stated-u-low" not in {finding.code for finding in solve(honest.survey()).findings}
 
 
 def test_repeats_tell_the_repeatability():

@@ -9,7 +9,7 @@ from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.uncertainty.machine import covariance, machine_of, told_apart, usual_rows, with_usual
-from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
+from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench
 
 
 @pytest.mark.parametrize("setups", [DIAGONALS, LINEAR, DIAGONALS[:1], (*DIAGONALS, LINEAR[0])], ids=["diagonals", "linear", "one", "more"])
@@ -19,7 +19,9 @@ def test_what_is_known_and_what_is_not_make_the_covariance_with_what_is_usual(se
 
     Where it is hardly larger than what is known, it says a little of that too: never is less said to be uncertain for it.
     """
-    done = estimate(lay_out(Bench(angle_urad=2.0, increments=2, diagonal_noise_um=0.1, linear_noise_um=0.1).survey(setups)), "FXYZ")
+    done = estimate(
+        lay_out(Bench(angle_urad=2.0, increments=2, diagonal_noise_um=0.1, linear_noise_um=0.1).survey(setups)), "FXYZ", assumed=IDEAL
+    )
     found, spread = done.adjustment, done.spread
     rows, u = usual_rows(done.quantities, done.known, found.assumed)
     machine = machine_of(found.design, found.shapes, 0, len(spread.fit.size))

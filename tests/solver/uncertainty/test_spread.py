@@ -7,10 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.adjustment.diagnostics import setup_findings, setup_reports
 from stepdiag.solver.adjustment.hypotheses import tell
 from stepdiag.solver.linear.components import sized
-from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
@@ -121,8 +119,8 @@ def test_every_shape_of_an_angular_function_is_one_cause(waves):
 
 
 def test_short_waves_that_are_not_there_do_not_make_the_long_ones_small():
-    """Drawn angular functions of 50 urad end at five half waves, the model goes on to nine: one size for all had found 41 urad on average
-    and held what is left in 23 of 30 surveys."""
+    """Drawn angular functions of 50 urad end at five half waves, the model goes on to nine: one size for all made the long ones small by a
+    fifth and held what is left in 23 of 30 surveys."""
     found = []
     for seed in range(40, 44):
         adjustment = estimate(lay_out(Bench(angle_urad=50.0, seed=seed).survey()), "FXYZ").adjustment
@@ -130,7 +128,7 @@ def test_short_waves_that_are_not_there_do_not_make_the_long_ones_small():
         found.append((sizes[ANGLES], sizes[SHORT_ANGLES]))
     long, short = np.exp(np.mean(np.log(found), axis=0))
     assert short < long
-    assert long > 3.5
+    assert long * Assumptions().angles_urad > 35.0
 
 
 @pytest.mark.parametrize("factor", [0.2, 3.0])
@@ -148,22 +146,16 @@ def test_a_family_is_the_fit_at_any_size(done, factor):
 
 def test_five_ppm_on_one_diagonal_are_named_or_within_u():
     """The four diagonals share one length to check them: what hides there is in U (78 % of these squarenesses lay within it with 0.1 C from
-    setup to setup, 23 % with 0.02 C). What shows is named, for what contradicts is looked for with less than U holds."""
-    named, within = 0, []
+    setup to setup, 23 % with 0.02 C)."""
+    within = []
     for seed in range(200, 216):
         bench = Bench(seed=seed, chain=("FXYZ", "XYFZ")[seed // 2 % 2], angle_urad=10.0 * (seed % 2))
         readings, drawn = bench.survey(), np.random.default_rng(seed)
         setup = drawn.choice(DIAGONALS)
         longer = np.where(np.array(readings.setup) == setup, 1.0 + drawn.choice([-5e-6, 5e-6]), 1.0)
-        done = estimate(lay_out(replace(readings, reading_mm=readings.reading_mm * longer)), bench.chain)
-        found = done.adjustment
-        reports = setup_reports(found)
-        findings = [*found.findings, *setup_findings(found, reports), *contradictions(reports, found.scatter)]
-        if any(setup in finding.text for finding in findings):
-            named += 1
-            continue
-        for name, true in bench.truth.squareness_urad.items():
-            value, u, _ = done.number(name)
-            within.append(abs(value - true) <= 2 * u)
-    assert named >= 7
+        result = solve(replace(readings, reading_mm=readings.reading_mm * longer), chain=bench.chain)
+        if not any(setup in finding.text for finding in result.findings if finding.severity == "error"):
+            truth, numbers = bench.truth.squareness_urad, result.squareness
+            within += [abs(numbers[name].value - true) <= 2 * numbers[name].u for name, true in truth.items()]
+    assert len(within) > 30
     assert np.mean(within) >= 0.85, f"{sum(within)} of {len(within)}"

@@ -18,6 +18,7 @@ from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine
+from testkit.exact.surveys import IDEAL_SECTION
 from testkit.timeline import survey_text
 
 SIZE_MM = (300.0, 200.0, 100.0)
@@ -45,9 +46,10 @@ class Survey:
     named: frozenset[str]
 
 
-def survey_of(*slips, n=4, back=False, seed=1):
-    """Return what comes of a survey of a drawn machine, solved and compensated with what was found."""
-    survey = parse_survey(survey_text(size=SIZE_MM, n=n, setups=SETUPS, back=back), "survey.toml")
+def survey_of(*slips, n=4, back=False, seed=1, ideal=False):
+    """Return what comes of a survey of a drawn machine, solved and compensated with what was found; ``ideal`` where its file says so."""
+    text = survey_text(size=SIZE_MM, n=n, setups=SETUPS, back=back) + IDEAL_SECTION * ideal
+    survey = parse_survey(text, "survey.toml")
     box = Box(size_mm=SIZE_MM, increments=n)
     machine = Machine(errors=random_errors(seed, (0.0, 0.0, 0.0), SIZE_MM, WANTED), chain="FXYZ")
     book = PassBook(survey)

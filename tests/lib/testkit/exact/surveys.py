@@ -26,6 +26,10 @@ LINEAR = ("linear-x", "linear-y", "linear-z")
 IDEAL = Assumptions(angles_urad=10.0, repeatability_um=0.0, growth_um_m=0.0, between_um=0.3)
 """The sizes of the machine of a `Bench`, which comes back exactly, does not grow, and has no screws: for tests of what readings can show
 where the machine is no limit. What an ordinary machine shows is asked with the default assumptions."""
+IDEAL_SECTION = "[uncertainty]\n" + "".join(
+    f"{name} = {getattr(IDEAL, name)}\n" for name in ("angles_urad", "repeatability_um", "growth_um_m", "between_um")
+)
+"""The same in a survey file."""
 
 
 def golden_rows(name: str) -> list[dict[str, str]]:
