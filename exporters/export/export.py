@@ -114,11 +114,19 @@ def _require_something(plan: Plan, profile: Profile) -> None:
 def _settled(profile: Profile | None, control: Controller, result: Result, step_mm: float | None) -> Profile:
     """Return the profile to plan with: given, given with another step, or the stand-in of a quick look."""
     if profile is None:
-        return quick_profile(control, result.volume, _step(step_mm, profile))
+        return _of_what_travelled(quick_profile(control, result.volume, _step(step_mm, profile)), result)
     if step_mm is None:
         return profile
     _step(step_mm, profile)
     return replace(profile, axes={letter: msgspec.structs.replace(axis, step_mm=step_mm) for letter, axis in profile.axes.items()})
+
+
+def _of_what_travelled(profile: Profile, result: Result) -> Profile:
+    """Return the stand-in for a survey of axes alone with the functions that it identified: of the volume nothing is asked for."""
+    if result.volume.solid:
+        return profile
+    functions = [name for name in profile.machine.functions if name in result.errors and result.errors[name].value is not None]
+    return replace(profile, machine=msgspec.structs.replace(profile.machine, functions=functions))
 
 
 def _step(step_mm: float | None, profile: Profile | None) -> float:

@@ -15,6 +15,7 @@ from stepdiag.exporters.files.settings import convert, nearest, read_toml, requi
 from stepdiag.exporters.programs.settings import SECTION as PROGRAM
 from stepdiag.exporters.programs.settings import ProgramSection
 from stepdiag.exporters.tables.controller import Controller
+from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.profile import (
     AXIS_LETTERS,
     MOST_EXISTING,
@@ -84,7 +85,7 @@ def read_profile_text(path: Path) -> str:
 def quick_profile(controller: Controller, volume: Volume, step_mm: float | None = None) -> Profile:
     """Return the stand-in for a profile (contract 5): axes AX1 AX2 AX3, low to high end in steps, reference at the low end.
 
-    Without a step those of the volume: to read files with, not to write them.
+    Without a step those of the volume: to read files with, not to write them. An axis that did not travel has no table.
     """
     steps_mm = volume.step_mm if step_mm is None else [step_mm] * len(AXIS_LETTERS)
     axes = {
@@ -96,9 +97,11 @@ def quick_profile(controller: Controller, volume: Volume, step_mm: float | None 
             end_mm=volume.origin_mm[index] + volume.size_mm[index],
         )
         for index, letter in enumerate(AXIS_LETTERS)
+        if volume.travelled[index]
     }
+    functions = [name for name in FUNCTIONS if name[-1] in axes]
     return Profile(
-        machine=MachineSection(name="machine without a profile", controller=controller.name, measured_with="off"),
+        machine=MachineSection(name="machine without a profile", controller=controller.name, measured_with="off", functions=functions),
         axes=axes,
         limits=LimitsSection(),
         sign_tests=(),

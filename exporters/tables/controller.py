@@ -17,8 +17,8 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.findings import Finding
 
-PLAUSIBLE_SLOPE_UM_MM = 0.5
-"""What no guideway or screw exceeds along its travel, where a control has no limit (controllers.md 10.4): 500 urad, twice what
+PLAUSIBLE_SLOPE_UM_MM = 0.8
+"""What no guideway or screw exceeds along its travel, where a control has no limit (controllers.md 10.4): 800 urad, twice what
 `exporters.tables.profile.WARN_UM_M` has for a whole axis, for straightness bends and holds the squareness too."""
 PLAUSIBLE_STEP_UM = 6.0
 """From one measured value to the next so much is plausible beside it, however close they are: peak to peak of a screw's waves of 3 um, or

@@ -120,7 +120,8 @@ def _ends(volume: Volume, zone: Zone) -> list[tuple[float, float]]:
     for index, letter in enumerate(_LETTERS):
         low, high = volume.origin_mm[index], volume.origin_mm[index] + volume.size_mm[index]
         first, last = zone.get(letter, (low, high))
-        if not low <= first < last <= high:
+        # an axis that did not travel has no zone, and no table
+        if volume.travelled[index] and not low <= first < last <= high:
             raise UsageError(
                 f"axes.{letter}.working_mm", expected=f"two rising positions within the measured {low:g} to {high:g} mm",
                 found=f"{first:g}, {last:g}",
@@ -181,8 +182,9 @@ class _Added:
 
     @property
     def slope(self) -> float:
-        """Return the slope of the end-point line in um per mm."""
-        return float((self.value_um[-1] - self.value_um[0]) / (self.position_mm[-1] - self.position_mm[0]))
+        """Return the slope of the end-point line in um per mm, 0 for an axis that did not travel."""
+        length_mm = float(self.position_mm[-1] - self.position_mm[0])
+        return float(self.value_um[-1] - self.value_um[0]) / length_mm if length_mm else 0.0
 
 
 def _added(terms: Sequence[_Term], output: str, moving: str, ends: Sequence[tuple[float, float]], result: Result) -> _Added:

@@ -27,13 +27,13 @@ NEARLY_MM = 0.01
 """By so little a travel may differ from whole steps, of a step of 1 mm or more."""
 MOST_SECTIONS = 20_000
 """Sections of one axis: 20 m in millimetres; no control holds as many."""
-WARN_UM_M = 250.0
-"""Errors that grow with the travel stay below this on a poor machine (k = 2): squareness 100 urad or scale 50 um/m, growth 60 um/m, and a
+WARN_UM_M = 400.0
+"""Errors that grow with the travel stay below this on a poor machine (k = 3): squareness 100 urad or scale 50 um/m, growth 60 um/m, and a
 hall 5 C from 20 C (`CLASSES`). Above it a correction has to be accepted, above twice as much it is refused."""
 CHANGE_UM_M = 80.0
 """Growth of a poor machine (60 um/m, k = 1) and the drift beside it."""
 SHORTEST_TRAVEL_MM = 500.0
-"""Reversal, straightness and screw waves do not shrink with the travel: shorter travels have the limits of this one, 125, 250 and 40 um."""
+"""Reversal, straightness and screw waves do not shrink with the travel: shorter travels have the limits of this one, 200, 400 and 40 um."""
 AxisName = Annotated[
     str, msgspec.Meta(pattern=r"^[A-Za-z][A-Za-z0-9_]{0,31}\Z", description="a name of letters, digits and underscore, a letter first")
 ]

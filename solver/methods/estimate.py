@@ -121,7 +121,11 @@ def estimate(
         u=deviation(alone + np.maximum(spread.variance(moved), spread.variance_by_readings(moved))),
         u_readings=deviation(alone + spread.variance_by_readings(moved)),
         # of a single increment a function has only its ends: the shape between them is zero, and no combination stands for it
-        known={**dict.fromkeys(DISPLACEMENTS, True), **identified(found, inverse, usual_sizes_of(adjustment.assumed))},
+        known={
+            **dict.fromkeys(DISPLACEMENTS, True),
+            **identified(found, inverse, usual_sizes_of(adjustment.assumed)),
+            **({} if layout.volume.solid else {SCALE_SUM: False}),
+        },
         spread=spread,
     )
 

@@ -152,14 +152,9 @@ def _axis(layout: Layout, axis: int, position_mm: Vector, alone: NDArray[np.bool
 
 def _longest(axis: AxisBetween, layout: Layout, number: int, share: float) -> AxisBetween:
     """Return the axis with a share of its components, one a cell at least."""
-    cells = max(
-        len(
-            np.unique(
-                np.floor((axis.position_mm - layout.volume.origin_mm[number]) / layout.volume.length_mm[number] * layout.volume.increments)
-            )
-        ),
-        1,
-    )
+    volume = layout.volume
+    steps = (axis.position_mm - volume.origin_mm[number]) / volume.length_mm[number] * volume.increments
+    cells = max(len(np.unique(np.floor(steps))), 1)
     return _axis(layout, number, axis.position_mm, axis.alone, max(np.floor(share * axis.basis.shape[1] / cells), 1.0))
 
 

@@ -108,9 +108,9 @@ def lay_out(readings: Readings, source: str = "readings", volume: Volume | None 
     """Return the geometry of readings.
 
     Without ``volume``, it and the increments follow from the body step diagonals, without them from the face diagonals, then the
-    continuous diagonals, then the linear runs; an axis that none of these travels is without length. Stops
-    outside the volume are left out with a finding. Raises ``DataError`` where positions do not form a box, a pass does not drive what its
-    setup says, or the laser contradicts the travel, naming the stop.
+    continuous diagonals, then the linear runs; an axis that none of these travels is without length. Stops outside the volume are left
+    out with a finding. Raises ``DataError`` where positions do not form a box, a pass does not drive what its setup says, or the laser
+    contradicts the travel, naming the stop.
     """
     passes = readings.passes()
     if not passes:

@@ -167,7 +167,7 @@ def forecast(survey: Plan, about: Circumstances) -> Forecast:
     """Return what the survey would give. Raises ``UsageError`` for a plan without a run of the laser."""
     if survey not in about.made:
         coarse = replace(survey, volume=replace(survey.volume, increments=min(survey.volume.increments, MAX_INCREMENTS)))
-        layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan")
+        layout = lay_out(perfect_readings(coarse, about.assumed.reading_um), "plan", coarse.volume)
         about.made[survey] = Forecast(plan=survey, layout=layout, chain=about.chain, assumed=_with_head(survey, about))
     return about.made[survey]
 

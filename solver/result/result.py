@@ -253,7 +253,9 @@ def _functions(node: Node, known: tuple[str, ...], required: tuple[str, ...] = (
 def _function(node: Node, unit: str) -> Function:
     node.equals("unit", unit)
     position = node.child("position_mm").numbers()
-    if len(position) < 2 or np.any(np.diff(position) <= 0):
+    # an axis that did not travel stands at one position, and has no values
+    least = 2 if node.child("value").value is not None else 1
+    if len(position) < least or np.any(np.diff(position) <= 0):
         node.child("position_mm").refuse("at least two ascending positions")
     known: dict[str, Vector | None] = {}
     for name in ("value", "u", "u_readings"):

@@ -196,7 +196,7 @@ def _language(wanted: str) -> "Language":
 
 
 def _left_json(left: "AsLeft", concluded: "Conclusion") -> dict[str, Any]:
-    predicted = concluded.reach.rms_after
+    predicted = None if concluded.reach is None else concluded.reach.rms_after
     return {
         "predicted_rms": None if predicted is None else asdict(predicted),
         "measured_rms": asdict(left.rms),
@@ -212,7 +212,7 @@ def _print_left(left: "AsLeft", concluded: "Conclusion") -> None:
 
     words = catalogue("report", "en")
     kept = words[{True: "left_kept", False: "left_broken", None: "left_unknown"}[left.kept]]
-    typer.echo(f"predicted: {interval_words(concluded.reach.rms_after)} um (rms, k = 2)")
+    typer.echo(f"predicted: {interval_words(None if concluded.reach is None else concluded.reach.rms_after)} um (rms, k = 2)")
     typer.echo(f"as left:   {interval_words(left.rms)} um (rms, k = 2)")
     typer.echo(f"{kept} {words[f'left_gain_{left.gain}']}")
 
@@ -226,7 +226,8 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     names = [result.source for result in read]
     console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
-    told = f"volumetric error (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um"
+    what = "volumetric error" if comparison.common.solid else "error where the axes travelled"
+    told = f"{what} (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um"
     console.print(told)
     if trends:
         console.print(trend_table(trends, names))

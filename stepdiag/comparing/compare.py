@@ -118,7 +118,7 @@ def compare(before: Result, after: Result) -> Comparison:
 def same_volume(before: Result, after: Result) -> None:
     """Raise ``DataError`` where one result covers another volume: in a smaller one errors are smaller, and nothing was gained."""
     one, other = ((*result.volume.origin_mm, *result.volume.size_mm) for result in (before, after))
-    if not np.allclose(one, other, rtol=0.0, atol=ALMOST * min(before.volume.size_mm)):
+    if not np.allclose(one, other, rtol=0.0, atol=ALMOST * min(filter(None, before.volume.size_mm))):
         shown = [f"{tuple(volume[:3])} to {tuple(np.add(volume[:3], volume[3:]).tolist())} mm" for volume in (one, other)]
         remedy = "drive the survey after loading over the volume of the one before"
         raise DataError(f"{after.source}: volume", expected=f"{shown[0]} as in {before.source}", found=shown[1], remedy=remedy)
@@ -238,13 +238,17 @@ def _from_first(values: Vector, nodes: Vector, *, shape: bool) -> Vector:
 
 
 def _common_volume(results: Sequence[Result]) -> Volume:
-    """Return the box that all results cover. Raises ``DataError`` where there is none."""
+    """Return the box that all results cover, without length in an axis that did not travel in one of them.
+
+    Raises ``DataError`` where there is none.
+    """
     low = np.max([result.volume.origin_mm for result in results], axis=0)
     high = np.min([np.add(result.volume.origin_mm, result.volume.size_mm) for result in results], axis=0)
-    if np.any(high <= low):
+    travelled = np.all([result.volume.travelled for result in results], axis=0)
+    if np.any((high <= low) & travelled) or not travelled.any():
         raise DataError("volume", expected="volumes that overlap", found="none in common", remedy="compare results of one machine")
     x, y, z = low.tolist()
-    a, b, c = (high - low).tolist()
+    a, b, c = np.where(travelled, high - low, 0.0).tolist()
     return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=min(result.volume.increments for result in results))
 
 

@@ -41,7 +41,8 @@ class Conclusion:
 
     wrong: tuple[tuple[Contribution, Sentence], ...]
     unknown: tuple[Sentence, ...]
-    reach: Reach
+    reach: Reach | None
+    """None where an axis did not travel: then nothing is stated about a volume."""
     reached: tuple[Sentence, ...]
     basis: tuple[Sentence, ...]
     load: tuple[Sentence, ...]
@@ -66,13 +67,14 @@ def harmed_in(findings: Iterable[Finding]) -> tuple[str, ...]:
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
     """Return the conclusion. What compensation reaches is the first export's prediction, else the result's own."""
     wrong = _wrong(contributions_of(result))
-    reach = next((each.reach for each in exports if each.reach is not None), None) or reach_in(result)
+    told = next((each.reach for each in exports if each.reach is not None), None)
+    reach = (told or reach_in(result)) if result.volume.solid else None
     counts = {severity: sum(one.severity == severity for one in result.findings) for severity in ("error", "warning", "info")}
     return Conclusion(
         wrong=tuple((one, _told(one)) for one in wrong),
         unknown=(*_unknown(result), *_unseen(unseen_slips(result))),
         reach=reach,
-        reached=(*_reached(reach, refused=_all_refused(exports)), *_harmed(exports)),
+        reached=(*_reached(reach, result, refused=_all_refused(exports)), *_harmed(exports)),
         basis=tuple(_basis(basis_of(result))),
         load=tuple(loadable(exports)),
         next_step=_next_step(result, exports, counts),
@@ -107,19 +109,22 @@ def _towards(one: Contribution) -> str:
 
 
 def _unknown(result: Result) -> Iterator[Sentence]:
-    scales = [axis for axis, scale in result.scale.items() if not scale.identified]
+    standing = _standing(result)
+    scales = [axis for axis, scale in result.scale.items() if not scale.identified and axis not in standing]
     if scales:
         yield Sentence(key="unknown_scales", arguments={"axes": ", ".join(scales)})
     for name, quantity in result.squareness.items():
-        if quantity.value is None:
-            axis, to = LEANS[name]
+        axis, to = LEANS[name]
+        if quantity.value is None and not {axis, to} & set(standing):
             yield Sentence(key="unknown_squareness", arguments={"name": name, "axis": axis, "to": to})
-    functions = [name for name, function in result.errors.items() if function.value is None]
+    functions = [name for name, function in result.errors.items() if function.value is None and name[2] not in standing]
     if functions:
         yield Sentence(key="unknown_functions", arguments={"names": ", ".join(functions)})
     if result.posterior is not None and (functions or scales or any(one.value is None for one in result.squareness.values())):
         yield Sentence(key="unknown_usual", arguments={})
-    angles = [name for name in ROTATIONS if name not in result.errors]
+    if standing:
+        yield Sentence(key="unknown_standing", arguments={"axes": ", ".join(standing)})
+    angles = [name for name in ROTATIONS if name not in result.errors and name[2] not in standing]
     if angles:
         yield Sentence(
             key="unknown_angles_all" if len(angles) == len(ROTATIONS) else "unknown_angles", arguments={"names": ", ".join(angles)}
@@ -145,8 +150,15 @@ def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
         yield Sentence(key="unknown_slip_passes", arguments={"passes": ", ".join(passes), "readings": _um(readings_um)})
 
 
-def _reached(reach: Reach, *, refused: bool) -> Iterator[Sentence]:
+def _standing(result: Result) -> list[str]:
+    return [axis for axis, travels in zip("XYZ", result.volume.travelled, strict=True) if not travels]
+
+
+def _reached(reach: Reach | None, result: Result, *, refused: bool) -> Iterator[Sentence]:
     """Yield the volumetric error as it is and, as an interval, as compensation will leave it, or would where every export was refused."""
+    if reach is None:
+        yield Sentence(key="reach_axes_alone", arguments={"axes": ", ".join(axis for axis in "XYZ" if axis not in _standing(result))})
+        return
     yield _figure("before", reach.rms_before, reach.largest_before)
     if reach.rms_after is not None and reach.largest_after is not None:
         after = _figure("after", reach.rms_after, reach.largest_after)
@@ -237,6 +249,8 @@ def _missing(result: Result, *, refused: bool) -> list[str] | None:
     Scales alone refuse no export, so that one which was ``refused`` has another reason. The diagonals tell the sum of the scales:
     runs along all axes but the longest of those unknown tell the rest.
     """
+    if not result.volume.solid:
+        return None
     torn = [name for name, quantity in result.squareness.items() if quantity.value is None]
     torn += [name for name in DISPLACEMENTS if result.errors[name].value is None]
     scales = [axis for axis, scale in result.scale.items() if not scale.identified]

@@ -28,7 +28,7 @@ def conclusion_document(conclusion: Conclusion, field: Mapping[str, Any] | None 
         "basis": [_words(one) for one in conclusion.basis],
         "load": [_words(one) for one in conclusion.load],
         "next_step": [_words(conclusion.next_step)],
-        "reach": _rounded(asdict(conclusion.reach)),
+        "reach": None if conclusion.reach is None else _rounded(asdict(conclusion.reach)),
         "findings": conclusion.findings,
         "field": None if field is None else _rounded(dict(field)),
     }

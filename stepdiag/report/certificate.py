@@ -87,9 +87,11 @@ def _fact(value: object) -> str:
     return f"{value:.9g}" if isinstance(value, float) else shown(value)
 
 
-def effect_table(conclusion: Conclusion, as_left: "AsLeft | None", words: Mapping[str, str]) -> Table:
-    """Return the volume as found, predicted and as left, rms and largest vector, in um at k = 2."""
+def effect_table(conclusion: Conclusion, as_left: "AsLeft | None", words: Mapping[str, str]) -> Table | None:
+    """Return the volume as found, predicted and as left, rms and largest vector, in um at k = 2; None where no volume was surveyed."""
     reach = conclusion.reach
+    if reach is None:
+        return None
     rows = [(words["as_found"], interval_words(reach.rms_before), bound_words(reach.largest_before))]
     rows.append((words["predicted"], interval_words(reach.rms_after), bound_words(reach.largest_after)))
     left = (interval_words(as_left.rms), bound_words(as_left.largest)) if as_left is not None else (words["not_yet"], words["not_yet"])
@@ -124,8 +126,14 @@ class AsLeft:
     """What became of the machine: an interval wholly below or above the one as found is better or worse, one that meets it is neither."""
 
 
-def as_left(source: str, again: Conclusion, found: Reach) -> AsLeft:
-    """Return what a survey after loading says of the reach ``found`` before it: whether the prediction came true, and what was gained."""
+def as_left(source: str, again: Conclusion, found: Reach | None) -> AsLeft:
+    """Return what a survey after loading says of the reach ``found`` before it: whether the prediction came true, and what was gained.
+
+    Raises ``UsageError`` where an axis did not travel in one of the two: nothing is stated about a volume there.
+    """
+    if again.reach is None or found is None:
+        what = "a survey in which an axis did not travel"
+        raise UsageError("as left", expected="two surveys of the whole volume", found=what, remedy="compare the two results")
     rms, predicted = again.reach.rms_before, found.rms_after
     order = None if predicted is None else _beside(rms, predicted)
     gains: dict[int | None, Gain] = {-1: "better", 0: "same", 1: "worse", None: "unsure"}

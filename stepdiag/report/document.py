@@ -66,7 +66,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
     layout = measured.layout_of(readings, result) if readings is not None else None
     figures = {
         "functions": function_figures(result, words),
-        "field": field_figures(result, correction, words),
+        "field": field_figures(result, correction, words) if result.volume.solid else [],
         "measured": measured.setup_figures(layout, words) if layout is not None else [],
         "closure": closure_figures(result, words),
         "budget": budget_figures(sections.budget_of(result), _units(result), language),

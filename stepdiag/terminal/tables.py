@@ -95,7 +95,8 @@ def finding_lines(findings: Iterable[Finding]) -> Iterator[str]:
 
 def effect_table(prediction: Prediction) -> Table:
     """Return the volumetric error before and after, with and without the rigid motion of the volume, as intervals in um."""
-    table = Table(title="predicted volumetric error / um, k = 2")
+    what = "volumetric error" if prediction.drawn.volume.solid else "error where the axes travelled"
+    table = Table(title=f"predicted {what} / um, k = 2")
     for column in ("", "before", "after"):
         table.add_column(column, justify="right" if column else "left")
     for name, figures in prediction.predicted().items():

@@ -125,11 +125,15 @@ def budget_figures(budget: dict[str, dict[str, float]], units: dict[str, str], l
     return figures
 
 
-def field_of(result: Result, correction: Correction | None) -> dict[str, Any]:
+def field_of(result: Result, correction: Correction | None) -> dict[str, Any] | None:
     """Return lattice points in mm and the error there in um before and (None without correction) after, rigid motion removed.
+
+    None where an axis did not travel: there is no volume to draw.
 
     ``longest_um`` is the length of the longest vector: what both drawings are scaled by.
     """
+    if not result.volume.solid:
+        return None
     fields = volumetric_errors(result, correction, space.LATTICE)
     after = fields[1].tolist() if len(fields) > 1 else None
     longest = max(field_statistics(field)[1] for field in fields)

@@ -38,7 +38,7 @@ def refused(result, step_mm):
 class TestSizes:
     def test_a_travel_of_half_a_metre_has_the_limits_of_the_template(self):
         limits = LimitsSection().at(500.0)
-        assert (limits.value_um, limits.warn_value_um, limits.change_um) == (250.0, 125.0, 40.0)
+        assert (limits.value_um, limits.warn_value_um, limits.change_um) == (400.0, 200.0, 40.0)
 
     @given(TRAVEL, TRAVEL)
     def test_a_longer_travel_has_limits_as_large_at_least(self, one, other):

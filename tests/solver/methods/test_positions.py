@@ -91,6 +91,12 @@ def test_any_mixture_of_decimals(n, decimals, incremental, uneven, seed):
     same_answer(Beside(bench=Bench(seed=seed, increments=n, size_mm=size), stands=program), 200.0)
 
 
+def test_a_fine_program_of_two_decimals_in_g91():
+    """Forty increments add up 5 um each: the ends lie 0.2 mm beside the box, which is what recording takes too."""
+    survey = Beside(bench=Bench(seed=3, increments=37), setups=DIAGONALS, passes=(1,), stands=rounded(lambda *_: 2, incremental=True))
+    same_answer(survey, 200.0)
+
+
 @pytest.mark.parametrize("n", [3, 6, 7])
 def test_a_program_of_two_decimals(n):
     same_answer(Beside(bench=Bench(seed=n, increments=n), stands=rounded(lambda setup, number: 2)), 5.0)
@@ -214,8 +220,7 @@ def test_as_written_is_exact():
 
 
 def test_a_direction_that_is_barely_seen_is_not_identified():
-    """A laser that scatters by 60 um on the run along X tells the scale worse than what is usual (28 um/m): no number, and no
-    made-up run."""
+    """A laser that scatters by 60 um on the run along X tells the scale worse than what is usual (28 um/m): no number."""
     survey = Beside(bench=Bench(seed=3, increments=5), setups=(*DIAGONALS, "linear-x"), passes=(1,), u_um=0.3)
     readings = survey.readings()
     noise = np.where(np.array(readings.setup) == "linear-x", 60.0, 0.0)

@@ -147,10 +147,17 @@ def test_stops_beyond_the_diagonals_are_left_out_and_said():
     assert "setup linear-x, pass 1, stop 6" in layout.findings[0].text
 
 
-def test_no_readings_are_refused_and_one_axis_is_a_volume_without_width():
+def test_an_axis_that_no_setup_travels_has_no_length():
+    volume = lay_out(BENCH.survey(["linear-x"])).volume
+    assert volume.size_mm == (500.0, 0.0, 0.0)
+    assert volume.origin_mm == BENCH.origin_mm
+    assert volume.travelled == (True, False, False)
+    assert not volume.solid
+
+
+def test_no_readings_are_refused():
     with pytest.raises(DataError, match="expected readings, found none"):
         lay_out(make_readings(setup=[], pass_number=[], stop=[], position_mm=np.zeros((0, 3)), reading_mm=[]))
-    assert lay_out(BENCH.survey(["linear-x"])).volume.size_mm == (BENCH.size_mm[0], 0.0, 0.0)
 
 
 @pytest.mark.parametrize("first", [0, 1, 7])
