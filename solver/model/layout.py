@@ -187,7 +187,7 @@ def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, incremen
     moves = np.array(setup.signs) != 0
     off = np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high)) * moves
     # a stop and the edge, each with its tolerance
-    if np.any(off > 2.0 * position_tolerance_mm((high - low) / max(increments, 1))):
+    if np.any(off > 2.0 * position_tolerance_mm((high - low) / increments)):
         axis = int(np.argmax(off))
         raise DataError(
             f"{source}: setup {setup.name}",
@@ -200,7 +200,7 @@ def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, incremen
 def _increments(readings: Readings, names: Sequence[str], kind: Kind, source: str) -> int:
     """Return the increments of the finest pass."""
     longest = max(int(readings.stop[rows[-1]]) for key, rows in readings.passes().items() if key.setup in names)
-    increments = longest // MOVES[kind]
+    increments = max(longest // MOVES[kind], 1)
     if increments > MOST_INCREMENTS:
         raise DataError(source, expected=f"at most {MOST_INCREMENTS} increments", found=str(increments))
     return increments
