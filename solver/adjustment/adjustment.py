@@ -1,7 +1,7 @@
 """The adjustment of a survey: fit, correction for the tilts just found, noise, wrong stops."""
 
 from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from operator import is_
 
 import numpy as np
@@ -258,9 +258,12 @@ class _Task:
         """Return the fit with the scatter that the residuals show, unmoved by wrong stops where ``robust``."""
         for _ in range(ROUNDS):
             before = self.scatter
-            self._take(estimated(current, self.layout, self.misses, before, self.usual_scatter, robust=robust))
-            if self.scatter.near(before, self.layout):
+            found = estimated(current, self.layout, self.misses, before, self.usual_scatter, robust=robust)
+            if found.near(before, self.layout):
+                # the fit is weighed by the sizes before: what is reported of its noise is what it was weighed by
+                self.scatter = replace(before, freedom_misses=found.freedom_misses, freedom_noise=found.freedom_noise)
                 break
+            self._take(found)
             current = self._again(current)
         return self._with_effects(current.fixed)
 

@@ -187,7 +187,7 @@ def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, incremen
     moves = np.array(setup.signs) != 0
     off = np.maximum(np.abs(points.min(axis=0) - low), np.abs(points.max(axis=0) - high)) * moves
     # a stop and the edge, each with its tolerance
-    if np.any(off > 2.0 * position_tolerance_mm((high - low) / increments)):
+    if np.any(off > 2.0 * position_tolerance_mm((high - low) / max(increments, 1))):
         axis = int(np.argmax(off))
         raise DataError(
             f"{source}: setup {setup.name}",

@@ -27,7 +27,7 @@ from stepdiag.virtual.control.beckhoff import load_volumetric
 from stepdiag.virtual.control.heidenhain import load_tables
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import profile_of
-from testkit.exact.surveys import Bench
+from testkit.exact.surveys import IDEAL, Bench
 
 GOALS_UM = {0: 1.6, 1: 1.6, 3: 1.4}
 """By the seed of the machine, rms over the volume without rigid motion."""
@@ -66,7 +66,7 @@ def surveyed(seed: int) -> Case:
     bench = Bench(seed=seed, angle_urad=10.0)
     volume = Volume(origin_mm=bench.origin_mm, size_mm=bench.size_mm, increments=bench.increments)
     points = grid_points_mm(volume, 9)
-    result = solve(bench.survey(), angles=bench.angles(1.0))
+    result = solve(bench.survey(), angles=bench.angles(1.0), assumed=IDEAL)
     return Case(result, fitted(result), volume, points, bench.machine.error_at(points))
 
 

@@ -104,7 +104,8 @@ def what_became(done):
     """Return what became of a survey as the table says it."""
     if done.solve == 3:
         return MISSING
-    return OPEN if done.export == 5 else FILES if (done.export, done.verify) == (0, 0) else f"{done}"
+    # 5: doubted; 3: what is doubted is not identified any more
+    return OPEN if done.export in (3, 5) else FILES if (done.export, done.verify) == (0, 0) else f"{done}"
 
 
 def figures(done):

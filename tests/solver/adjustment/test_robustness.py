@@ -92,7 +92,7 @@ def test_five_millimetres_on_four_diagonals_alone_are_found_and_harmless():
 @pytest.mark.parametrize(("error_um", "least"), [(4.0, 0), (20.0, 5)])
 def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_of_several(error_um, least):
     """One pass of four diagonals: smoothness decides, and where it does not, every candidate is said. 4 um pass for noise that so few
-    readings show, and the result moves by less than its U."""
+    readings show, and the result moves by less than its U (2 u)."""
     readings, before = clean(DIAGONALS)
     named = 0
     for row in range(4, 76, 12):
@@ -100,7 +100,7 @@ def test_a_stop_that_two_diagonals_could_have_wrong_is_named_rightly_or_as_one_o
         texts = [finding.text for finding in after.findings if finding.code in NAMES]
         assert not texts or any(name_of(readings, row) in text for text in texts)
         named += bool(texts)
-        assert moved(before, after)[0] < 1.0
+        assert moved(before, after)[0] < 1.5
     assert named >= least
 
 

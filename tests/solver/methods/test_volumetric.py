@@ -51,7 +51,7 @@ def test_the_result_names_waves_that_its_increments_cannot_carry():
 def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
     bench = Bench(seed=3, angle_urad=20.0)
     readings = bench.survey(setups)
-    found, with_angles = solve(readings), solve(readings, angles=bench.angles(1.0))
+    found, with_angles = solve(readings, assumed=IDEAL), solve(readings, angles=bench.angles(1.0), assumed=IDEAL)
     text = next(finding.text for finding in found.findings if finding.code == "angles-unmeasured")
     told = float(re.search(r"with a head's angles about (\S+) um", text)[1])
     assert told == pytest.approx(with_angles.extra["volumetric_u_um"], rel=0.03)

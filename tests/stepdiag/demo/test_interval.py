@@ -44,4 +44,4 @@ def test_the_interval_of_the_demo_holds_its_own_truth(tmp_path):
     whole_um = float(np.sqrt(np.mean(np.sum(left**2, axis=1))))
     promises = promises_of(result, verify(bench, None, ()).rms_um, whole_um)
     assert [each.kept for each in promises] == [True, True], promises
-    assert not any(each.kept for each in promises_of(result, 0.5 * promises[0].true_um, 2.0 * whole_um)), "the truth it is asked about"
+    assert not any(each.kept for each in promises_of(result, 0.5 * promises[0].true_um, 4.0 * whole_um)), "the truth it is asked about"
