@@ -192,7 +192,8 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
     """Return how well the machine repeats where the readings show it, and which setups state less noise than they show."""
     scatter, findings = found.scatter, []
     if np.sum(scatter.freedom_misses[:FIRST]) >= LEAST_FREEDOM:
-        per_axis = ", ".join(f"{letter} {um:.2g}" for letter, um in zip("XYZ", scatter.misses_um[:FIRST], strict=True))
+        seen = np.flatnonzero(scatter.freedom_misses[:FIRST] > 0)
+        per_axis = ", ".join(f"{'XYZ'[axis]} {scatter.misses_um[axis]:.2g}" for axis in seen)
         assumed_um = found.assumed.repeatability_um
         text = f"this machine repeats to {scatter.repeatability_um:.2g} um ({per_axis}; assumed {assumed_um:g}), one approach, k = 1"
         findings.append(Finding(code="repeatability-found", severity="info", text=text))

@@ -67,8 +67,9 @@ class Scatter:
 
     @property
     def repeatability_um(self) -> float:
-        """Return the repeatability of an approach, root mean square over the axes."""
-        return float(np.sqrt(np.mean(self.misses_um[:FIRST] ** 2)))
+        """Return the repeatability of an approach, root mean square over the axes that show theirs, over all where none does."""
+        shown = self.freedom_misses[:FIRST] > 0
+        return float(np.sqrt(np.mean(self.misses_um[:FIRST][shown if np.any(shown) else slice(None)] ** 2)))
 
     @classmethod
     def assumed(cls, layout: Layout, assumed: Assumptions) -> Self:

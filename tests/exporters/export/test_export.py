@@ -214,8 +214,8 @@ class TestSafetyChecks:
     @pytest.mark.parametrize(
         ("code", "result", "changes"),
         [
-            ("value-large", made_result({"EXX": [0, 15, 30, 45, 60]}), {}),
-            ("slope-steep", made_result({"EXX": [0, 21, 0, 0, 0]}), {}),
+            ("value-large", made_result({"EXX": [0, 60, 120, 180, 240]}), {}),
+            ("slope-steep", made_result({"EXX": [0, 95, 0, 0, 0]}), {}),
             ("travel-not-covered", RESULT, {"X": {"travel_mm": (-250.0, 210.0)}}),
             ("correction-within-uncertainty", made_result({"EXX": [0, 0.1, 0.2, 0.1, 0]}), {}),
             ("repeatability-exceeds-correction", noisy(RESULT, 15.0), {}),
@@ -230,7 +230,7 @@ class TestSafetyChecks:
     @pytest.mark.parametrize(
         ("code", "result", "changes"),
         [
-            ("value-beyond-limit", made_result({"EXX": [0, 30, 60, 90, 120]}), {}),
+            ("value-beyond-limit", made_result({"EXX": [0, 105, 210, 315, 420]}), {}),
             ("units-not-metric", RESULT, {"units": "inch"}),
             ("axis-name-doubled", RESULT, {"Y": {"name": "AX1"}}),
             ("grid-not-integral", RESULT, {"X": {"step_mm": 60.0}}),
@@ -247,7 +247,7 @@ class TestSafetyChecks:
         assert refusal_of(RESULT, small, tmp_path).code == "points-beyond-limit"
 
     def test_all_refusals_are_named_at_once(self, tmp_path):
-        refusal = refusal_of(made_result({"EXX": [0, 30, 60, 90, 120]}), machine(units="inch"), tmp_path)
+        refusal = refusal_of(made_result({"EXX": [0, 105, 210, 315, 420]}), machine(units="inch"), tmp_path)
         assert "the profile says inch [units-not-metric]" in str(refusal)
         assert "das Profil sagt inch [units-not-metric]" in in_german(refusal)
 

@@ -65,7 +65,7 @@ class TestExport:
 
     def test_a_warning_refuses_with_5_until_it_is_accepted_by_name(self, tmp_path):
         path = tmp_path / "result.json"
-        path.write_text(made_result({"EXX": [0.0, 15.0, 30.0, 45.0, 60.0]}).to_json(), encoding="utf-8")
+        path.write_text(made_result({"EXX": [0.0, 60.0, 120.0, 180.0, 240.0]}).to_json(), encoding="utf-8")
         arguments = ("export", path, "--controller", "siemens", "--out", tmp_path / "out", "--step-mm", 50)
         told = stepdiag(*arguments)
         assert told.code == 5
