@@ -24,7 +24,7 @@ from stepdiag.solver.adjustment.scatter import FIRST, ROUNDS, Misses, Scatter, e
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.linear.components import Sizes, scored, sized, surprise
+from stepdiag.solver.linear.components import Sizes, likelier, scored, sized
 from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
 from stepdiag.solver.model.angles import Angles
@@ -44,9 +44,9 @@ EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE)
 """Effects whose sizes are found before wrong stops are: none of them bends to hold a single stop."""
 SETTLED = 0.02
 """Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
-PLAUSIBLE = {SETUP_SCALE: 3.0}
-"""What contradicts a survey is looked for with effects of their usual size, and with scales of setups of three times it, as one shop in
-twenty has: one length compares all seven setups, and a survey cannot tell a shop of large scales from a setup that is off."""
+PLAUSIBLE = {SETUP_SCALE: 2.0}
+"""What contradicts a survey is looked for with effects of their usual size, and with scales of setups of twice it, as one shop in
+ten has: one length compares all seven setups, and a survey cannot tell a shop of large scales from a setup that is off."""
 MOST_TILT_MRAD = 200.0
 """A tenth of it sends the beam past the laser after a quarter of a metre."""
 
@@ -332,7 +332,7 @@ class _Task:
     def _explains(self, suspicion: Suspicion, current: MixedFit) -> bool:
         """Tell whether the readings are likelier with the suspicion true, all sizes found anew, than without it."""
         with_it, _ = self._found(current.fixed, [*self.effects, trial_of(self.layout, suspicion)])
-        return surprise(current) - surprise(with_it) + max(suspicion.smoother, 0.0) > BETTER
+        return likelier(with_it, current) + max(suspicion.smoother, 0.0) > BETTER
 
     def _suspicions(self, current: MixedFit) -> Iterator[MixedFit]:
         """Take out one contradiction after the other and yield the fit without it."""

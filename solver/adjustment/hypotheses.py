@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.counts import Count, from_each_on, steps_of
 from stepdiag.solver.geometry.volume import Vector
+from stepdiag.solver.linear.components import gained
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.layout import Layout
 
@@ -190,15 +191,15 @@ LIKELIHOOD_DECIMALS = 6
 """Beyond these, which of two explanations is likelier is chance."""
 
 
-def shown(fit: MixedFit, every: Sequence[Family], scale: float, least: float) -> list[Hypothesis]:
-    """Return the hypotheses that explain more than ``least`` of the square sum of the residuals, those that explain most first.
+def shown(fit: MixedFit, every: Sequence[Family], least: float) -> list[Hypothesis]:
+    """Return the hypotheses by which the likelihood gains more than ``least``, those by which it gains most first.
 
-    ``scale`` is by how much the residuals are noisier than their weights say. All but the `MOST_SHOWN` best are left out.
+    All but the `MOST_SHOWN` best are left out.
     """
     ranked = []
     for number, family in enumerate(every):
         size = family.size
-        statistic = size * family.shown / scale**2
+        statistic = gained(fit, fit.chi_square - size * family.shown)
         places = np.flatnonzero((statistic > least) & (np.abs(size) >= family.least))
         ranked += [(float(statistic[place]), number, int(place)) for place in places]
     # what explains as much stands in the order of the readings, not in that of rounding

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.counts import Count
-from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STEP, STOP, Family, Hypothesis, families, shown
+from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STEP, STOP, Hypothesis, families, shown
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.adjustment.wander import Wander, wandering
 from stepdiag.solver.findings import Finding
@@ -65,22 +65,11 @@ def most_suspicious(fit: MixedFit, columns: Columns, layout: Layout, every: Sequ
     if not np.any((fit.redundancy > CHECKED) & (fit.weight > 0)):
         return None
     each = list(families(fit, layout, every))
-    scale = _noise_left(fit, each)
-    found = _likeliest(fit, columns, shown(fit, each, scale, LEAST_SHOWN))
-    wanders = wandering(fit, every, scale)
+    found = _likeliest(fit, columns, shown(fit, each, LEAST_SHOWN))
+    wanders = wandering(fit, every, max(float(np.sqrt(fit.chi_square / max(fit.freedom, 1))), 1.0))
     if wanders and (found is None or wanders[0].gain > max(one.statistic for one in found.hypotheses) + AS_GOOD):
         return Suspicion(wanders=wanders)
     return found
-
-
-def _noise_left(fit: MixedFit, every: Sequence[Family]) -> float:
-    """Return by how much the residuals are noisier than their weights say without what the best hypothesis explains, 1 at least.
-
-    The weights come from medians, which are too small in one survey of three: a fault must stand out of what is left without it.
-    """
-    best = max(float(np.max(family.size * family.shown)) for family in every)
-    left = float(np.sqrt(max(fit.chi_square - best, 0.0) / max(fit.freedom - 1, 1)))
-    return max(left, 1.0)
 
 
 def _likeliest(fit: MixedFit, columns: Columns, every: Sequence[Hypothesis]) -> Suspicion | None:

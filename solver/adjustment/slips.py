@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.adjustment.counts import Count, counts, from_each_on, short_counts
-from stepdiag.solver.adjustment.hypotheses import HIDDEN, LEAST_UM
+from stepdiag.solver.adjustment.hypotheses import CRITICAL, HIDDEN, LEAST_UM
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.linear.ties import first_of_the_largest
@@ -20,12 +20,11 @@ from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
 
-STANDS_OUT = 5.0
-"""Standard uncertainties at which a step of the count is told from chance in half of the surveys."""
-NEARLY_ALWAYS = 8.0
-"""Nearly always: 6.65 by the normal distribution (95 %), but where few readings check each other, effects larger than usual explain part of
-a step: of drawn surveys with seven degrees of freedom two thirds were named at 6.65, 94 % at 7.5, all at 8.5; with more, 71 of 72 at 6.65.
-"""
+NEARLY_ALWAYS = 1.6
+"""A step so much larger than one that is named in half of the surveys is nearly always named: 6.65 for 5 standard uncertainties by the
+normal distribution (95 %), and more where effects larger than usual explain part of a step."""
+MOST_GAINED = 12.0
+"""Logarithm of the share of a square sum that rounding leaves."""
 NOTHING_UM = 1e-9
 """A step of 1 um that makes less of the volume makes nothing of it: at the turn of one count 1e-12 is rounding, elsewhere 0.1 is little."""
 TELLS_MORE = 1.3
@@ -42,6 +41,8 @@ class Unseen:
     pass_number: int
     stop: int
     u_um: float
+    stands_out: float
+    """Standard uncertainties at which it is told from chance in half of the surveys."""
     rows: NDArray[np.int64]
     """The readings that are off by it."""
 
@@ -53,12 +54,12 @@ class Unseen:
     @property
     def half_um(self) -> float:
         """Return of which size it is seen in half of the surveys."""
-        return max(STANDS_OUT * self.u_um, LEAST_UM)
+        return max(self.stands_out * self.u_um, LEAST_UM)
 
     @property
     def nearly_um(self) -> float:
         """Return of which size it is seen in 95 % of them and more."""
-        return max(NEARLY_ALWAYS * self.u_um, LEAST_UM + 2.0 * self.u_um)
+        return max(NEARLY_ALWAYS * self.stands_out * self.u_um, LEAST_UM + 2.0 * self.u_um)
 
 
 def least_seen(fit: MixedFit, layout: Layout, kinds: Collection[str]) -> Unseen | None:
@@ -66,7 +67,7 @@ def least_seen(fit: MixedFit, layout: Layout, kinds: Collection[str]) -> Unseen 
 
     In a count too short to be looked through nothing is seen, whatever its size.
     """
-    blind = [_unseen(layout, rows, 1, np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
+    blind = [_unseen(fit, layout, rows, 1, np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
     found = [_least_of(fit, layout, count) for count in counts(fit.fixed, layout, kinds)]
     every = blind + found
     return every[first_of_the_largest([each.u_um for each in every])] if every else None
@@ -75,7 +76,7 @@ def least_seen(fit: MixedFit, layout: Layout, kinds: Collection[str]) -> Unseen 
 def _least_of(fit: MixedFit, layout: Layout, count: Count) -> Unseen:
     u_um = _u_um(fit, count)
     place = first_of_the_largest(u_um) + 1
-    return _unseen(layout, count.rows, place, float(u_um[place - 1]))
+    return _unseen(fit, layout, count.rows, place, float(u_um[place - 1]))
 
 
 def _u_um(fit: MixedFit, count: Count) -> Vector:
@@ -87,9 +88,25 @@ def _u_um(fit: MixedFit, count: Count) -> Vector:
     return found
 
 
-def _unseen(layout: Layout, rows: NDArray[np.int64], place: int, u_um: float) -> Unseen:
+def stands_out(fit: MixedFit) -> float:
+    """Return at how many standard uncertainties a step makes `CRITICAL` of the likelihood (`solver.linear.components.gained`).
+
+    With few degrees of freedom a step is most of the square sum by which the noise is known: it must be larger to be no chance.
+    """
+    freedom = max(fit.freedom, 1)
+    return float(np.sqrt(freedom * np.expm1(min(CRITICAL / freedom, MOST_GAINED))))
+
+
+def _unseen(fit: MixedFit, layout: Layout, rows: NDArray[np.int64], place: int, u_um: float) -> Unseen:
     key = layout.passes[layout.pass_index[rows[place]]]
-    return Unseen(setup=key.setup, pass_number=key.number, stop=int(layout.stop[rows[place]]), u_um=u_um, rows=rows[place:])
+    return Unseen(
+        setup=key.setup,
+        pass_number=key.number,
+        stop=int(layout.stop[rows[place]]),
+        u_um=u_um,
+        stands_out=stands_out(fit),
+        rows=rows[place:],
+    )
 
 
 def slips_report(fit: MixedFit, layout: Layout, design: Design) -> dict[str, dict[str, Any]]:
@@ -102,7 +119,7 @@ def slips_report(fit: MixedFit, layout: Layout, design: Design) -> dict[str, dic
     field, report = _Field.of(fit, layout, design), {}
     noise_um = field.noise_um()
     for name, kinds in KINDS.items():
-        blind = [(_unseen(layout, rows, 1, np.inf), np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
+        blind = [(_unseen(fit, layout, rows, 1, np.inf), np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
         every = blind + [worst for count in counts(fit.fixed, layout, kinds) for worst in _worst_in(field, layout, count)]
         if every:
             worst, um = every[first_of_the_largest([made for _, made in every])]
@@ -127,12 +144,12 @@ def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[U
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
     told = np.isfinite(u_um)
     untold = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
-    made = np.where(told, moved_um * np.maximum(STANDS_OUT * np.where(told, u_um, np.nan), LEAST_UM), untold)
+    made = np.where(told, moved_um * np.maximum(stands_out(field.fit) * np.where(told, u_um, np.nan), LEAST_UM), untold)
     passes = layout.pass_index[count.rows[1:]]
     for number in np.unique(passes):
         mine = np.flatnonzero(passes == number)
         place = int(mine[first_of_the_largest(made[mine])])
-        yield _unseen(layout, count.rows, place + 1, float(u_um[place])), float(made[place])
+        yield _unseen(field.fit, layout, count.rows, place + 1, float(u_um[place])), float(made[place])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

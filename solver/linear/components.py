@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.linear.mixed import MixedFit
+from stepdiag.solver.linear.mixed import AnyFit, MixedFit
 
 ROUNDS, ROUNDS_NEAR = 40, 4
 """The second where the search begins near its end, and goes on with the next weights."""
@@ -22,6 +22,8 @@ HEAD, TAIL = 0.5, 4.0
 """Powers of the size with which the prior of its logarithm begins and falls: one in four below a tenth of the usual size, half below 0.47
 of it, one in twenty beyond three times."""
 _LEAST_CURVED = 0.1
+_NOTHING, _EXPLAINED = 1e-12, 1e-6
+"""Residuals of nothing, and the share of a square sum that no explanation goes below: rounding."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,7 +86,18 @@ def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector]:
     return gradient, information
 
 
-def surprise(found: MixedFit) -> float:
-    """Return twice the negative logarithm of the restricted likelihood, up to a constant of the rows, with the sizes as they are."""
-    log_damped = -2.0 * float(np.sum(np.log(np.diag(found.damped_root))))
-    return found.chi_square + log_damped
+def gained(fit: AnyFit, left: Vector | float) -> Vector:
+    """Return twice the logarithm of what the likelihood gains where the weighted square sum of the residuals falls to ``left``.
+
+    The noise of all weights may be smaller by one factor without the fault that made them large (profile likelihood); where residuals are
+    smaller than their weights say, the weights stand.
+    """
+    whole = max(fit.chi_square, _NOTHING)
+    found: Vector = min(whole, float(max(fit.freedom, 1))) * np.log(whole / np.clip(left, _EXPLAINED * whole, whole))
+    return found
+
+
+def likelier(found: MixedFit, than: MixedFit) -> float:
+    """Return twice the logarithm of the ratio of two restricted likelihoods, each with the sizes of its causes as they are."""
+    damped = [-2.0 * float(np.sum(np.log(np.diag(one.damped_root)))) for one in (found, than)]
+    return float(gained(than, found.chi_square)) + damped[1] - damped[0]

@@ -17,15 +17,6 @@ CHECKED = 0.01
 """Residuals with less redundancy than this say nothing about the noise."""
 
 
-def robust_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
-    """Return the noise of some rows relative to what their weights say, unmoved by single wrong stops; None where nothing tells."""
-    checked = rows[(fit.redundancy[rows] > CHECKED) & (fit.weight[rows] > 0)]
-    if float(np.sum(fit.redundancy[checked])) < LEAST_FREEDOM:
-        return None
-    normalised = fit.residual[checked] * np.sqrt(fit.weight[checked] / fit.redundancy[checked])
-    return 1.4826 * float(np.quantile(np.abs(normalised), 0.5))
-
-
 def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
     """Return the noise of some rows relative to what their weights say (variance components); None where nothing tells."""
     used = rows[fit.weight[rows] > 0]
