@@ -23,8 +23,8 @@ from stepdiag.solver.model.quantities import lattice_field_um, quantities
 NEARLY_ALWAYS = 1.6
 """A step so much larger than one that is named in half of the surveys is nearly always named: 6.65 for 5 standard uncertainties by the
 normal distribution (95 %), and more where effects larger than usual explain part of a step."""
-MOST_GAINED = 12.0
-"""Logarithm of the share of a square sum that rounding leaves."""
+MOST_STANDING = 15.0
+"""Standard uncertainties: of surveys with three to ten degrees of freedom all slips of that size were named or refused."""
 NOTHING_UM = 1e-9
 """A step of 1 um that makes less of the volume makes nothing of it: at the turn of one count 1e-12 is rounding, elsewhere 0.1 is little."""
 TELLS_MORE = 1.3
@@ -91,10 +91,11 @@ def _u_um(fit: MixedFit, count: Count) -> Vector:
 def stands_out(fit: MixedFit) -> float:
     """Return at how many standard uncertainties a step makes `CRITICAL` of the likelihood (`solver.linear.components.gained`).
 
-    With few degrees of freedom a step is most of the square sum by which the noise is known: it must be larger to be no chance.
+    With few degrees of freedom a step is most of the square sum by which the noise is known: it must be larger to be no chance, up to
+    `MOST_STANDING`, where it makes the noise larger than any machine's.
     """
     freedom = max(fit.freedom, 1)
-    return float(np.sqrt(freedom * np.expm1(min(CRITICAL / freedom, MOST_GAINED))))
+    return min(float(np.sqrt(freedom * np.expm1(CRITICAL / freedom))), MOST_STANDING)
 
 
 def _unseen(fit: MixedFit, layout: Layout, rows: NDArray[np.int64], place: int, u_um: float) -> Unseen:

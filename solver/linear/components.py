@@ -24,6 +24,8 @@ of it, one in twenty beyond three times."""
 _LEAST_CURVED = 0.1
 _NOTHING, _EXPLAINED = 1e-12, 1e-6
 """Residuals of nothing, and the share of a square sum that no explanation goes below: rounding."""
+_MUCH_SMALLER = 0.5
+"""Of the degrees of freedom: square sums of good surveys lie above this share."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -89,11 +91,12 @@ def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector]:
 def gained(fit: AnyFit, left: Vector | float) -> Vector:
     """Return twice the logarithm of what the likelihood gains where the weighted square sum of the residuals falls to ``left``.
 
-    The noise of all weights may be smaller by one factor without the fault that made them large (profile likelihood); where residuals are
-    smaller than their weights say, the weights stand.
+    The noise of all weights may be smaller by one factor without the fault that made them large (profile likelihood). Where the residuals
+    are much smaller than their weights say, no fault made these large: they stand.
     """
-    whole = max(fit.chi_square, _NOTHING)
-    found: Vector = min(whole, float(max(fit.freedom, 1))) * np.log(whole / np.clip(left, _EXPLAINED * whole, whole))
+    whole, freedom = max(fit.chi_square, _NOTHING), float(max(fit.freedom, 1))
+    within = np.clip(left, _EXPLAINED * whole, whole)
+    found: Vector = np.asarray(whole - within if whole < _MUCH_SMALLER * freedom else min(whole, freedom) * np.log(whole / within))
     return found
 
 

@@ -148,7 +148,8 @@ def test_with_shifted_beams_the_angles_are_the_same():
     exact, beside = solve(as_exact(survey).readings()), solve(survey.readings())
     assert numbers(exact).keys() == numbers(beside).keys()
     for name, function in exact.errors.items():
-        assert np.max(np.abs(function.value - beside.errors[name].value)) <= 0.6, name
+        # the sizes of angles are found anew, so that values may move within their uncertainty
+        assert np.max(np.abs(function.value - beside.errors[name].value)) <= max(0.6, 1.5 * float(np.max(function.u))), name
     assert warnings(exact) == warnings(beside)
 
 
