@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stepdiag.solver.errors import DataError
 from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
+from stepdiag.solver.geometry.snapping import shared_mm, snapped_mm
 from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Vector, Volume
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles
@@ -22,7 +23,6 @@ from stepdiag.solver.model.design import Design, between_nodes
 from stepdiag.solver.model.effects import AngleShapes
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_U_UM
-from stepdiag.solver.model.snapping import shared_mm, snapped_mm
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS
 
 
