@@ -127,10 +127,9 @@ def adjust(
 
 
 def _both_ways(layout: Layout) -> bool:
-    """Tell whether every step diagonal was driven out and back: then the two directions separate."""
-    stepped = {setup.name for setup in layout.setups if setup.kind in ("step", "face")}
+    """Tell whether any setup was driven out and back: then backlash lies between its two ways, and is no fault of the laser's count."""
     ways = {(key.setup, key.outward) for key in layout.passes}
-    return bool(stepped) and all((name, outward) in ways for name in stepped for outward in (True, False))
+    return any((name, not outward) in ways for name, outward in ways)
 
 
 class _Task:

@@ -274,11 +274,15 @@ def _known_angle(done: Estimate, name: str) -> Function:
 
 
 def _reversal(done: Estimate) -> dict[str, Function]:
-    """Return the reversal of every function: with its value at the low end where the data have it, else from zero there (u is zero too)."""
+    """Return the reversal of every function that the readings determine: with its value at the low end where the data have it, else from
+    zero there (u is zero too). That reversal hardly changes along an axis is assumed, and makes no function determined.
+    """
     if REVERSAL_PART not in done.adjustment.design.columns.parts:
         return {}
     whole = {name: done.known.get(backlash(name), False) for name in DISPLACEMENTS}
-    functions = {name: _function(done, backlash(name) if whole[name] else reversal(name), None) for name in DISPLACEMENTS}
+    travelled = dict(zip(AXIS_LETTERS, done.adjustment.layout.volume.travelled, strict=True))
+    seen = [name for name in DISPLACEMENTS if done.known[name] and travelled[name[2]]]
+    functions = {name: _function(done, backlash(name) if whole[name] else reversal(name), None) for name in seen}
     return {name: function for name, function in functions.items() if function.value is not None}
 
 
