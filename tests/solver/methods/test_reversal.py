@@ -99,3 +99,26 @@ def test_readings_of_a_stretch_are_relative_to_its_first_row_whatever_that_reads
     readings = Bench(seed=2).survey(passes=(1, 2), joined=True)
     shifted = replace(readings, reading_mm=readings.reading_mm + 123.456)
     assert lay_out(shifted).deviation_um == pytest.approx(lay_out(readings).deviation_um, abs=1e-6)
+
+
+def read_in_joined_counts(bench, passes_of):
+    """Return a survey of which each setup was driven ``passes_of(setup)`` times, each on one unbroken count."""
+    readings = bench.survey(passes=(1, 2), joined=True)
+    return readings.select(
+        [row for row, (name, number) in enumerate(zip(readings.setup, readings.pass_number, strict=True)) if number <= passes_of(name)]
+    )
+
+
+@pytest.mark.parametrize(
+    "passes_of",
+    [lambda name: 2 if name in LINEAR else 1, lambda name: 1 if name == "ppn" else 2, lambda name: 2 if name == "linear-x" else 0],
+    ids=["runs both ways", "all but one both ways", "one run alone"],
+)
+def test_backlash_is_no_step_of_the_count_where_only_some_setups_were_driven_both_ways(passes_of):
+    """Truth 8 / 5 / 3 um in repeatable readings, that the count of no setup jumped by."""
+    for seed in range(4):
+        bench = Bench(seed=seed, increments=5, reversal=PLAY)
+        result = solve(read_in_joined_counts(bench, passes_of))
+        assert not [each for each in result.findings if each.severity == "error" or each.code in ("count-step", "stop-outlier")]
+        found = result.extra["backlash"]["X"]
+        assert abs(found["value"] - TRUE_UM["X"]) <= 2.5 * found["u"]
