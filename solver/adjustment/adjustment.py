@@ -78,6 +78,11 @@ class Adjustment:
         """Return the lean of every setup's mirror from the machine's diagonal, shape (setups, 3)."""
         return _tilts(self.design, _smallest_machine(self.design, self.fit), len(self.layout.setups))
 
+    def first_cause(self, name: str) -> int:
+        """Return the place of the first cause of an effect among all causes. Raises ``ValueError`` where there is no such effect."""
+        names = [effect.name for effect in self.effects]
+        return sum(effect.count for effect in self.effects[: names.index(name)])
+
     def as_usual(self, *found: str) -> MixedFit:
         """Return the fit with no cause but growth larger than usual: what contradicts it is named, however large a cause could hold it.
 

@@ -74,18 +74,16 @@ class Scatter:
     @classmethod
     def assumed(cls, layout: Layout, assumed: Assumptions) -> Self:
         """Return what is assumed of a survey."""
-        unstated = np.array([not np.all(np.isfinite(layout.u_um[layout.setup_index == index])) for index in range(len(layout.setups))])
         return cls(
             misses_um=np.append(np.full(3, max(assumed.repeatability_um, LEAST_U_UM)), FIRST_UM),
-            noise_um=np.where(unstated, assumed.reading_um, BESIDE_STATED_UM),
+            noise_um=np.where(_unstated(layout), assumed.reading_um, BESIDE_STATED_UM),
             freedom_misses=np.zeros(FIRST + 1),
             freedom_noise=np.zeros(len(layout.setups)),
         )
 
     def u_um(self, layout: Layout) -> Vector:
         """Return the standard uncertainty of every reading by noise, shape (m,)."""
-        stated = np.where(np.isfinite(layout.u_um), layout.u_um, 0.0)
-        u: Vector = np.maximum(np.hypot(stated, self.noise_um[layout.setup_index]), LEAST_U_UM)
+        u: Vector = np.maximum(np.hypot(_stated_um(layout), self.noise_um[layout.setup_index]), LEAST_U_UM)
         return u
 
     def near(self, other: "Scatter", layout: Layout) -> bool:
@@ -122,7 +120,7 @@ def estimated(fit: AnyFit, layout: Layout, misses: Misses, before: Scatter, assu
 
 def _noise(fit: AnyFit, layout: Layout, before: Scatter, assumed: Scatter, *, robust: bool) -> tuple[Vector, Vector]:
     """Return the noise of every setup, and how many degrees of freedom showed it, shapes (setups,)."""
-    stated = np.where(np.isfinite(layout.u_um), layout.u_um, 0.0)
+    stated = _stated_um(layout)
     used_um = before.u_um(layout)
     likely, freedom = [], np.zeros(len(layout.setups))
     for index in range(len(layout.setups)):
@@ -167,6 +165,15 @@ def _together(likely: Sequence[Vector], log_before: Vector, assumed: Vector, ali
 
 def unshown(found: Scatter, layout: Layout) -> Sequence[str]:
     """Return the setups whose readings state no noise and show none."""
-    unstated = [not np.all(np.isfinite(layout.u_um[layout.setup_index == index])) for index in range(len(layout.setups))]
     shown = found.freedom_noise + np.sum(found.freedom_misses[:FIRST]) >= LEAST_FREEDOM
-    return [setup.name for setup, lacking, seen in zip(layout.setups, unstated, shown, strict=True) if lacking and not seen]
+    return [setup.name for setup, lacking, seen in zip(layout.setups, _unstated(layout), shown, strict=True) if lacking and not seen]
+
+
+def _stated_um(layout: Layout) -> Vector:
+    """Return what every reading states, 0 where it states nothing, shape (m,)."""
+    return np.where(np.isfinite(layout.u_um), layout.u_um, 0.0)
+
+
+def _unstated(layout: Layout) -> NDArray[np.bool_]:
+    """Tell of every setup whether any of its readings states nothing, shape (setups,)."""
+    return np.array([not np.all(np.isfinite(layout.u_um[layout.setup_index == index])) for index in range(len(layout.setups))])

@@ -27,7 +27,7 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
     if not shapes.names:
         return {}
     share = np.arange(volume.increments + 1) / volume.increments
-    first = cause_place(found, "angles")
+    first = found.first_cause("angles")
     expected = {}
     for name in shapes.names:
         own = shapes.causes_of(name)
@@ -43,12 +43,6 @@ def expected_angles(found: Adjustment, spread: Spread) -> dict[str, Function]:
             u_readings=deviation(spread.variance_by_readings(moved)),
         )
     return expected
-
-
-def cause_place(found: Adjustment, name: str) -> int:
-    """Return the place of the first cause of an effect among all causes."""
-    names = [effect.name for effect in found.effects]
-    return sum(effect.count for effect in found.effects[: names.index(name)])
 
 
 def angle_size_urad(found: Adjustment, spread: Spread) -> tuple[float, float, float] | None:

@@ -7,7 +7,6 @@ import numpy as np
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.methods.angular import cause_place
 from stepdiag.solver.model.between import BETWEEN
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.result.result import POSITIONING, Function
@@ -34,7 +33,7 @@ def finer(found: Adjustment, spread: Spread, quantities: Quantities, stands_as: 
         return function
     rows = _between_rows(found, quantities, stands_as, position_mm, axis)
     on_causes = np.zeros((len(position_mm), len(found.fit.size)))
-    first = cause_place(found, BETWEEN)
+    first = found.first_cause(BETWEEN)
     own = found.between.causes_of(name)
     on_causes[:, first + own.start : first + own.stop] = basis
     moved = spread.moved(rows, on_causes)

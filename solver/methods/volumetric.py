@@ -12,7 +12,7 @@ from stepdiag.solver.findings import Finding
 from stepdiag.solver.geometry.volume import Vector, anywhere_mm
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import hidden_factors, normal_points
-from stepdiag.solver.methods.angular import cause_place, rms
+from stepdiag.solver.methods.angular import rms
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.quantities import Quantities
@@ -82,7 +82,7 @@ def make_posterior(
 
     ``wider`` are the covariances with that (`with_the_usual`): they say where the machine is to be expected.
     """
-    first = cause_place(found, "angles") if found.shapes.names else 0
+    first = found.first_cause("angles") if found.shapes.names else 0
     machine = machine_of(found.design, found.shapes, first, len(spread.fit.size))
     told, unmeasured, offset = machine, np.zeros((len(machine.names),) * 2), np.zeros(len(machine.names))
     rows, u = usual_rows(quantities, known, found.assumed)
@@ -298,7 +298,7 @@ def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[s
     # the readings hold the angles as they are: with small ones they would say that all other causes are larger
     sure = replace(found.sizes, sought=np.zeros_like(found.sizes.sought))
     quiet = replace(wider, fit=sized(wider.fit, factor), sizes=sure)
-    machine = machine_of(found.design, found.shapes, cause_place(found, "angles"), len(wider.group))
+    machine = machine_of(found.design, found.shapes, found.first_cause("angles"), len(wider.group))
     fields = free_fields_um(machine, found.layout.volume, found.design.chain)
     with_head, without = (over_volume(covariance(one, machine), fields)[0] for one in (quiet, wider))
     return {"now": now_um, "with_head": float(np.sqrt(max(now_um**2 - max(without**2 - with_head**2, 0.0), 0.0)))}

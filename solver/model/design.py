@@ -3,7 +3,7 @@
     deviation = d . sum_a delta_a(a) + sum_a alpha_a(a) . ((spot - O_a) x d)     theory 4.3, first order exact for a rigid body
               + approach_a / 2 * d . (play_a + reversal_a(a))                     where out-and-back data separate the directions
               + nu . (P - P_0) + offset of the count + drift * time               mirror tilt: theory 4.2
-              + d . sum_a miss_a(move that brought axis a there)                  how the machine repeats: solver.model.scatter
+              + d . sum_a miss_a(move that brought axis a there)                  how the machine repeats: solver.adjustment.scatter
 
 ``play_a`` is the reversal at the low end, an unknown where an outward pass and its return share the zero of the laser's count:
 otherwise the offset of each pass takes it.
