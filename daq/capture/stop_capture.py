@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import msgspec
 
+from stepdiag.base.findings import Finding, Severity
+from stepdiag.base.volume import FOURDOF_RUNS
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
@@ -17,8 +19,6 @@ from stepdiag.daq.capture.stop import make_head_stop, make_stop, plateau_window
 from stepdiag.daq.formats.signals import SignalMap, Signals, resolution
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
-from stepdiag.solver.findings import Finding, Severity
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 
 ROUNDED_MM = 0.1
 """Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um, and with G91 that adds up to 0.1 mm over twenty

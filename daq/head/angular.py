@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import AXES, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Head
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import AXES, Vector
 
 Turns = dict[str, tuple[Vector, Vector, Vector]]
 """Position, value and standard uncertainty of every rotation, relative to the first position."""

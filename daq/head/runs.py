@@ -6,18 +6,18 @@ from typing import Literal, cast
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import AXES, FOURDOF_RUNS, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.head.angular import turns_of
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.head_file import HeadFile, parse_head_file, require_owner
 from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import HeadRun, Survey
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.fourdof.axes import Mount, axis_errors
 from stepdiag.solver.fourdof.detector import Detector
 from stepdiag.solver.fourdof.head import Head, Motion, motion
-from stepdiag.solver.geometry.volume import AXES, FOURDOF_RUNS, Vector
 from stepdiag.solver.model.angles import Angles, KnownAngle
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import residuals_um

@@ -10,9 +10,9 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.volume import BODY_DIAGONALS
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import Route, base_setup
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS
 
 REALIGN_MRAD = 2.0
 """Beyond this the spot wanders and second-order terms grow to micrometres: realign (theory.md 6.5)."""

@@ -7,11 +7,11 @@ from itertools import combinations
 
 import numpy as np
 
+from stepdiag.base.volume import FOURDOF_RUNS
 from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.slips import Step, Vector, like_its_axis, odd_step, scatter_of_steps, step_in
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 
 CLEARLY = 0.5
 """A pass is named alone where the step explains its own reading there twice as well as that of the other pass."""

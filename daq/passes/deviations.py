@@ -7,6 +7,7 @@ import math
 
 import numpy as np
 
+from stepdiag.base.volume import FOURDOF_RUNS, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad, tilt_effect_um
@@ -16,7 +17,6 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import in_this_air
 from stepdiag.daq.records.status import StopStatus
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS, Vector
 
 
 class RecentStops:

@@ -5,13 +5,13 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
+from stepdiag.base.volume import BODY_DIAGONALS, FOURDOF_RUNS, Vector, diagonal_direction, travel_signs
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.counts import Counted, on_one_count
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Environment, Survey
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, FOURDOF_RUNS, Vector, diagonal_direction, travel_signs
 from stepdiag.solver.readings.readings import Readings, make_readings
 from stepdiag.solver.standards.air import Air, Done, displacement_mm, refractive_index
 from stepdiag.solver.standards.expansion import expansion_um, reading_at_20_c_mm

@@ -10,6 +10,9 @@ from typing import Protocol
 
 import msgspec
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import SETUP_NUMBERS
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import believed_before, told_names, with_air
@@ -32,9 +35,6 @@ from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 from stepdiag.daq.timing.strip import Strip
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import SETUP_NUMBERS
 
 PREROLL_NS = 8_000_000_000
 PREROLL_BYTES = 4_000_000

@@ -2,9 +2,9 @@
 
 from functools import lru_cache
 
+from stepdiag.base.volume import Volume
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.planning.runs import Pace, Plan, Run, run_minutes, run_stops_mm, setup_minutes
 
 PACE_STOPS = 10

@@ -3,14 +3,14 @@
 import re
 from collections.abc import Collection, Iterator
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.settings import refuse, unknown_key
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS, reads_like_metres
 from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
 from stepdiag.daq.links.ports.address import can_be_host, network_line
 from stepdiag.daq.survey.formats import air_settings, laser_settings
 from stepdiag.daq.survey.models import Head, LineSection, Plc, Survey
-from stepdiag.exporters.files.settings import refuse, unknown_key
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS, reads_like_metres
 
 _SETUP_NAMES = (*BODY_DIAGONALS, *LINEAR_RUNS, *FOURDOF_RUNS)
 _INPUT_NAME = re.compile(r"[A-Za-z]\w{0,31}\Z", re.ASCII)

@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import AXES, BODY_DIAGONALS
 from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number, travel_mm
 from stepdiag.exporters.programs.signals import Signals
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

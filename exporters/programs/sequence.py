@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, SETUP_NUMBERS, Vector, Volume, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, SETUP_NUMBERS, Vector, Volume, diagonal_stops_mm, linear_stops_mm
 
 LARGEST_COUNT = 32767
 """The stop counter stays within a signed 16-bit word: some controls hand nothing larger to their PLC."""

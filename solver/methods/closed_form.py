@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import ASSUMED_U_UM
 from stepdiag.solver.model.vector import (

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.setups import Kind
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.findings import Finding
+from stepdiag.base.setups import Kind
+from stepdiag.base.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.standards.iso230 import (

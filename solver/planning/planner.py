@@ -10,7 +10,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS
+from stepdiag.base.volume import AXES, BODY_DIAGONALS
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.planning.foresight import Foresight, foresee

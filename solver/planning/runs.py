@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.setups import Setup, setup_of
-from stepdiag.solver.geometry.volume import AXES, FOURDOF_RUNS, Vector, Volume, nodes_to_mm
+from stepdiag.base.errors import UsageError
+from stepdiag.base.setups import Setup, setup_of
+from stepdiag.base.volume import AXES, FOURDOF_RUNS, Vector, Volume, nodes_to_mm
 from stepdiag.solver.readings.readings import Readings, make_readings
 
 

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.geometry.setups import setup_of
-from stepdiag.solver.geometry.volume import Vector, reads_like_metres
-from stepdiag.solver.readings.csv_table import number_in, read_table, whole_number_in
+from stepdiag.base.csv_table import number_in, read_table, whole_number_in
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import Vector, reads_like_metres
 
 REQUIRED = ("setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "reading_mm")
 MOST_READINGS = 300_000

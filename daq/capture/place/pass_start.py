@@ -2,6 +2,8 @@
 
 import msgspec
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import FOURDOF_RUNS, SETUP_NUMBERS
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended
@@ -11,8 +13,6 @@ from stepdiag.daq.capture.place.walk import COUNTER_TRUSTED, Walk, begun_anew
 from stepdiag.daq.capture.standing.dwell import count_steps
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS, SETUP_NUMBERS
 
 
 class PassFinder:

@@ -6,7 +6,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
 
 STEP_TOLERANCE = 0.02
 STEP_TOLERANCE_MM = 0.02

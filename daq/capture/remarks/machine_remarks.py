@@ -8,14 +8,14 @@ from datetime import UTC, datetime
 
 import msgspec
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import FOURDOF_RUNS
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.conditions import COURSES, Credible, Judged, Remark
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.walk import Walk
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.records.events import ModbusBlock
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 
 STILL_NS = 1_500_000_000
 """The heartbeat changes at least once a second (contract 2); polls and a slow gateway are allowed for by half as much again."""

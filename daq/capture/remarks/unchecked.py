@@ -4,12 +4,12 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import BODY_DIAGONALS
 from stepdiag.daq.capture.conditions import needed_conditions
 from stepdiag.daq.capture.place.route import agrees, base_setup, make_route
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS
 
 POSITIONS = ("x_mm", "y_mm", "z_mm")
 WITHOUT = {

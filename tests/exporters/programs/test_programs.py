@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import BODY_DIAGONALS, SETUP_NUMBERS, Volume, diagonal_stops_mm, linear_stops_mm
 from stepdiag.exporters.programs import CONTROLS, Sequence, Signals, default_decimals, default_signals, nc_programs, program_name
 from stepdiag.exporters.programs.settings import program_section, program_template
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, SETUP_NUMBERS, Volume, diagonal_stops_mm, linear_stops_mm
 from testkit.exact.nc import Walk, walk_program
 
 VOLUME = Volume(origin_mm=(-100.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=4)

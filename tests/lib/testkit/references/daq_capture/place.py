@@ -4,6 +4,8 @@ from typing import Any
 
 import msgspec
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
 from stepdiag.daq.capture.place.pass_start import PassFinder
@@ -12,8 +14,6 @@ from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
 from stepdiag.daq.capture.place.walk import Walk, begun_anew
 from stepdiag.daq.capture.stop_capture import PositionCheck
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Volume
 from testkit.references import plain
 from testkit.references.daq_capture.told import MS, Told, brief, hint_of, signals_of, stop_of, survey_of
 

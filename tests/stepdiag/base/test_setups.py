@@ -2,9 +2,9 @@
 
 import pytest
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.setups import SETUP_NAMES, setup_of
-from stepdiag.solver.geometry.volume import SETUP_NUMBERS
+from stepdiag.base.errors import UsageError
+from stepdiag.base.setups import SETUP_NAMES, setup_of
+from stepdiag.base.volume import SETUP_NUMBERS
 
 
 def test_the_numbers_of_the_register_are_those_of_the_contract():

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from itertools import combinations
 from typing import Literal
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, LINEAR_RUNS
 
 Kind = Literal["step", "face", "body", "linear"]
 
