@@ -19,7 +19,7 @@ def turns_of(section: Head, each: Pass) -> Turns:
 
     An instrument on the workpiece side turns the other way round. Raises DataError for stops with another number of angles than are named.
     """
-    axis = each.route.setup[-1]
+    axis = each.route.travel.axis
     turns, run = section.angles.turns(axis), section.run_along(axis)
     stops = [stop for stop, _ in each.chosen().values()]
     position = np.array([stop.position_mm[AXES.index(axis)] for stop in stops])

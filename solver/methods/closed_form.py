@@ -115,7 +115,7 @@ def _reading_u(layout: Layout, data: DiagonalData, closure: Vector) -> tuple[flo
 
 
 def _used(layout: Layout) -> list[str]:
-    return [setup.name for setup in layout.setups if setup.kind == "step" and setup.variant == 0]
+    return [setup.name for setup in layout.setups if setup.kind == "step" and setup.shift == 0]
 
 
 def _method_findings(method: str) -> list[Finding]:

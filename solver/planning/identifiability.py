@@ -56,7 +56,7 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
 
     Setups with one beam line each cannot: nothing is worked out for them.
     """
-    if not names or all(setup.variant == 0 for setup in layout.setups):
+    if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()
     survey = _coarse(layout)
     coarse = lay_out(perfect_readings(survey), layout.source, survey.volume)

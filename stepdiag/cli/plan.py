@@ -87,10 +87,11 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
     """Return a plan as a survey file holds it: repeats and return passes are one setting for all of its runs."""
     import msgspec
 
+    from stepdiag.base.setups import setup_of
     from stepdiag.daq.survey.models import BeamOffset
 
     shifted = [run for run in plan.runs if any(run.beam_offset_mm)]
-    offsets = tuple(msgspec.convert({"setup": run.setup.partition("+")[0], "offset_mm": run.beam_offset_mm}, BeamOffset) for run in shifted)
+    offsets = tuple(msgspec.convert({"setup": setup_of(run.setup).base, "offset_mm": run.beam_offset_mm}, BeamOffset) for run in shifted)
     return msgspec.structs.replace(
         survey.plan,
         setups=tuple(run.setup for run in plan.runs if run not in shifted),

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import BODY_DIAGONALS
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
 from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
@@ -258,7 +259,7 @@ def _missing(result: Result, *, refused: bool) -> list[str] | None:
         return None
     lengths = dict(zip("XYZ", result.volume.size_mm, strict=True))
     kept = max(scales, key=lambda axis: lengths[axis], default="")
-    driven = {name.partition("+")[0] for name in result.setups}
+    driven = {setup_of(name).base for name in result.setups}
     diagonals = [name for name in BODY_DIAGONALS if torn and name not in driven]
     return diagonals + [f"linear-{axis.lower()}" for axis in scales if axis != kept]
 

@@ -9,7 +9,6 @@ from datetime import UTC, datetime
 import msgspec
 
 from stepdiag.base.findings import Finding
-from stepdiag.base.volume import FOURDOF_RUNS
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.conditions import COURSES, Credible, Judged, Remark
 from stepdiag.daq.capture.outcome import Outcome
@@ -73,7 +72,7 @@ class Alarm:
 def remarked(walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm) -> Iterator[Outcome]:
     """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its stops."""
     stops = [each for each in taken if isinstance(each, CapturedStop)]
-    doubted = [] if walk.route.setup in FOURDOF_RUNS else judged.doubted
+    doubted = [] if walk.route.travel.is_fourdof else judged.doubted
     for code, words in (*judged.said, *doubted):
         yield walk.finding(code, "warning", stops[0].stop if stops else walk.expected, words)
     for each in taken:

@@ -149,7 +149,7 @@ def test_a_position_that_the_control_would_round_is_refused() -> None:
         ({"overrun_mm": -1.0}, r"plan\.overrun_mm: expected a number of 0 or above, found -1\.0"),
         ({"repeats": 0}, r"plan\.repeats: expected 1 or more, found 0"),
         ({"axis_order": "xxy"}, r"volume\.axis_order: expected each of x, y, z once, found 'xxy'"),
-        ({"setups": ("ppq",)}, r"plan\.setups: expected setups such as .*, found 'ppq'"),
+        ({"setups": ("ppq",)}, r"plan\.setups: expected one of ppp, .*, found 'ppq'; did you mean 'ppp'"),
         ({"setups": ("linear-x+1",)}, r"plan\.setups: .*found 'linear-x\+1'"),
         ({"setups": ("ppp", "ppp")}, r"plan\.setups: expected at least one setup, each once"),
         ({"setups": ()}, r"plan\.setups: .*found none"),
