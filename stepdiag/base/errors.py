@@ -10,11 +10,9 @@ The tree stands on the lowest floor so that every floor can raise from it. Only 
 cause into an exit code.
 """
 
-from stepdiag.base.messages import Said, message, shortened
+from typing import cast
 
-
-def _bounded(said: Said) -> Said:
-    return shortened(said) if isinstance(said, str) else said
+from stepdiag.base.messages import Said, message
 
 
 class StepdiagError(Exception):
@@ -25,9 +23,10 @@ class StepdiagError(Exception):
     """
 
     def __init__(self, where: Said, *, expected: Said, found: Said, remedy: Said = "") -> None:
-        self.where, self.expected, self.found, self.remedy = map(_bounded, (where, expected, found, remedy))
-        parts = {"where": self.where, "expected": self.expected, "found": self.found}
-        self.message = message("refusal-with-remedy", remedy=self.remedy, **parts) if remedy else message("refusal", **parts)
+        parts = {"where": where, "expected": expected, "found": found}
+        self.message = message("refusal-with-remedy", remedy=remedy, **parts) if remedy else message("refusal", **parts)
+        bounded = cast("dict[str, Said]", self.message.arguments)
+        self.where, self.expected, self.found, self.remedy = (bounded.get(name, "") for name in ("where", "expected", "found", "remedy"))
         super().__init__(str(self.message))
 
 
