@@ -172,7 +172,7 @@ def phase_note(time_ns: int, phase: Phase, detail: str = "") -> Note:
 
 
 def finding_note(time_ns: int, finding: Finding) -> Note:
-    """Return a finding; its severity as number is that of `/log`, its arguments are JSON in a text: viewers want the type of every field."""
+    """Return a finding; its severity as number is that of `/log`, its arguments are JSON in a text, as viewers want plain types."""
     severity = {"severity": LOG_LEVELS[finding.severity], "severity_text": finding.severity}
     fields = finding.as_json()
     if "arguments" in fields:

@@ -53,7 +53,7 @@ def sentences() -> dict[str, dict[Language, Pattern]]:
         for key, words in (*both["finding"].items(), *both["phrase"].items()):
             if key in known or set(words) != set(LANGUAGES):
                 raise ValueError(f"{floor}.toml: {key}: expected one entry with {', '.join(LANGUAGES)}, found {', '.join(words)}")
-            known[key] = {language: _pattern(words[language]) for language in LANGUAGES}
+            known[key] = {language: pattern_of(words[language]) for language in LANGUAGES}
             if len({frozenset(_slots(pattern).items()) for pattern in known[key].values()}) > 1:
                 raise ValueError(f"{floor}.toml: {key}: expected the same slots in every language")
     return known
@@ -71,7 +71,8 @@ def slots(key: str) -> dict[str, Kind]:
     return _slots(sentences()[key]["en"])
 
 
-def _pattern(words: str) -> Pattern:
+def pattern_of(words: str) -> Pattern:
+    """Return a sentence with its slots. Raises ValueError for a format that is none."""
     return tuple((literal, None if name is None else _slot(name, form or "")) for literal, name, form, _ in Formatter().parse(words))
 
 
