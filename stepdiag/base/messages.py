@@ -21,8 +21,6 @@ Way = Literal["", "out", "back"]
 LONGEST_PART = 2000
 """Characters of a text in a message: a foreign file may put megabytes where a word should be."""
 LONGEST_QUOTE = 60
-DECIMALS = 6
-"""Of a number in a message, as a result's JSON has them."""
 _BETWEEN: dict[Kind, dict[Language, str]] = {
     "list": {"en": ", ", "de": ", "},
     "each": {"en": "; ", "de": "; "},
@@ -95,7 +93,7 @@ def _plain(key: str, name: str, kind: Kind, value: Argument) -> Argument:
         case "name":  # mypy sees to its type; a refusal is no place to break at what it could not see
             return value if isinstance(value, Message) else shortened(str(value))
         case "number" if isinstance(value, int | float):
-            return round(float(value), DECIMALS) + 0.0
+            return float(value)
         case "whole" if hasattr(value, "__index__"):
             return int(value)
         case "stops" if isinstance(value, Sequence) and not isinstance(value, str):
