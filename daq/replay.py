@@ -6,6 +6,7 @@ from pathlib import Path
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import start_of
@@ -65,8 +66,8 @@ def find_logs(paths: Sequence[Path]) -> list[Path]:
     logs = [log for path in paths for log in (begun_logs(path) if path.is_dir() else [path])]
     if not logs:
         named = ", ".join(str(path) for path in paths)
-        remedy = "name the folder of one survey, as `stepdiag run` made it"
-        raise DataError(named, expected="at least one log (*.mcap)", found="none", remedy=remedy)
+        remedy = message("one-survey")
+        raise DataError(named, expected=message("one-log"), found="none", remedy=remedy)
     return logs
 
 
@@ -82,7 +83,7 @@ def replay(paths: Sequence[Path], survey_file: Path | None = None, suspicions: S
     for log in opened:
         if log.header.survey_text != text:
             raise DataError(
-                str(log.path), expected=f"the survey file of {opened[0].path.name}", found="another one", remedy="replay each survey alone"
+                str(log.path), expected=message("file-of", name=opened[0].path.name), found="another one", remedy=message("alone")
             )
     if survey_file is not None:
         text = read_text(survey_file)

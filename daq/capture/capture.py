@@ -8,7 +8,8 @@ import math
 from dataclasses import replace
 from typing import Literal
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
@@ -156,8 +157,8 @@ class Capture:
     def _take_remark(self, event: LinkEvent | Loss, outcomes: list[Outcome]) -> None:
         if isinstance(event, Loss):
             self._remarks.listen(outcomes)
-            text = f"{event.events} events ({event.bytes} bytes) were not recorded: {event.reason}"
-            outcomes.append(Finding(code="recording-gap", severity="error", text=text))
+            text = message("recording-gap", events=event.events, bytes=event.bytes, why=event.reason)
+            outcomes.append(finding("error", text))
         elif event.link == "machine":
             if event.state in ("silent", "lost"):
                 self.tracker.silent()
@@ -196,13 +197,10 @@ class Capture:
         return dwell is not None and not signals.stopped and dwell.from_ns != self._taken_from_ns
 
     def _still(self, now_ns: int) -> Finding:
-        text = (
-            f"the machine's heartbeat has stood still for {self._pulse.for_s(now_ns):.1f} s: its registers are of then, no stop is taken "
-            "from them; a control without a heartbeat must not name one (plc.signals)"
-        )
+        text = message("heartbeat-still", seconds_s=self._pulse.for_s(now_ns))
         if self.walk is not None and not self.walk.ended:
             return self.walk.finding("heartbeat-still", "error", self.walk.expected, text)
-        return Finding(code="heartbeat-still", severity="error", text=text)
+        return finding("error", text)
 
     def _left_program(self, signals: Signals) -> bool:
         return signals.running is False or signals.setup == 0

@@ -6,6 +6,7 @@ from dataclasses import replace
 import msgspec
 
 from stepdiag.base.findings import Finding, Severity
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
@@ -128,7 +129,7 @@ class StopTaker:
             seen = plateau_window(self._laser, begin, self._laser.newest_ns(), expected, self._rules)
             taken = [seen] if seen is not None else []
         if not taken:
-            text = "no usable laser sample lies in the certain part of the dwell: dwell longer, or look after the beam"
+            text = message("stop-without-reading")
             outcomes.append(walk.finding("stop-without-reading", "error", index, text))
             walk.skip(index, dwell.signals.stop_count)
         for number, window in enumerate(taken):
@@ -169,7 +170,7 @@ class StopTaker:
         """Take a stop of the 4-DOF head. It does not count: a beam that was cut in between costs nothing, and no step can judge it."""
         outcomes += [walk.finding(code, "warning", index, words) for code, words in troubles(head, dwell)]
         if taken is None:
-            text = "no usable sample of the 4-DOF head lies in the certain part of the dwell: clear its beam, then drive the pass again"
+            text = message("stop-without-reading.no-head-sample")
             outcomes.append(walk.finding("stop-without-reading", "error", index, text))
             walk.skip(index, dwell.signals.stop_count)
             return
@@ -184,13 +185,13 @@ class StopTaker:
         end = float(dwell.from_ns)
         taken = plateau_window(self._laser, self._looked_until_ns, end, expected, self._rules) if expected is not None else None
         if taken is None:
-            text = "Modbus did not show this stop and the laser shows no plateau for it: drive the pass again, or from this stop on"
+            text = message("stop-lost")
             outcomes.append(walk.finding("stop-lost", "error", index, text))
             return
         elsewhere = replace(dwell.signals, x_mm=None, y_mm=None, z_mm=None)
         stop = make_stop(walk.route, index, elsewhere, taken, self._head, self._wall_offset_ns)
-        doubt = "recovered from the laser's plateau, Modbus did not show it"
-        stop = msgspec.structs.replace(stop, recovered=True, doubtful=doubt)
+        doubt = message("stop-recovered")
+        stop = msgspec.structs.replace(stop, recovered=True, doubtful=str(doubt))
         outcomes.append(walk.finding("stop-recovered", "warning", index, doubt))
         self._looked_until_ns = taken.to_ns
         self._commit(walk, stop, outcomes)
@@ -203,9 +204,7 @@ class StopTaker:
         if again:
             outcomes.append(_joined(walk, stop.stop, broken, unwatched))
         elif broken and walk.started:
-            outcomes.append(
-                walk.finding("beam-lost", "error", stop.stop, f"{broken} on the way to this stop: the count does not reach back")
-            )
+            outcomes.append(walk.finding("beam-lost", "error", stop.stop, message("beam-lost", why=broken)))
         elif code in BREAKS_COUNT and not broken:
             broken = words
             outcomes.append(walk.finding(code, "error", stop.stop, words))
@@ -213,7 +212,7 @@ class StopTaker:
             outcomes.append(walk.finding(code, "error", stop.stop, words))
             stop = msgspec.structs.replace(stop, refused=code)
         elif unwatched and walk.started:
-            text = f"{unwatched} before this stop: where the beam was cut meanwhile, this stop and those after it are off"
+            text = message("laser-unwatched", why=unwatched)
             outcomes.append(walk.finding("laser-unwatched", "warning", stop.stop, text))
         if stop.doubtful and not stop.recovered:
             outcomes += _doubts(walk, stop)
@@ -284,10 +283,7 @@ class PositionCheck:
             return []
         off_mm, axis, here, plan = worst
         self._said_mm[walk.name] = off_mm
-        text = (
-            f"the machine stands at {axis.upper()} {here:.4f} mm, the plan has {plan:.4f} mm ({(here - plan) * 1e3:+.1f} um): "
-            "the machine's position counts"
-        )
+        text = message("position-differs", axis=axis.upper(), found_mm=here, wanted_mm=plan, size_um=(here - plan) * 1e3)
         severity: Severity = "info" if off_mm <= ROUNDED_MM else "warning"
         return [walk.finding("position-differs", severity, stop, text)]
 

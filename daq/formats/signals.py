@@ -16,6 +16,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.daq.formats.expressions import Expression, Memory
 from stepdiag.daq.records.events import BIT_TABLES, REGISTER_TABLES, ModbusBlock, ReadRange, Table
 
@@ -230,7 +231,7 @@ def _check_lengths(block: ModbusBlock) -> None:
         if data and len(data) != asked.byte_count:
             raise DataError(
                 f"answer for {asked.table} {asked.address}",
-                expected=f"{asked.byte_count} bytes",
+                expected=message("expects-bytes", count=asked.byte_count),
                 found=f"{len(data)}",
                 remedy="check the unit and whether a gateway changes the length of requests",
             )

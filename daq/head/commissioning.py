@@ -10,7 +10,8 @@ import numpy as np
 
 from stepdiag.base.csv_table import number_in, read_table
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.daq.head.record import HeadRecord, require_angles
 from stepdiag.daq.survey.head_file import AxisName, AxisTable, DetectorName, HeadFile, LeverTable
@@ -111,8 +112,8 @@ def _common_lever(axes: Sequence[SignsAndLever]) -> tuple[LeverTable, list[Findi
     apart = abs(lines[0].at(common.u_at_mm) - lines[1].at(common.u_at_mm))
     findings = []
     if apart > 3 * math.hypot(*(line.u_at(common.u_at_mm) for line in lines)):
-        text = f"x and y see levers {apart:.1f} mm apart: their curves or gains are not alike; calibrate both"
-        findings.append(Finding(code="fourdof-lever-differs", severity="warning", text=text))
+        text = message("fourdof-lever-differs", size_mm=apart)
+        findings.append(finding("warning", text))
     turned = abs(lines[0].scale - lines[1].scale)
     u_scale = U_SCALE_ASSUMED if common.u_scale is None else float(np.hypot(common.u_scale, turned / np.sqrt(12.0)))
     table = LeverTable(

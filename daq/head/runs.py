@@ -7,7 +7,8 @@ from typing import Literal, cast
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.head.angular import turns_of
@@ -272,8 +273,8 @@ def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tu
     both = [name for name in head if name in level]
     findings = []
     if both:
-        text = f"{', '.join(both)} stand in the angles file and were measured by the head: the head's values are used"
-        findings.append(Finding(code="angles-twice", severity="warning", text=text))
+        text = message("angles-twice", names=both)
+        findings.append(finding("warning", text))
     return {**level, **head}, tuple(findings)
 
 

@@ -10,6 +10,7 @@ from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metad
 from mcap.writer import CompressionType, Writer
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.log.contents import LogEnd, open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX, PartFile
@@ -109,11 +110,11 @@ def recover(path: Path, target: Path | None = None) -> Recovery:
         raise DataError(str(path), expected="a log that was cut off", found="a whole log", remedy="there is nothing to mend")
     if target.exists():
         remedy = "a log is never overwritten: move it away, or name another target"
-        raise DataError(str(target), expected="a new file", found="one that exists", remedy=remedy)
+        raise DataError(str(target), expected=message("new-file"), found=message("exists"), remedy=remedy)
     try:
         messages = _write(path, target, end)
     except OSError as error:
-        raise UsageError(str(target), expected="a file that can be written", found=error.strerror or str(error)) from error
+        raise UsageError(str(target), expected=message("expects-file-written"), found=error.strerror or str(error)) from error
     _check(target, end)
     return Recovery(source=path, target=target, messages=messages, end=end)
 

@@ -2,7 +2,8 @@
 
 from collections.abc import Callable
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 
@@ -42,8 +43,8 @@ class Handshake:
         before, self._refused = self._refused, refused
         if not refused or before:
             return None
-        text = f"the machine does not take what is written: {refused}; check plc.handshake.address, and whether it may be written to"
-        return Finding(code="handshake-refused", severity="error", text=text)
+        text = message("handshake-refused", why=refused)
+        return finding("error", text)
 
     def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], str]) -> Finding | None:
         """Look at a poll; tell again what the machine has not heard, and return what is to be said of one that waits in vain."""

@@ -19,6 +19,7 @@ from mcap.records import Channel, Message
 
 from stepdiag.base.errors import DataError, DeviceError, UsageError
 from stepdiag.base.findings import Finding, Severity
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
@@ -55,9 +56,9 @@ class FolderLock:
         except OSError as error:
             holder = os.pread(descriptor, 20, 0).decode("ascii", "replace").strip()
             os.close(descriptor)
-            found = f"one that runs (process {holder})" if holder.isdecimal() else "one that runs"
-            remedy = "end the other one, or give this survey another name or directory"
-            raise UsageError(str(folder), expected="no other daemon in this folder", found=found, remedy=remedy) from error
+            found = message("found-process", number=holder) if holder.isdecimal() else message("found-running")
+            remedy = message("end-other")
+            raise UsageError(str(folder), expected=message("no-other"), found=found, remedy=remedy) from error
         _sign(descriptor, folder)
         return cls(descriptor, folder)
 
@@ -69,8 +70,8 @@ class FolderLock:
             there, found = None, error.strerror or str(error)
         mine = os.fstat(self.descriptor)
         if there is None or (there.st_dev, there.st_ino) != (mine.st_dev, mine.st_ino):
-            remedy = "mount it again or put it back, then start again: `stepdiag status` says from where to drive again"
-            raise DeviceError(str(self.folder), expected="the survey's folder as it was at the start", found=found, remedy=remedy)
+            remedy = message("mount")
+            raise DeviceError(str(self.folder), expected=message("folder-as"), found=found, remedy=remedy)
 
     def release(self) -> None:
         """Let go."""
@@ -193,7 +194,7 @@ def _finding_of(note: bytes, log: Path) -> Finding:
     try:
         found = msgspec.json.decode(note, type=_FindingNote)
     except DAMAGE as error:
-        raise DataError(str(log), expected="findings as the recorder notes them", found=f"{error!r}") from error
+        raise DataError(str(log), expected=message("findings-noted"), found=f"{error!r}") from error
     return Finding(
         code=found.code,
         severity=found.severity_text,
@@ -216,7 +217,7 @@ def _stop_of(note: bytes, log: Path) -> CapturedStop:
             fields.setdefault(name, None)
         return msgspec.convert(fields, CapturedStop)
     except (*DAMAGE, KeyError) as error:
-        raise DataError(str(log), expected="captured stops as the recorder notes them", found=f"{error!r}") from error
+        raise DataError(str(log), expected=message("stops-noted"), found=f"{error!r}") from error
 
 
 def _last_stop(logs: Sequence[Path]) -> CapturedStop | None:

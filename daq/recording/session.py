@@ -12,6 +12,7 @@ import msgspec
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import SETUP_NUMBERS
 from stepdiag.daq.capture.capture import Capture
@@ -196,7 +197,7 @@ class Session:
         """
         refused = self._why_not(setup)
         if refused:
-            raise UsageError(f"begin {setup}", expected="a setup that can be begun now", found=refused)
+            raise UsageError(message("where-begin", name=setup), expected=message("expects-begun"), found=refused)
         self.book.preferred, self._begun = setup, setup
         self._passes_left = self.survey.plan.passes_per_setup
         self._before, self._before_bytes = deque(), 0  # what stood and moved before is none of this setup

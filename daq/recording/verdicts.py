@@ -15,6 +15,7 @@ import structlog
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes
+from stepdiag.base.messages import message
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, acceptance_of
 from stepdiag.daq.passes.pass_book import PassBook
 
@@ -73,7 +74,7 @@ def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, tim
     """
     for field, said in (("reason", reason), ("name", name)):
         if not said.strip():
-            raise UsageError(f"accept: {field}", expected="words that others understand later", found="nothing")
+            raise UsageError(f"accept: {field}", expected=message("expects-words"), found="nothing")
     words = [acceptance_of(doubt, reason=reason.strip(), name=name.strip(), time_s=time_s) for doubt in doubts]
     append_line(folder / ACCEPTED, b"\n".join(map(msgspec.json.encode, words)))
 
@@ -89,7 +90,9 @@ def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
     if not found:
         named = "; ".join(f"{doubt.place} ({doubt.code})" for doubt in still)
         raise UsageError(
-            "accept", expected=f"a place that is doubted: {named}" if named else "something that is doubted", found=repr(place)
+            message("where-accept"),
+            expected=message("expects-place", remedy=named) if named else message("expects-doubted"),
+            found=repr(place),
         )
     return found
 
@@ -119,7 +122,7 @@ def append_line(path: Path, line: bytes) -> None:
     except OSError as error:
         with suppress(OSError):  # of a word that is refused nothing may count
             _back_to(path, before)
-        raise UsageError(str(path), expected="a file that can be written", found=error.strerror or str(error)) from error
+        raise UsageError(str(path), expected=message("expects-file-written"), found=error.strerror or str(error)) from error
 
 
 def _back_to(path: Path, size: int | None) -> None:

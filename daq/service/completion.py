@@ -14,6 +14,7 @@ from typing import Any, Literal
 
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
 from stepdiag.base.files import as_text, holds, write_atomically, write_once
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.doubt import says_what_to_do
@@ -171,7 +172,7 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
     )
     again = "" if says_what_to_do(still[-1].text) else "drive it again, "
     remedy = f"{again}or accept it: `stepdiag accept {shlex.quote(str(_folder(replayed)))} {still[0].place} --reason ...`"
-    raise DataError(str(_folder(replayed)), expected="a survey in which nothing is doubted", found=named, remedy=remedy)
+    raise DataError(str(_folder(replayed)), expected=message("undoubted"), found=named, remedy=remedy)
 
 
 def _stated(environment: Mapping[str, float] | None) -> dict[str, list[float]]:
@@ -237,7 +238,7 @@ def _require_all(replayed: Replayed) -> None:
     broken = [each for each in book.passes if not each.whole and each.number in book.wanted()]
     why = "; ".join(f"{each.route.setup} pass {each.number}: {each.why_incomplete()}" for each in broken)
     folder = str(_folder(replayed))
-    raise DataError(folder, expected="every pass of the plan", found=f"missing {missing}", remedy=why or "drive the missing setups")
+    raise DataError(folder, expected=message("every-pass"), found=message("missing", which=missing), remedy=why or message("drive-missing"))
 
 
 def _angles(replayed: Replayed) -> Angles | None:
@@ -251,7 +252,7 @@ def _text(replayed: Replayed, name: str) -> str:
     """Return a file that the survey names, from the log. Raises DataError where it is not there, or not UTF-8."""
     data = replayed.files.get(name)
     if data is None:
-        raise DataError(name, expected="a file that the survey names, in the log", found="nothing")
+        raise DataError(name, expected=message("named-in-log"), found="nothing")
     return as_text(data, name)
 
 

@@ -15,6 +15,7 @@ import structlog
 
 from stepdiag.base.errors import DeviceError, UsageError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.log.recorder import Recorder, RecorderHealth
@@ -355,6 +356,6 @@ def _say_ended(ended: Ended) -> None:
 
 def _unwritten(health: RecorderHealth) -> DeviceError:
     """Return the error for a disk that has not taken what was recorded last."""
-    remedy = "make room, then start again: `stepdiag status` says from where to drive again"
-    found = f"{health.reason or 'a disk that is too slow'}: the last {health.backlog_bytes} bytes are lost"
-    return DeviceError(str(health.path), expected="a disk that takes what is recorded", found=found, remedy=remedy)
+    remedy = message("make-room")
+    found = message("bytes-lost", why=health.reason or "a disk that is too slow", count=health.backlog_bytes)
+    return DeviceError(str(health.path), expected=message("disk-takes"), found=found, remedy=remedy)

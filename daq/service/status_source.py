@@ -9,8 +9,8 @@ from pathlib import Path
 import structlog
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.findings import Finding
-from stepdiag.base.messages import excerpt
+from stepdiag.base.findings import finding
+from stepdiag.base.messages import excerpt, message
 from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.recording.survey_links import SurveyLinks
@@ -151,8 +151,8 @@ class DaemonStatusSource:
 
     def token_guessed(self, address: str, count: int) -> None:
         """Show to the people at the machine that somebody tries tokens."""
-        text = f"somebody at {address} has sent {count} wrong tokens to the page"
-        self._at_work.session.found(Finding(code="page-token-guessed", severity="warning", text=text))
+        text = message("page-token-guessed", address=address, count=count)
+        self._at_work.session.found(finding("warning", text))
         self.news()
 
     async def _accept(self, session: Session, arguments: Mapping[str, str]) -> None:
@@ -178,7 +178,7 @@ class DaemonStatusSource:
                 working.paused = True
             case "abort-setup":
                 if not session.recording:
-                    raise UsageError("abort", expected="a setup that is being recorded", found="none")
+                    raise UsageError(message("where-abort"), expected=message("expects-recorded"), found="none")
                 session.close("aborted by the operator")
             case "choose-setup":
                 session.book.preferred = _planned(session, arguments.get("setup", ""))
@@ -222,12 +222,12 @@ def _refused(recorder: Recorder) -> str:
 def _planned(session: Session, setup: str) -> str:
     planned = session.survey.plan.all_setups
     if setup not in planned:
-        raise UsageError("choose setup", expected=f"one of {', '.join(planned)}", found=repr(setup))
+        raise UsageError(message("where-choose"), expected=f"one of {', '.join(planned)}", found=repr(setup))
     return setup
 
 
 def _line(name: str, text: str) -> str:
     """Return a text that stays on its line of a report. Raises UsageError for another one."""
     if len(text) > LONGEST_NAME or not (text.isprintable() or not text):
-        raise UsageError(name, expected=f"one line of at most {LONGEST_NAME} characters", found=ascii(excerpt(text)))
+        raise UsageError(name, expected=message("expects-line", count=LONGEST_NAME), found=ascii(excerpt(text)))
     return text

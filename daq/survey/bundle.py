@@ -9,7 +9,8 @@ from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_TABLE_BYTES, as_text, read_bytes
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.settings import read_toml
 from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.safety.compensation import Statement, stated
@@ -56,7 +57,7 @@ def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
     """Return the files that were active while measuring, by name. Raises DataError for a bundle without one that the survey names."""
     missing = [name for name in survey.machine.active if name not in bundle]
     if missing:
-        raise DataError(missing[0], expected="a file that the survey names, in the log", found="nothing")
+        raise DataError(missing[0], expected=message("named-in-log"), found="nothing")
     return {name: bundle[name] for name in survey.machine.active}
 
 
@@ -64,11 +65,8 @@ def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
     """Return ``compensation-unanswered`` where nobody has said what is active in the control; to be said before the first pass."""
     if survey.machine.compensation in ("off", "on"):
         return ()
-    text = (
-        "nobody has said whether a compensation is active in the control: answer machine.compensation in the survey file before the first "
-        'pass ("off", or "on" with the files that are active); until it is said, no compensation file is made of what is measured'
-    )
-    return (Finding(code="compensation-unanswered", severity="warning", text=text),)
+    text = message("compensation-unanswered")
+    return (finding("warning", text),)
 
 
 def bundle_to_run(bundle: Mapping[str, bytes]) -> dict[str, str]:

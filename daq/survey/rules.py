@@ -4,6 +4,7 @@ import re
 from collections.abc import Collection, Iterator
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.settings import refuse, unknown_key
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS, reads_like_metres
@@ -244,7 +245,7 @@ def _asked(plc: Plc, source: str) -> Iterator[UsageError]:
     if plc.transport == "rtu" and not plc.serial_port:
         yield refuse(source, "plc.serial_port", 'a serial port for transport = "rtu"', "", "such as /dev/ttyUSB1")
     if plc.poll_hz > _MAX_POLL_HZ:
-        yield refuse(source, "plc.poll_hz", f"at most {_MAX_POLL_HZ:g}", plc.poll_hz)
+        yield refuse(source, "plc.poll_hz", message("at-most", value=_MAX_POLL_HZ), plc.poll_hz)
 
 
 def _places(plc: Plc, source: str) -> Iterator[UsageError]:

@@ -2,7 +2,8 @@
 
 import msgspec
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import FOURDOF_RUNS, SETUP_NUMBERS
 from stepdiag.daq.capture.captured_stop import CapturedStop
@@ -63,8 +64,8 @@ class PassFinder:
             return None
         self._unplanned_said = True
         planned, base = ", ".join(self._start.hints), SETUP_NUMBERS.get(signals.setup)
-        text = f"the machine drives setup {signals.setup} ({base or 'unknown'}), the survey plans {planned}: its stops are not used"
-        return Finding(code="unplanned-setup", severity="error", text=text)
+        text = message("unplanned-setup", number=signals.setup, name=base or "unknown", planned=planned)
+        return finding("error", text)
 
     def _begin(self, setup: str, signals: Signals, reading_mm: float | None) -> Walk:
         survey = self._survey

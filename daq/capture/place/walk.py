@@ -6,6 +6,8 @@ from typing import Self
 import numpy as np
 
 from stepdiag.base.findings import Finding, Severity
+from stepdiag.base.findings import finding as placed
+from stepdiag.base.messages import Message, Place, Said, at, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
 from stepdiag.daq.capture.place.route import Route, agrees, judge_step
@@ -83,11 +85,10 @@ class Walk:
                 self.finding("unexpected-position", "error", self.expected, f"{text}: check volume, axis order and program"),
             ]
         if index < self.expected:
-            text = f"the machine stands at ({place}) mm once more: the stop is measured again"
-            odd.append(self.finding("stop-again", "info", index, text))
+            odd.append(self.finding("stop-again", "info", index, message("stop-again", place=place)))
         elif by_count != index and not self._just_turned(index, signals.stop_count):
-            text = f"the counter says stop {by_count}, the commanded position ({place}) mm says stop {index}; the position is believed"
-            odd.append(self.finding("count-disagrees", "warning", index, text))
+            differ = message("count-disagrees.counter-says", a=by_count, place=place, b=index)
+            odd.append(self.finding("count-disagrees", "warning", index, differ))
         return index, odd
 
     def _just_turned(self, index: int, count: int | None) -> bool:
@@ -125,7 +126,7 @@ class Walk:
         Within a log nobody tells the two apart but by the steps that follow: such stops are doubted.
         """
         if self.last is None and self.expected > 0 and lost:
-            text = "the laser's count was lost and the machine does not say where it stands: taken for the beginning of the whole pass"
+            text = message("place-unknown")
             return 0, [*odd, self.finding("place-unknown", "warning", 0, text)]
         if lost and self.expected > 0:
             self.unsure = "the laser's count was lost and the machine does not say where it stands: taken for the stop that comes next"
@@ -177,16 +178,16 @@ class Walk:
         following = self.laser.after_nowhere(reading_mm, self.expected) if counted is None else None
         if following is not None:
             return following, odd
-        text = "the machine stands where the laser reads no stop: a feed hold, or the count went wrong; not used"
+        text = message("between-stops")
         return None, [self.finding("between-stops", "warning", min(self.expected, len(self.route) - 1), text)]
 
     def _compared(self, by_laser: int, by_count: int, counted: int | None, odd: list[Finding]) -> list[Finding]:
         """Return what is odd about a stop that the laser names."""
         if counted is not None and by_laser != by_count and self.expected > 0:
-            text = f"the counter says stop {by_count}, the laser says stop {by_laser}; the laser is believed"
+            text = message("count-disagrees", a=by_count, b=by_laser)
             odd = [*odd, self.finding("count-disagrees", "warning", by_laser, text)]
         if by_laser < self.expected:
-            odd = [*odd, self.finding("stop-again", "info", by_laser, "the laser reads this stop once more: it is measured again")]
+            odd = [*odd, self.finding("stop-again", "info", by_laser, message("stop-again.read-once-more"))]
         return odd
 
     def counts_on(self, signals: Signals) -> bool:
@@ -225,15 +226,17 @@ class Walk:
         self.expected = index + 1
         self._last_count = count
 
-    def finding(self, code: str, severity: Severity, stop: int, text: str) -> Finding:
+    def finding(self, code: str, severity: Severity, stop: int, said: Said) -> Finding:
         """Return a finding that names the pass and the stop."""
-        place = f"{self.name}, stop {stop} of {len(self.route) - 1}"
-        return Finding(code=code, severity=severity, text=f"{place}: {text}", setup=self.route.setup, stop=stop)
+        place = Place(setup=self.route.setup, way="out" if self.route.outward else "back", stop=stop, last=len(self.route) - 1)
+        if isinstance(said, Message):
+            return placed(severity, said, place)
+        return Finding(code=code, severity=severity, text=str(at(place, said)), setup=place.setup, stop=stop)
 
     def _stuck(self, count: int) -> list[Finding]:
         """Return, once a pass, that the machine comes to a stop and does not count it."""
         said, self._stuck_said = self._stuck_said, True
-        text = f"the machine stands at another stop and its counter still says {count}: it is stuck; stops are placed without it"
+        text = message("count-stuck", count=count)
         return [] if said else [self.finding("count-stuck", "warning", self.expected, text)]
 
     def _by_count(self, count: int | None) -> tuple[int, list[Finding]]:
@@ -246,8 +249,8 @@ class Walk:
             return self.expected, self._stuck(count)
         if 1 < steps <= COUNTER_TRUSTED:
             index = self.expected + steps - 1
-            text = f"the stop counter went from {self._last_count} to {count}: {steps - 1} stop(s) were not seen on Modbus"
-            return index, [self.finding("stop-missed", "warning", self.expected, text)]
+            missed = message("stop-missed", old=self._last_count, new=count, count=steps - 1)
+            return index, [self.finding("stop-missed", "warning", self.expected, missed)]
         text = (
             f"the stop counter went from {self._last_count} back to {count} (it counts to {COUNT_MODULUS - 1}): the PLC has started again"
         )

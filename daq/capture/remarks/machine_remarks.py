@@ -9,6 +9,7 @@ from datetime import UTC, datetime
 import msgspec
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.conditions import COURSES, Credible, Judged, Remark
 from stepdiag.daq.capture.outcome import Outcome
@@ -57,8 +58,8 @@ class Alarm:
         before, self._on = self._on, bool(signals.alarm)
         if self._on and not before:
             moment = datetime.fromtimestamp((now_ns + self._wall_offset_ns) * 1e-9, UTC)
-            text = f"the machine reported an alarm at {moment:%H:%M:%S} UTC: whether it stood where it should is for a person to say"
-            self._doubts.append((now_ns, ("machine-alarm", text)))
+            text = message("machine-alarm", time=f"{moment:%H:%M:%S}")
+            self._doubts.append((now_ns, ("machine-alarm", str(text))))
             last = len(walk.route) - 1
             yield walk.finding("machine-alarm", "warning", min(walk.expected + waiting, last), text)
 

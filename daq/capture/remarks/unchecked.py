@@ -4,7 +4,8 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.conditions import needed_conditions
 from stepdiag.daq.capture.place.route import agrees, make_route
@@ -45,8 +46,8 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
     missing = [f"without {name} {WITHOUT[name]}" for name in OF_THE_STOPS if name not in survey.plc.said]
     findings = [Finding(code="position-unchecked", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
     if "setup" not in survey.plc.said and len(_diagonals(survey)) > 1:
-        text = "without setup the diagonal is believed to be the one asked for: for the laser all body diagonals are alike"
-        findings.append(Finding(code="setup-unchecked", severity="warning", text=text))
+        text = message("setup-unchecked")
+        findings.append(finding("warning", text))
     if missing:
         findings.append(Finding(code="signals-absent", severity="info", text="; ".join(missing)))
     return (*findings, *assumed(survey, without))
@@ -61,8 +62,8 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
     values = [f"{name} {getattr(survey.environment, name):g}" for name in needed if name not in told and name not in without]
     if not values:
         return ()
-    text = f"nobody tells {', '.join(values)}: these values of [environment] are assumed"
-    return (Finding(code="air-assumed", severity="warning", text=text),)
+    text = message("air-assumed", values=values)
+    return (finding("warning", text),)
 
 
 def _without_signals(survey: Survey) -> Iterator[str]:

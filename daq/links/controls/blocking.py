@@ -16,6 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
+from stepdiag.base.messages import message
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError
 from stepdiag.daq.links.ports.lateness import Lateness
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
@@ -123,9 +124,9 @@ class BlockingLink(ABC):
     def _whole(self, wanted: ReadRange, data: bytes) -> bytes:
         """Return the bytes of a range. Raises StaleAnswerError where they are not as many as were asked for."""
         if len(data) != wanted.byte_count:
-            remedy = "the link is made anew; where that repeats itself, it is no control of this kind"
+            remedy = message("do-made-anew")
             found = f"{len(data)} for {wanted.table} {wanted.address}"
-            raise StaleAnswerError(self._address, expected=f"{wanted.byte_count} bytes", found=found, remedy=remedy)
+            raise StaleAnswerError(self._address, expected=message("expects-bytes", count=wanted.byte_count), found=found, remedy=remedy)
         return data
 
     def _read(self) -> ModbusBlock:
@@ -157,14 +158,14 @@ async def opened(waiter: Waiter, connect: Callable[[], None], address: str, limi
 
 def silent(address: str, waited_s: float) -> LostConnectionError:
     """Return the error for an answer that did not come, or not to its end."""
-    remedy = "the control is switched off or overloaded, or another product listens there; the program connects again by itself"
-    return LostConnectionError(address, expected=f"an answer within {waited_s:g} s", found="silence, or half an answer", remedy=remedy)
+    remedy = message("do-overloaded")
+    return LostConnectionError(address, expected=message("expects-answer", seconds_s=waited_s), found=message("found-half"), remedy=remedy)
 
 
 def not_installed(address: str, extra: str) -> LostConnectionError:
     """Return the error for a library that is missing."""
-    found = f"stepdiag without its extra {extra}"
-    return LostConnectionError(address, expected="its library", found=found, remedy=f'install "stepdiag[{extra}]"')
+    found = message("found-no-extra", name=extra)
+    return LostConnectionError(address, expected=message("expects-library"), found=found, remedy=f'install "stepdiag[{extra}]"')
 
 
 def hang_up(connection: socket.socket | None) -> None:

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import message
 from stepdiag.daq.links.controls.blocking import BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, lost
 from stepdiag.daq.records.events import ReadRange
@@ -56,8 +57,10 @@ class Lsv2Link(BlockingLink):
         try:
             values = self._client.read_plc_memory(wanted.address, MemoryType[_MEMORIES[wanted.table]], wanted.count)
         except LSV2InputException as error:
-            remedy = "the control's memory is smaller: check the addresses in the survey ([plc])"
-            raise RefusedRequestError(self._address, expected=f"an answer to {what}", found=str(error), remedy=remedy) from error
+            remedy = message("do-memory")
+            raise RefusedRequestError(
+                self._address, expected=message("expects-answer-to", what=what), found=str(error), remedy=remedy
+            ) from error
         except TimeoutError as error:
             raise silent(self._address, self._timeout_s) from error
         except OSError as error:
@@ -65,12 +68,14 @@ class Lsv2Link(BlockingLink):
         except Exception as error:
             raise _senseless(self._address, error) from error
         if not values:
-            remedy = "see the manual of the control; the PLC's memory may be symbolic alone (newer controls)"
-            raise RefusedRequestError(self._address, expected=f"an answer to {what}", found=_said(self._client), remedy=remedy)
+            remedy = message("do-symbolic")
+            raise RefusedRequestError(
+                self._address, expected=message("expects-answer-to", what=what), found=_said(self._client), remedy=remedy
+            )
         return bytes(int(value) & 0xFF for value in values)
 
     def _write(self, table: str, address: int, value: int) -> None:
-        raise RefusedRequestError(self._address, expected="nothing to be written", found=f"{value} for {table} {address}")
+        raise RefusedRequestError(self._address, expected=message("expects-not-written"), found=f"{value} for {table} {address}")
 
 
 @dataclass(slots=True)
@@ -144,19 +149,21 @@ def _connect(client: "LSV2", settings: Lsv2Settings) -> None:
     except Exception as error:
         raise _senseless(settings.address, error) from error
     if not allowed:
-        remedy = "the control wants a password for reading its PLC, or does not allow it: have the login PLCDEBUG enabled, or use Modbus"
-        raise LostConnectionError(settings.address, expected="the login PLCDEBUG", found=_said(client), remedy=remedy)
+        remedy = message("do-password")
+        raise LostConnectionError(settings.address, expected=message("expects-login"), found=_said(client), remedy=remedy)
     _socket(client).settimeout(settings.timeout_s)
 
 
 def _no_connection(settings: Lsv2Settings, error: OSError) -> DeviceError:
     found, remedy = unreachable(error, CONNECT_S, "LSV2 interface", _FIREWALL)
-    return LostConnectionError(settings.address, expected="a control that speaks LSV2", found=found, remedy=remedy)
+    return LostConnectionError(settings.address, expected=message("expects-lsv2"), found=found, remedy=remedy)
 
 
 def _unanswered(settings: Lsv2Settings) -> DeviceError:
-    remedy = "the port is open and nobody speaks LSV2 there: check plc.host and plc.port"
-    return LostConnectionError(settings.address, expected="a control that speaks LSV2", found=f"silence for {CONNECT_S:g} s", remedy=remedy)
+    remedy = message("do-nobody-lsv2")
+    return LostConnectionError(
+        settings.address, expected=message("expects-lsv2"), found=message("found-silence-for", seconds_s=CONNECT_S), remedy=remedy
+    )
 
 
 def _senseless(address: str, error: Exception) -> DeviceError:
@@ -164,9 +171,9 @@ def _senseless(address: str, error: Exception) -> DeviceError:
 
     The connection is given up: answers have no number, and what is left of this one would count as the next.
     """
-    remedy = "another product listens there: check plc.host and plc.port"
+    remedy = message("do-other-product")
     found = f"bytes of something else ({type(error).__name__}: {str(error)[:120]})"
-    return LostConnectionError(address, expected="a control that speaks LSV2", found=found, remedy=remedy)
+    return LostConnectionError(address, expected=message("expects-lsv2"), found=found, remedy=remedy)
 
 
 def _said(client: "LSV2") -> str:

@@ -18,6 +18,7 @@ from pymodbus.client import AsyncModbusSerialClient, AsyncModbusTcpClient
 from pymodbus.exceptions import ModbusException
 from pymodbus.pdu import ModbusPDU
 
+from stepdiag.base.messages import message
 from stepdiag.daq.links.controls.blocking import Waiter
 from stepdiag.daq.links.controls.blocking import unreachable as no_way
 from stepdiag.daq.links.controls.modbus_errors import (
@@ -225,7 +226,7 @@ async def _nobody(settings: ModbusSettings) -> LostConnectionError:
             await asking.call(lambda: socket.create_connection(place, settings.connect_s).close(), 2.0 * settings.connect_s)
         except OSError as error:
             found, remedy = no_way(error, settings.connect_s, "Modbus TCP", _FIREWALL)
-            return LostConnectionError(settings.address, expected="a connection", found=found, remedy=remedy)
+            return LostConnectionError(settings.address, expected=message("expects-connection"), found=found, remedy=remedy)
         finally:
             asking.end()
     return unreachable(settings.address, settings.connect_s)

@@ -9,6 +9,7 @@ DeviceError
 """
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import message
 
 
 class LostConnectionError(DeviceError):
@@ -48,38 +49,44 @@ _GATEWAY_CODES = {10: "gateway path unavailable", 11: "the target behind the gat
 def refusal(device: str, what: str, code: int) -> RefusedRequestError:
     """Return the error for exception reply ``code`` to ``what`` (``reading 10 of table holding from 0``)."""
     if code in _GATEWAY_CODES:
-        found = f"exception {code} ({_GATEWAY_CODES[code]})"
-        return WrongUnitError(device, expected=f"an answer to {what}", found=found, remedy="check the unit id (plc.unit)")
+        found = message("modbus-exception", code=code, what=_GATEWAY_CODES[code])
+        return WrongUnitError(device, expected=message("expects-answer-to", what=what), found=found, remedy=message("do-unit"))
     name, remedy = _REFUSALS.get(code, ("of no standard meaning", "see the manual of the control"))
-    return RefusedRequestError(device, expected=f"an answer to {what}", found=f"exception {code} ({name})", remedy=remedy)
+    return RefusedRequestError(
+        device, expected=message("expects-answer-to", what=what), found=message("modbus-exception", code=code, what=name), remedy=remedy
+    )
 
 
 def silence(device: str, timeout_s: float, *, serial: bool, late: str = "") -> SilentDeviceError:
     """Return the error for an answer that did not come; ``late`` says that answers do come, after that time."""
     if late:
-        return SilentDeviceError(device, expected=f"an answer within {timeout_s:g} s", found="none yet", remedy=late)
+        return SilentDeviceError(device, expected=message("expects-answer", seconds_s=timeout_s), found=message("none-yet"), remedy=late)
     check = "baud rate, parity, wiring and unit id" if serial else "that the control's Modbus program runs, and the unit id"
-    return SilentDeviceError(device, expected=f"an answer within {timeout_s:g} s", found="silence", remedy=f"check {check} (plc.unit)")
+    return SilentDeviceError(
+        device, expected=message("expects-answer", seconds_s=timeout_s), found=message("silence"), remedy=f"check {check} (plc.unit)"
+    )
 
 
 def unreachable(device: str, timeout_s: float) -> LostConnectionError:
     """Return the error for a connection that could not be made."""
-    remedy = "check that the device is on, its cable, and its address in the survey ([plc])"
-    return LostConnectionError(device, expected=f"a connection within {timeout_s:g} s", found="nobody there", remedy=remedy)
+    remedy = message("do-device-on")
+    return LostConnectionError(
+        device, expected=message("expects-connection-s", seconds_s=timeout_s), found=message("nobody-there"), remedy=remedy
+    )
 
 
 def unusable(device: str, why: str) -> LostConnectionError:
     """Return the error for a port that is there but does not take the line's settings (baud rate, parity)."""
-    remedy = "check baud rate and parity in the survey ([plc]) against what the port can do"
-    return LostConnectionError(device, expected="a port that takes these settings", found=why, remedy=remedy)
+    remedy = message("do-baud-parity")
+    return LostConnectionError(device, expected=message("expects-port-settings"), found=why, remedy=remedy)
 
 
 def lost(device: str) -> LostConnectionError:
     """Return the error for a connection that ended."""
-    return LostConnectionError(device, expected="a lasting connection", found="it ended", remedy="the program reconnects by itself")
+    return LostConnectionError(device, expected=message("expects-lasting"), found=message("found-ended"), remedy=message("do-itself"))
 
 
 def stale(device: str, late: str = "") -> StaleAnswerError:
     """Return the error for an answer that belongs to another request; ``late`` says by how much answers are late."""
-    remedy = late or "the device answers later than plc.timeout_s: raise it, or lower the load of the device"
-    return StaleAnswerError(device, expected="the answer to this request", found="the answer to an earlier one", remedy=remedy)
+    remedy = late or message("do-timeout")
+    return StaleAnswerError(device, expected=message("expects-this-answer"), found=message("found-earlier"), remedy=remedy)

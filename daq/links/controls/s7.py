@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import message
 from stepdiag.daq.links.controls.blocking import BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError, lost
 from stepdiag.daq.records.events import ReadRange
@@ -157,15 +158,15 @@ def _no_connection(settings: S7Settings, error: "S7Error") -> DeviceError:
 
     if isinstance(error.__context__, OSError) and not isinstance(error, S7TimeoutError):
         found, remedy = unreachable(error.__context__, CONNECT_S, "S7 communication", _FIREWALL)
-        return LostConnectionError(settings.address, expected="a connection", found=found, remedy=remedy)
+        return LostConnectionError(settings.address, expected=message("expects-connection"), found=found, remedy=remedy)
     if _OTHER.search(str(error)):
         found, remedy = f"bytes of something else ({error})", "another product listens there: check plc.host and plc.port"
     elif isinstance(error, S7TimeoutError):
         found, remedy = f"silence for {CONNECT_S:g} s", "the port is open and nobody speaks S7 there: check plc.host and plc.port"
     else:
-        found = f"a refusal ({error})"
-        remedy = "check plc.rack and plc.slot (SINUMERIK: rack 0 slot 2, recalled); or all connections of the control are taken"
-    return LostConnectionError(settings.address, expected="a control that speaks S7", found=found, remedy=remedy)
+        refusal, rack = message("found-refusal", what=str(error)), message("do-rack")
+        return LostConnectionError(settings.address, expected=message("expects-s7"), found=refusal, remedy=rack)
+    return LostConnectionError(settings.address, expected=message("expects-s7"), found=found, remedy=remedy)
 
 
 def _refusal(address: str, what: str, error: Exception) -> DeviceError:
@@ -173,13 +174,13 @@ def _refusal(address: str, what: str, error: Exception) -> DeviceError:
     refused = _REFUSED.search(str(error))
     if refused is not None:
         remedy = _REMEDIES.get(refused["code"], "see the manual of the control")
-        return RefusedRequestError(address, expected=f"an answer to {what}", found=refused["words"].lower(), remedy=remedy)
+        return RefusedRequestError(address, expected=message("expects-answer-to", what=what), found=refused["words"].lower(), remedy=remedy)
     if getattr(error, "error_code", None) is not None:
-        remedy = "a password or protection level of the control, or a function it does not serve: see its manual"
-        return RefusedRequestError(address, expected=f"an answer to {what}", found=str(error), remedy=remedy)
+        asked, protected = message("expects-answer-to", what=what), message("do-protected")
+        return RefusedRequestError(address, expected=asked, found=str(error), remedy=protected)
     from snap7.error import S7ConnectionError
 
     if isinstance(error, S7ConnectionError | OSError) and not _OTHER.search(str(error)):
         return lost(address)
-    remedy = "another product listens there, or something between changes bytes: check plc.host and plc.port"
-    return StaleAnswerError(address, expected=f"an answer to {what}", found=str(error), remedy=remedy)
+    between = message("do-other-or-between")
+    return StaleAnswerError(address, expected=message("expects-answer-to", what=what), found=str(error), remedy=between)

@@ -13,6 +13,7 @@ import struct
 import time
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import message
 from stepdiag.daq.links.ports.address import NetworkLine
 from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, Device, SerialSettings
 from stepdiag.daq.links.ports.rfc2217 import ComPort
@@ -143,8 +144,10 @@ def _agreed(settings: SerialSettings, connection: socket.socket) -> Rfc2217Port:
         if answer := codec.answers():
             connection.sendall(answer)
         if codec.refused:
-            remedy = "set the line up at the terminal server and use socket://, or check baud, bytesize, parity and stopbits in the survey"
-            raise DeviceError(f"port {settings.port}", expected="a line with these settings", found=codec.refused, remedy=remedy)
+            remedy = message("do-terminal-server")
+            raise DeviceError(
+                message("where-port", name=settings.port), expected=message("expects-line-settings"), found=codec.refused, remedy=remedy
+            )
     return Rfc2217Port(settings.port, connection, codec)
 
 
@@ -156,16 +159,21 @@ def _heard(codec: ComPort, other: bytes) -> str:
 
 
 def _no_rfc2217(name: str, found: str) -> DeviceError:
-    remedy = "where the terminal server hands over plain bytes on this port, name it socket:// instead"
-    return DeviceError(f"port {name}", expected="a terminal server that speaks RFC 2217", found=found, remedy=remedy)
+    remedy = message("do-socket")
+    return DeviceError(message("where-port", name=name), expected=message("expects-rfc2217"), found=found, remedy=remedy)
 
 
 def _refusal(name: str, error: OSError) -> DeviceError:
     if isinstance(error, socket.gaierror):
-        remedy = "check the name of the host, or give its address"
-        return DeviceError(f"port {name}", expected="a host that is known", found="no such name", remedy=remedy)
+        remedy = message("do-host-name")
+        return DeviceError(
+            message("where-port", name=name), expected=message("expects-host"), found=message("found-no-name"), remedy=remedy
+        )
     code = errno.ETIMEDOUT if isinstance(error, TimeoutError) else error.errno or 0
-    found = f"silence for {CONNECT_S:g} s" if code == errno.ETIMEDOUT else os.strerror(code) if code else str(error)
+    found = message("found-silence-for", seconds_s=CONNECT_S) if code == errno.ETIMEDOUT else os.strerror(code) if code else str(error)
     return DeviceError(
-        f"port {name}", expected="a connection", found=found, remedy=_REMEDIES.get(code, "check host and port in the survey")
+        message("where-port", name=name),
+        expected=message("expects-connection"),
+        found=found,
+        remedy=_REMEDIES.get(code, "check host and port in the survey"),
     )

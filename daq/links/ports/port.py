@@ -9,6 +9,7 @@ import threading
 import time
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import message
 from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.links.ports.device import Device, SerialSettings
 from stepdiag.daq.links.ports.network import open_network
@@ -121,5 +122,7 @@ def _open(settings: SerialSettings) -> Device:
 
 
 def _loss(name: str, why: str) -> DeviceError:
-    remedy = "check the cable; the program reconnects by itself"
-    return DeviceError(f"port {name}", expected="a port that stays", found=f"it is gone ({why})", remedy=remedy)
+    remedy = message("do-reconnects")
+    return DeviceError(
+        message("where-port", name=name), expected=message("expects-stays"), found=message("found-gone", why=why), remedy=remedy
+    )

@@ -8,6 +8,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import message
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.port import OpenPort
 from stepdiag.daq.links.ports.port_thread import PortThread
@@ -197,7 +198,7 @@ def _await_silence(port: OpenPort) -> None:
     while port.wanted and (data := port.read(ANSWER_TIMEOUT_S)):
         if time.monotonic() > until_s:
             raise DeviceError(
-                f"port {port.name}", expected="a line that falls silent where nothing is asked",
-                found=f"one that speaks on ({data[:12].hex(' ')} ...)",
-                remedy="another instrument or another product stands there: check format and port in the survey",
+                message("where-port", name=port.name), expected=message("falls-silent"),
+                found=message("speaks-on", bytes=data[:12].hex(" ")),
+                remedy=message("other-stands-there"),
             )  # fmt: skip

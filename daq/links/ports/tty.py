@@ -13,6 +13,7 @@ import termios
 import serial
 
 from stepdiag.base.errors import DeviceError
+from stepdiag.base.messages import message
 from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, SerialSettings
 
 _REMEDIES = {
@@ -112,9 +113,13 @@ def _set_low_latency(port: serial.Serial) -> bool:
 
 def _refusal(name: str, error: Exception) -> DeviceError:
     if isinstance(error, termios.error):
-        remedy = "check baud, bytesize, parity and stopbits in the survey against what the port can do"
-        return DeviceError(f"serial port {name}", expected="a port that takes these settings", found=str(error.args[-1]), remedy=remedy)
+        return DeviceError(
+            message("where-serial", name=name),
+            expected=message("expects-port-settings"),
+            found=str(error.args[-1]),
+            remedy=message("do-port-can"),
+        )
     code = error.errno if isinstance(error, OSError) else None
     found = os.strerror(code) if code else str(error)
     remedy = _REMEDIES.get(code or 0, "check the port and its settings in the survey")
-    return DeviceError(f"serial port {name}", expected="a port that opens", found=found, remedy=remedy)
+    return DeviceError(message("where-serial", name=name), expected=message("expects-opens"), found=found, remedy=remedy)
