@@ -11,6 +11,7 @@ from stepdiag.texts.texts import Action, Language, finding_action
 
 Severity = Literal["info", "warning", "error"]
 NOWHERE = Place()
+_OF_AN_EXPORT: dict[Severity, Action] = {"error": "mend-file", "warning": "accept", "info": "know"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -36,8 +37,8 @@ class Finding:
 
     @property
     def action(self) -> Action:
-        """Return what a person does about it."""
-        return finding_action(self.code)
+        """Return what a person does about it. A remark of an export is cured in the profile, a mere warning accepted by its name."""
+        return finding_action(self.code) or _OF_AN_EXPORT[self.severity]
 
     @property
     def place(self) -> Place:

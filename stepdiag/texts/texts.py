@@ -32,10 +32,10 @@ def finding_advice(code: str, language: Language) -> str:
     return words[language] if words else ""
 
 
-def finding_action(code: str) -> Action:
-    """Return what a person does about a finding; to know it where the catalogue does not know the code."""
+def finding_action(code: str) -> Action | None:
+    """Return what a person does about a finding; None for a code of an export, which is not in the catalogue."""
     words = _entries()["finding"].get(code)
-    return cast("Action", words["action"]) if words else "know"
+    return cast("Action", words["action"]) if words else None
 
 
 def localised(text: str, language: Language) -> str:
