@@ -26,12 +26,12 @@ from numpy.typing import NDArray
 
 from benchmarks.exact import left_um
 from benchmarks.told import Told, within
+from stepdiag.base.errors import StepdiagError
 from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import run_checks
 from stepdiag.exporters.safety.verify import predict, worse_findings
-from stepdiag.solver.errors import StepdiagError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.readings.readings import Readings, make_readings

@@ -4,6 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import start_of
@@ -16,8 +18,6 @@ from stepdiag.daq.records.survey_folder import logs_in
 from stepdiag.daq.survey.bundle import bundle_from_run
 from stepdiag.daq.survey.file import parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
 
 
 @dataclass(frozen=True, slots=True)

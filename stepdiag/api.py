@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.files import read_text, write_once
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.records.events import Chunk, LinkEvent
@@ -23,7 +24,6 @@ from stepdiag.daq.survey.formats import laser_decoder
 from stepdiag.daq.timing.samples import Samples
 from stepdiag.exporters.export.export import export as export_files
 from stepdiag.exporters.export.written import ExportReport
-from stepdiag.exporters.files.files import read_text, write_once
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named

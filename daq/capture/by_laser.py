@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.place.route import Route, agrees, make_route
@@ -18,7 +19,6 @@ from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Span, StreamBuffer
-from stepdiag.solver.findings import Finding
 
 LOOK_NS = 200_000_000
 REACH_NS = 60_000_000_000

@@ -8,6 +8,7 @@ import math
 from dataclasses import replace
 from typing import Literal
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
@@ -28,7 +29,6 @@ from stepdiag.daq.records.events import LOST, Chunk, Event, LinkEvent, Loss, Mod
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
-from stepdiag.solver.findings import Finding
 
 SAMPLES_WAIT_NS = 500_000_000
 """How long the samples of a closed dwell may take to arrive before it is judged without them."""

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 
 import msgspec
 
+from stepdiag.base.errors import DataError
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.timing.stream import Break
-from stepdiag.solver.errors import DataError
 
 
 class PassHint(msgspec.Struct, frozen=True, kw_only=True):

@@ -3,8 +3,8 @@
 from dataclasses import dataclass
 from typing import Literal
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.solver.findings import Finding
 
 
 @dataclass(frozen=True, slots=True)

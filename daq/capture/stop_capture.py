@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import msgspec
 
+from stepdiag.base.findings import Finding, Severity
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
@@ -17,8 +18,6 @@ from stepdiag.daq.capture.stop import make_head_stop, make_stop, plateau_window
 from stepdiag.daq.formats.signals import SignalMap, Signals, resolution
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
-from stepdiag.solver.findings import Finding, Severity
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 
 ROUNDED_MM = 0.1
 """Encoder positions scatter by 0.1 to 3 um, programs of two decimals are off by 5 um, and with G91 that adds up to 0.1 mm over twenty
@@ -91,7 +90,7 @@ class StopTaker:
         Who went beyond it came back from the other side: then the pass has a first stop of its own, seen or not. Where nobody can say, one
         that was not seen is taken for the other: the count does not reach back beyond doubt.
         """
-        head_run = self._head is not None and walk.route.setup in FOURDOF_RUNS
+        head_run = self._head is not None and walk.route.travel.is_fourdof
         if head_run or self._beyond is None or self._breaks_before(dwell.from_ns):
             self._turn_unseen = not head_run and self._beyond is not None
             return index > 0
@@ -120,7 +119,7 @@ class StopTaker:
             self._place(walk, index, dwell, windows, outcomes)
 
     def _place(self, walk: Walk, index: int, dwell: Dwell, taken: list[Taken], outcomes: list[Outcome]) -> None:
-        if self._head is not None and walk.route.setup in FOURDOF_RUNS:
+        if self._head is not None and walk.route.travel.is_fourdof:
             self._place_head(walk, index, dwell, taken[-1] if taken else None, self._head, outcomes)
             return
         expected = walk.expected_reading_mm(index)

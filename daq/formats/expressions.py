@@ -16,7 +16,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from typing import Literal
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 
 Kind = Literal["bit", "word"]
 Value = bool | float | None

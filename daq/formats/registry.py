@@ -1,5 +1,6 @@
 """Wire formats by name."""
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.instruments.air import AirDecoder, AirSettings, AskedAirDecoder
 from stepdiag.daq.formats.instruments.angles import AnglesDecoder, AnglesSettings, AskedAnglesDecoder
 from stepdiag.daq.formats.instruments.fourdof import FourdofDecoder, FourdofSettings
@@ -12,7 +13,6 @@ from stepdiag.daq.formats.instruments.qudis import QudisDecoder, QudisSettings
 from stepdiag.daq.formats.instruments.tqd import TqdDecoder, TqdSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.timing.samples import Decoder
-from stepdiag.solver.errors import UsageError
 
 FormatSettings = (
     UmdSettings

@@ -15,9 +15,9 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import DataError
 from stepdiag.daq.formats.expressions import Expression, Memory
 from stepdiag.daq.records.events import BIT_TABLES, REGISTER_TABLES, ModbusBlock, ReadRange, Table
-from stepdiag.solver.errors import DataError
 
 SignalType = Literal["bit", "uint16", "int16", "uint32", "int32", "float32"]
 ByteOrder = Literal["ABCD", "CDAB", "BADC", "DCBA"]

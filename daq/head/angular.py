@@ -4,11 +4,11 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import AXES, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Head
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import AXES, Vector
 
 Turns = dict[str, tuple[Vector, Vector, Vector]]
 """Position, value and standard uncertainty of every rotation, relative to the first position."""
@@ -19,7 +19,7 @@ def turns_of(section: Head, each: Pass) -> Turns:
 
     An instrument on the workpiece side turns the other way round. Raises DataError for stops with another number of angles than are named.
     """
-    axis = each.route.setup[-1]
+    axis = each.route.travel.axis
     turns, run = section.angles.turns(axis), section.run_along(axis)
     stops = [stop for stop, _ in each.chosen().values()]
     position = np.array([stop.position_mm[AXES.index(axis)] for stop in stops])

@@ -8,10 +8,12 @@ from typing import Literal, get_args
 import msgspec
 import numpy as np
 
+from stepdiag.base.csv_table import number_in, read_table
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.daq.head.record import HeadRecord, require_angles
 from stepdiag.daq.survey.head_file import AxisName, AxisTable, DetectorName, HeadFile, LeverTable
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.fourdof.commissioning import (
     U_SCALE_ASSUMED,
     CurveFit,
@@ -24,8 +26,6 @@ from stepdiag.solver.fourdof.commissioning import (
 from stepdiag.solver.fourdof.detector import CurveKind, spots
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, beam_angle_urad, motion
 from stepdiag.solver.fourdof.statistics import Comparison, Stability, compare, stability
-from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.readings.csv_table import number_in, read_table
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 
 LATERAL: tuple[AxisName, AxisName] = ("x", "y")

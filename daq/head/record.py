@@ -9,6 +9,9 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.csv_table import number_in, read_table
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.volume import Vector
 from stepdiag.daq.head.runs import CHANNELS, QD_ONLY
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.serial import instrument_line
@@ -18,9 +21,6 @@ from stepdiag.daq.survey.file import head_decoder, parse_survey
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Samples
 from stepdiag.daq.timing.stream import UNUSABLE
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.readings.csv_table import number_in, read_table
 
 COLUMNS = tuple(f"{detector}_{part}" for detector in ("qd", "psd1", "psd2") for part in ("x", "y", "sum"))
 

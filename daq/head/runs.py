@@ -6,18 +6,18 @@ from typing import Literal, cast
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import AXES, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.head.angular import turns_of
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.head_file import HeadFile, parse_head_file, require_owner
 from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import HeadRun, Survey
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.fourdof.axes import Mount, axis_errors
 from stepdiag.solver.fourdof.detector import Detector
 from stepdiag.solver.fourdof.head import Head, Motion, motion
-from stepdiag.solver.geometry.volume import AXES, FOURDOF_RUNS, Vector
 from stepdiag.solver.model.angles import Angles, KnownAngle
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.standards.straightness import residuals_um
@@ -58,7 +58,7 @@ def evaluate_head(survey: Survey, passes: Sequence[Pass], files: Mapping[str, by
     ``files`` hold the calibration by the name the survey uses, ``level`` angular functions known from elsewhere: a roll moves a cube that
     sits off the axis. Raises DataError for a calibration of another head, and where the laser is to give the distance and gives none.
     """
-    driven = [each for each in passes if each.whole and each.route.setup in FOURDOF_RUNS]
+    driven = [each for each in passes if each.whole and each.route.travel.is_fourdof]
     if not driven or survey.head is None:
         return HeadMeasured(angles={})
     if survey.head.angular:
@@ -101,7 +101,7 @@ def _calibration(section: HeadSection, files: Mapping[str, bytes]) -> HeadFile:
 
 def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, level: Angles) -> _PassSeen:
     name = f"{each.route.setup} pass {each.number}"
-    axis = AXES.index(each.route.setup[-1])
+    axis = AXES.index(each.route.travel.axis)
     run = section.run_along(AXES[axis])
     stops = [stop for stop, _ in each.chosen().values()]
     position = np.array([stop.position_mm[axis] for stop in stops])
@@ -133,7 +133,7 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
 def _named(each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise") -> _PassSeen:
     """Return the usable part of a pass by ISO 230-1 names, positions ascending."""
     mount = Mount(
-        axis=cast("Literal['x', 'y', 'z']", each.route.setup[-1]),
+        axis=cast("Literal['x', 'y', 'z']", each.route.travel.axis),
         beam=run.beam,
         detector_x=run.detector_x,
         detector_y=run.detector_y,

@@ -9,9 +9,9 @@ from collections.abc import Awaitable, Callable
 
 import structlog
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.records.events import LOST
 from stepdiag.daq.records.status import LinkState
-from stepdiag.solver.errors import DeviceError
 
 FIRST_WAIT_S = 0.05
 WAIT_GROWTH = 2.0

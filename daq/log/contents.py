@@ -12,12 +12,12 @@ from pathlib import Path
 
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import LARGEST_SETTINGS_BYTES
 from stepdiag.daq.log.codec import MAX_TIME_NS, Run, decode
 from stepdiag.daq.log.reader import DAMAGE, RecordReader, stored_bytes
 from stepdiag.daq.log.writer import CLOCK, LIBRARY, LOG_VERSION, RUN, RUN_STOP, SURVEY_ATTACHMENT, LogHeader, survey_digest
 from stepdiag.daq.records.events import Event
-from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES
-from stepdiag.solver.errors import DataError, UsageError
 
 MOST_RECORDS_BEFORE_SURVEY = 16
 MAX_WAITING_EVENTS = 1_000_000

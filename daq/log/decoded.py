@@ -8,14 +8,14 @@ from typing import get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import read_text
 from stepdiag.daq.log.contents import Log
 from stepdiag.daq.log.reader import stored_bytes
 from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.timing.stream import StreamBuffer
-from stepdiag.exporters.files.files import read_text
-from stepdiag.solver.errors import DataError, UsageError
 
 AT_ONCE_NS = 30_000_000_000
 """Samples are handed out in blocks of so long a time: enough for the clock under them, little in memory."""

@@ -11,13 +11,13 @@ from mcap.records import Channel as ChannelRecord
 from mcap.records import Message, Schema
 from mcap.writer import CompressionType, Writer
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.log.codec import LogClock
 from stepdiag.daq.log.contents import Log
 from stepdiag.daq.log.decoded import Decoded
 from stepdiag.daq.log.reader import RecordReader
 from stepdiag.daq.log.topics import BLOCK_TOPIC, DECODED_CHANNELS, RAW_TOPICS
 from stepdiag.daq.records.events import Stream
-from stepdiag.solver.errors import UsageError
 
 RAW = {*RAW_TOPICS.values(), BLOCK_TOPIC}
 Write = Callable[[Path, Log, Stream, Iterator[Decoded]], int]

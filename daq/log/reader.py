@@ -17,8 +17,8 @@ from mcap.records import Chunk as ChunkRecord
 from mcap.records import McapRecord
 from mcap.stream_reader import CRCValidationError, StreamReader, breakup_chunk
 
+from stepdiag.base.errors import DataError
 from stepdiag.daq.log.part_file import PART_SUFFIX
-from stepdiag.solver.errors import DataError
 
 MAX_RECORD_BYTES = 64_000_000
 MAX_CHUNK_BYTES = 16_000_000

@@ -9,6 +9,7 @@ from typing import IO, Any, cast
 from mcap.records import Attachment, Channel, Header, McapRecord, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.log.contents import LogEnd, open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX, PartFile
@@ -16,7 +17,6 @@ from stepdiag.daq.log.reader import RecordReader
 from stepdiag.daq.log.topics import STOP_TOPIC
 from stepdiag.daq.log.writer import CHUNK_BYTES, RUN_STOP
 from stepdiag.daq.records.events import Chunk, ModbusBlock
-from stepdiag.solver.errors import DataError, UsageError
 
 _DRAIN_BYTES = 1_000_000
 _SUFFIX = ".recovering"

@@ -7,9 +7,9 @@ from collections.abc import Sequence
 from itertools import product
 from typing import Any
 
+from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.topics import VOLUME_TOPIC, Note
-from stepdiag.solver.geometry.volume import Volume
 
 LINE_STRIP, LINE_LIST = 0, 2
 FRAME = "machine"

@@ -12,11 +12,11 @@ from typing import Any, get_args
 
 import msgspec
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, Signals
 from stepdiag.daq.records.events import Link, Stream
 from stepdiag.daq.records.status import LinkState, Phase
-from stepdiag.solver.findings import Finding
 
 Schema = dict[str, Any]
 

@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.place.route import Route, base_setup
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS
+from stepdiag.daq.capture.place.route import Route
 
 REALIGN_MRAD = 2.0
 """Beyond this the spot wanders and second-order terms grow to micrometres: realign (theory.md 6.5)."""
@@ -23,7 +22,7 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[CapturedStop]) -> tuple[float
 
     None for a run along one axis, and before every axis has made a step between two good stops.
     """
-    if base_setup(route.setup) not in BODY_DIAGONALS or len(stops) < 4:
+    if not route.travel.is_diagonal or len(stops) < 4:
         return None
     sideways, upwards = _across(route)
     rows, wrong = [], []

@@ -7,11 +7,9 @@ from itertools import combinations
 
 import numpy as np
 
-from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.slips import Step, Vector, like_its_axis, odd_step, scatter_of_steps, step_in
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 
 CLEARLY = 0.5
 """A pass is named alone where the step explains its own reading there twice as well as that of the other pass."""
@@ -28,7 +26,7 @@ def compare(passes: Sequence[Pass], *, alone: bool) -> dict[int, tuple[Doubt, ..
     there is to judge it by.
     """
     against: dict[int, tuple[Doubt, ...]] = dict.fromkeys(range(len(passes)), ())
-    if not passes or base_setup(passes[0].route.setup) in FOURDOF_RUNS:
+    if not passes or passes[0].route.travel.is_fourdof:
         return against
     readings = {index: _Readings(each, _one_sided(each)) for index, each in enumerate(passes) if each.whole}
     if alone and len(readings) == 1:

@@ -7,8 +7,8 @@ import math
 
 import numpy as np
 
+from stepdiag.base.volume import Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad, tilt_effect_um
 from stepdiag.daq.passes.counts import on_one_count
 from stepdiag.daq.passes.driven import Pass
@@ -16,7 +16,6 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import in_this_air
 from stepdiag.daq.records.status import StopStatus
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS, Vector
 
 
 class RecentStops:
@@ -65,7 +64,7 @@ def _own_um(survey: Survey, each: Pass) -> dict[int, float]:
         return {}
     raw = np.array([_raw_mm(chosen[stop]) for stop in stops])
     readings: Vector = raw - raw[0]
-    if not survey.laser.compensated and base_setup(each.route.setup) not in FOURDOF_RUNS:
+    if not survey.laser.compensated and not each.route.travel.is_fourdof:
         readings = in_this_air(survey, each, [chosen[stop][0] for stop in stops], readings)
     nominal = np.array([each.route.nominal_at_mm(chosen[stop][0].position_mm) for stop in stops])
     deviations = (readings - (nominal - nominal[0])) * 1e3

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
@@ -15,7 +16,6 @@ from stepdiag.daq.passes.stretches import same_um
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break
-from stepdiag.solver.findings import Finding
 
 
 class PassBook:

@@ -5,13 +5,12 @@ from collections.abc import Mapping
 import msgspec
 import numpy as np
 
+from stepdiag.base.volume import Vector, diagonal_direction
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.passes.counts import Counted, on_one_count
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Environment, Survey
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, FOURDOF_RUNS, Vector, diagonal_direction, travel_signs
 from stepdiag.solver.readings.readings import Readings, make_readings
 from stepdiag.solver.standards.air import Air, Done, displacement_mm, refractive_index
 from stepdiag.solver.standards.expansion import expansion_um, reading_at_20_c_mm
@@ -27,7 +26,7 @@ def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float
     """
     stated = dict(environment or {})
     survey = msgspec.structs.replace(survey, environment=msgspec.structs.replace(survey.environment, **stated))
-    used = [each for each in passes if each.whole and base_setup(each.route.setup) not in FOURDOF_RUNS]
+    used = [each for each in passes if each.whole and not each.route.travel.is_fourdof]
     counted = on_one_count(used)
     first = {(one.driven.route.setup, one.zero): one for one in sorted(counted, key=lambda one: -one.driven.number)}
     tables = [_rows(survey, one, first[one.driven.route.setup, one.zero], stated) for one in counted]
@@ -85,8 +84,8 @@ def in_this_air(survey: Survey, first: Pass, stops: list[CapturedStop], readings
 
 
 def _at_20_c(survey: Survey, each: Pass, origin: CapturedStop, stops: list[CapturedStop], readings: Vector) -> Vector:
-    base = base_setup(each.route.setup)
-    along = diagonal_direction(survey.volume, base) if base in BODY_DIAGONALS else np.eye(3)["xyz".index(base[-1])]
+    travel_of = each.route.travel
+    along = diagonal_direction(survey.volume, travel_of.base) if travel_of.is_diagonal else np.eye(3)["xyz".index(travel_of.axis)]
     temperature = np.array([[_material_c(survey.environment, stop)] * 3 for stop in stops])
     travel = np.array([np.subtract(stop.position_mm, origin.position_mm) for stop in stops])
     grown = expansion_um(travel, along, survey.machine.expansion_um_m_c, temperature)
@@ -95,13 +94,12 @@ def _at_20_c(survey: Survey, each: Pass, origin: CapturedStop, stops: list[Captu
 
 def _beam(survey: Survey, each: Pass) -> Vector:
     """Return a point of the beam line for every stop, shape (k, 3): shifted setups only, NaN elsewhere."""
-    base, _, number = each.route.setup.partition("+")
-    count = len(each.route)
-    if not number:
+    setup, count = each.route.travel, len(each.route)
+    if not setup.shift:
         return np.full((count, 3), np.nan)
-    shifts = [offset.offset_mm for offset in survey.plan.beam_offset if offset.setup == base]
-    corner = np.where(travel_signs(base) > 0, 0.0, np.array(survey.volume.size_mm)) + np.array(survey.volume.origin_mm)
-    return np.tile(corner + np.array(shifts[int(number) - 1]), (count, 1))
+    shifts = [offset.offset_mm for offset in survey.plan.beam_offset if offset.setup == setup.base]
+    corner = np.where(np.array(setup.signs) > 0, 0.0, np.array(survey.volume.size_mm)) + np.array(survey.volume.origin_mm)
+    return np.tile(corner + np.array(shifts[setup.shift - 1]), (count, 1))
 
 
 def _environment(environment: Environment, stop: CapturedStop, name: str) -> float:

@@ -8,13 +8,13 @@ from dataclasses import replace
 from datetime import UTC, datetime
 from typing import Any
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.conditions import COURSES
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.held import Held, held_conditions
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.findings import Finding
 
 STATED = ("air-unknown", "sensor-jump")
 """Doubts of conditions: they end where the conditions are stated afterwards."""

@@ -20,12 +20,12 @@ import zstandard
 from mcap.records import Attachment, Channel, McapRecord, Message, Metadata, Schema
 from mcap.writer import CompressionType, Writer
 
+from stepdiag.base.errors import DataError
 from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.reader import RecordReader
 from stepdiag.daq.log.recovery import copy_record
 from stepdiag.daq.log.writer import RUN_STOP
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
-from stepdiag.solver.errors import DataError
 
 PACKED_CHUNK_BYTES = 1_000_000
 LEVEL = 19

@@ -9,8 +9,8 @@ from pathlib import Path
 import msgspec
 import structlog
 
+from stepdiag.base.files import read_bytes
 from stepdiag.daq.recording.verdicts import LARGEST_BYTES, append_line
-from stepdiag.exporters.files.files import read_bytes
 
 BEGUN = "begun.jsonl"
 OLD_S = 30.0

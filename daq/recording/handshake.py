@@ -2,9 +2,9 @@
 
 from collections.abc import Callable
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
-from stepdiag.solver.findings import Finding
 
 LEAST_PATIENCE_S = 1.0
 """A stop takes its window and a few polls even where the plan asks for a shorter dwell."""

@@ -5,12 +5,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.formats.recognise import KEPT, refused, senseless
 from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag
-from stepdiag.solver.findings import Finding
 
 PATIENCE_NS = 3_000_000_000
 """What an instrument sends may make no sense for so long: its line was opened in the middle of a word, or it has just got power."""

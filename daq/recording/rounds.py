@@ -17,6 +17,8 @@ import msgspec
 import structlog
 from mcap.records import Channel, Message
 
+from stepdiag.base.errors import DataError, DeviceError, UsageError
+from stepdiag.base.findings import Finding, Severity
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
@@ -27,8 +29,6 @@ from stepdiag.daq.recording.session import Round
 from stepdiag.daq.recording.verdicts import verdicts_in
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.replay import begun_logs
-from stepdiag.solver.errors import DataError, DeviceError, UsageError
-from stepdiag.solver.findings import Finding, Severity
 
 LOCK = ".lock"
 

@@ -10,11 +10,14 @@ from typing import Protocol
 
 import msgspec
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.findings import Finding
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import SETUP_NUMBERS
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import believed_before, told_names, with_air
 from stepdiag.daq.capture.outcome import Outcome
-from stepdiag.daq.capture.place.route import base_setup
 from stepdiag.daq.capture.standing.dwell import same_stop
 from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.log.codec import time_of
@@ -32,9 +35,6 @@ from stepdiag.daq.timing.host_clock import now_ns
 from stepdiag.daq.timing.samples import Samples
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 from stepdiag.daq.timing.strip import Strip
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import SETUP_NUMBERS
 
 PREROLL_NS = 8_000_000_000
 PREROLL_BYTES = 4_000_000
@@ -309,7 +309,7 @@ class Session:
         if setup is None:
             return not self.book.complete()
         base = SETUP_NUMBERS.get(setup)
-        return any(self.book.open_passes(name) for name in self.survey.plan.all_setups if base_setup(name) == base)
+        return any(self.book.open_passes(name) for name in self.survey.plan.all_setups if setup_of(name).base == base)
 
     def _remember(self, event: Event) -> None:
         self._before.append(event)

@@ -13,10 +13,10 @@ from typing import TypeVar
 import msgspec
 import structlog
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.files import read_bytes
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, acceptance_of
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.exporters.files.files import read_bytes
-from stepdiag.solver.errors import UsageError
 
 ACCEPTED = "accepted.jsonl"
 JUDGED = "judged.jsonl"

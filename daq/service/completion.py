@@ -12,6 +12,8 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 from typing import Any, Literal
 
+from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
+from stepdiag.base.files import as_text, holds, write_atomically, write_once
 from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.doubt import says_what_to_do
@@ -27,11 +29,9 @@ from stepdiag.daq.survey.environment import NAMES
 from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
-from stepdiag.exporters.files.files import as_text, holds, write_atomically, write_once
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.levers import left_out
-from stepdiag.solver.errors import DataError, SafetyError, StepdiagError, UsageError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import Angles, parse_angles
 from stepdiag.solver.readings.readings import Readings, render_readings

@@ -13,6 +13,8 @@ from typing import Any
 
 import structlog
 
+from stepdiag.base.errors import DeviceError, UsageError
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.log.recorder import Recorder, RecorderHealth
@@ -35,8 +37,6 @@ from stepdiag.daq.service.supervision import Supervisor
 from stepdiag.daq.survey.bundle import bundle_to_run, compensation_findings, compensation_of, read_bundle
 from stepdiag.daq.survey.file import load_survey, read_text
 from stepdiag.daq.timing.host_clock import now_ns, wall_offset_ns
-from stepdiag.solver.errors import DeviceError, UsageError
-from stepdiag.solver.findings import Finding
 
 PUBLISH_S = 0.1
 """How often the snapshot is made anew."""

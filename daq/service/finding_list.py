@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from datetime import UTC, datetime
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.status import FindingStatus
-from stepdiag.solver.findings import Finding
 
 SHOWN = 50
 """The latest of those that are past."""

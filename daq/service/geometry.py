@@ -4,9 +4,9 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
 
+from stepdiag.base.volume import BODY_DIAGONALS, Volume
 from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import GeometryStatus, Point, SetupStatus, WayStatus
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, Volume
 
 BEYOND = 0.06
 """How far beyond its end the name of an axis stands, as a share of the longest side."""

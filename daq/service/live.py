@@ -6,9 +6,9 @@ from pathlib import Path
 
 import msgspec
 
+from stepdiag.base.errors import StepdiagError
+from stepdiag.base.files import read_bytes
 from stepdiag.daq.records.status import LinkStatus
-from stepdiag.exporters.files.files import read_bytes
-from stepdiag.solver.errors import StepdiagError
 
 FILE = ".now.json"
 OLD_S = 10.0

@@ -8,6 +8,8 @@ from pathlib import Path
 
 import structlog
 
+from stepdiag.base.errors import UsageError, excerpt
+from stepdiag.base.findings import Finding
 from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.recording.survey_links import SurveyLinks
@@ -19,8 +21,6 @@ from stepdiag.daq.service.metrics import Figures, Tally, disk_free_bytes
 from stepdiag.daq.service.snapshot import expected_stop, snapshot
 from stepdiag.daq.service.supervision import Supervisor
 from stepdiag.daq.timing.host_clock import now_ns
-from stepdiag.solver.errors import UsageError, excerpt
-from stepdiag.solver.findings import Finding
 
 _ARGUMENTS = ("setup", "operator", "workpiece", "place", "reason", "name")
 LONGEST_NAME = 200

@@ -2,9 +2,10 @@
 
 from functools import lru_cache
 
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import Volume
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.planning.runs import Pace, Plan, Run, run_minutes, run_stops_mm, setup_minutes
 
 PACE_STOPS = 10
@@ -22,7 +23,8 @@ def seconds_left(survey: Survey, book: PassBook) -> float:
     measured = _pace_s(book)
     total = 0.0
     for name in plan.all_setups:
-        run = Run(setup=name, repeats=plan.repeats, return_pass=plan.return_pass, beam_offset_mm=SHIFTED if "+" in name else UNSHIFTED)
+        offset_mm = SHIFTED if setup_of(name).shift else UNSHIFTED
+        run = Run(setup=name, repeats=plan.repeats, return_pass=plan.return_pass, beam_offset_mm=offset_mm)
         stops, planned, setting_up = _times(survey.volume, survey.axis_order, run, pace)
         begun = book.of(name)
         missing = stops * len(book.wanted()) - sum(len(each.chosen()) for each in begun if each.number in book.wanted())

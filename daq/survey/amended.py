@@ -3,9 +3,9 @@
 import re
 from collections.abc import Sequence
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import Plan
-from stepdiag.solver.errors import UsageError
 
 HEADER = re.compile(r"\s*\[")
 OFFSETS = "[[plan.beam_offset]]"

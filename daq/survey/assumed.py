@@ -6,8 +6,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment, Survey, Uncertainty
-from stepdiag.exporters.files.settings import convert, read_toml, refuse
 from stepdiag.solver.model.assumptions import Assumptions, usual_sizes
 from stepdiag.solver.standards.air import Air, AirUncertainty, index_u
 

@@ -7,12 +7,12 @@ import base64
 from collections.abc import Mapping
 from pathlib import Path
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import LARGEST_TABLE_BYTES, as_text, read_bytes
+from stepdiag.base.findings import Finding
+from stepdiag.base.settings import read_toml
 from stepdiag.daq.survey.models import Survey
-from stepdiag.exporters.files.files import LARGEST_TABLE_BYTES, as_text, read_bytes
-from stepdiag.exporters.files.settings import read_toml
 from stepdiag.exporters.safety.compensation import Statement, stated
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.findings import Finding
 
 PREFIX = "file:"
 """Marks a file among the entries of a log's ``stepdiag.run``."""

@@ -1,7 +1,7 @@
 """Conditions that a person states after a survey: they count in place of what was recorded."""
 
+from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment
-from stepdiag.exporters.files.settings import convert, read_toml, refuse
 
 AIR = ("air_temperature_c", "air_pressure_hpa", "relative_humidity_percent")
 """What the refractive index is computed from."""

@@ -10,13 +10,13 @@ The sections are structs of `daq.survey.models`; the commented file is `daq.surv
 
 from pathlib import Path
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, read_bytes
+from stepdiag.base.settings import convert, read_toml
 from stepdiag.daq.survey.formats import head_decoder, laser_decoder
 from stepdiag.daq.survey.head_file import parse_head_file, require_owner
 from stepdiag.daq.survey.models import StopRules, Survey
 from stepdiag.daq.survey.rules import check
-from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES, as_text, read_bytes
-from stepdiag.exporters.files.settings import convert, read_toml
-from stepdiag.solver.errors import UsageError
 
 __all__ = ["StopRules", "Survey", "head_decoder", "laser_decoder", "load_survey", "parse_survey"]
 

@@ -2,10 +2,10 @@
 
 from collections.abc import Iterator
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, MOST_INCREMENTS
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, MOST_INCREMENTS
 from stepdiag.solver.planning.planner import Circumstances, forecast
 from stepdiag.solver.planning.runs import Pace, Plan, Run
 

@@ -11,14 +11,14 @@ import msgspec
 import numpy as np
 from msgspec import Meta
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import as_text
+from stepdiag.base.settings import convert, read_toml
+from stepdiag.base.volume import Vector
 from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import NotNegative, Positive, Text
-from stepdiag.exporters.files.files import as_text
-from stepdiag.exporters.files.settings import convert, read_toml
-from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
 from stepdiag.solver.fourdof.head import Crosstalk, Head
-from stepdiag.solver.geometry.volume import Vector
 
 Pair = tuple[float, float]
 Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}\Z", description='a day such as "2026-03-31"')]

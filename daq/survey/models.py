@@ -12,10 +12,10 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
+from stepdiag.base.volume import BODY_DIAGONALS, MOST_INCREMENTS, Volume
 from stepdiag.daq.formats.expressions import Expression, Kind, parse_expression
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SIGNAL_NAMES, SignalMap, SignalSpec, describe
 from stepdiag.daq.records.events import Table
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, MOST_INCREMENTS, Volume
 
 Positive = Annotated[float, Meta(gt=0)]
 NotNegative = Annotated[float, Meta(ge=0)]

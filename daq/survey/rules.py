@@ -3,14 +3,15 @@
 import re
 from collections.abc import Collection, Iterator
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.settings import refuse, unknown_key
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS, reads_like_metres
 from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
 from stepdiag.daq.links.ports.address import can_be_host, network_line
 from stepdiag.daq.survey.formats import air_settings, laser_settings
 from stepdiag.daq.survey.models import Head, LineSection, Plc, Survey
-from stepdiag.exporters.files.settings import refuse, unknown_key
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS, reads_like_metres
 
 _SETUP_NAMES = (*BODY_DIAGONALS, *LINEAR_RUNS, *FOURDOF_RUNS)
 _INPUT_NAME = re.compile(r"[A-Za-z]\w{0,31}\Z", re.ASCII)
@@ -72,7 +73,8 @@ def _plan(survey: Survey, source: str) -> Iterator[UsageError]:
 
 def _turns(head: Head, setup: str, source: str) -> Iterator[UsageError]:
     """Judge which rotations an autocollimator or a level tells in a run."""
-    axis, own = setup[-1], "ABC"[AXES.index(setup[-1])]
+    axis = setup_of(setup).axis
+    own = "ABC"[AXES.index(axis)]
     turns = head.angles.turns(axis)
     field, letters = f"head.angles.{axis}", [turn[1] for turn in turns]
     if not turns or len(turns) > 2 or len(set(letters)) != len(letters):

@@ -13,6 +13,9 @@ from typing import Annotated, Literal
 
 import msgspec
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.findings import Finding
+from stepdiag.base.kinematics import parse_chain
 from stepdiag.exporters.beckhoff import csv, parameter_list
 from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines
@@ -26,9 +29,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.kinematics import parse_chain
 from stepdiag.solver.result.result import POSITIONING
 
 VOLCOMP, ANGLE, SSFK, CROSS = "volcomp", "volcomp-angle", "ssfk", "crosscomp"

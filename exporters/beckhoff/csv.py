@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end
 from stepdiag.exporters.files.numbers import fixed, shortest
@@ -17,8 +19,6 @@ from stepdiag.exporters.tables.angular import COLUMN, Angle, angle_tables, colum
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Table
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import Vector
 
 _COMPONENT = re.compile(r"^E[XYZ][XYZ]\Z")
 _ANGLE = re.compile(r"^E[ABC][XYZ]\Z")

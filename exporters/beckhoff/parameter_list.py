@@ -5,12 +5,12 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, read_lines, whole
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Sense, Table
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.geometry.volume import Vector
 
 _UNITS_PER_MM = 10000.0
 _UM = 0.1

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import msgspec
 
+from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.export.report import report_text
 from stepdiag.exporters.export.volume import export_etalon, export_kinematics, export_lattice
@@ -36,8 +38,6 @@ from stepdiag.exporters.safety.verify import harm_findings, predict, worse_findi
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller, Plan
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.errors import SafetyError, UsageError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import Result
 
 

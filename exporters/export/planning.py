@@ -11,6 +11,7 @@ from datetime import date
 
 import numpy as np
 
+from stepdiag.base.errors import SafetyError
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.angular import require_chain
@@ -21,7 +22,6 @@ from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, summed_um
-from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.result.result import Result
 
 _ROUNDS = 12

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.written import REPORT, ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import RESTORE, suffixed
@@ -26,8 +28,6 @@ from stepdiag.exporters.tables.controller import plausible_slope_um_mm
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import LimitsSection, Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.interval import interval_of
 from stepdiag.solver.result.result import DISPLACEMENTS, Result
 

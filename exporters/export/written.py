@@ -3,9 +3,9 @@
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.findings import Finding
 
 REPORT = "EXPORT_REPORT.txt"
 

@@ -5,9 +5,9 @@ error in the + direction and in the - direction, in mm; a - column of zeros mean
 as error, by the wording. No transfer format is public, and no cross table is described.
 """
 
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.tables.axis_list import AxisList
 from stepdiag.exporters.tables.tables import Law
-from stepdiag.solver.findings import Finding
 
 FAGOR = AxisList(
     name="fagor",

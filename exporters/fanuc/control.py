@@ -10,6 +10,8 @@ from dataclasses import dataclass, replace
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.identity import identity_findings
 from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
@@ -25,8 +27,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
 from stepdiag.exporters.tables.seats import copied
 from stepdiag.exporters.tables.tables import Table, correction_um
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import POSITIONING
 
 __all__ = ["Fanuc", "FanucOptions"]

@@ -9,11 +9,11 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions
 from stepdiag.exporters.fanuc.punch import PunchFile
 from stepdiag.exporters.fanuc.straightness import found_in
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.findings import Finding
 
 AXIS_NAME, REFERENCE_POINT, HIGHEST_POINT = 1020, 3620, 3622
 OF_EVERY_AXIS, AXES = (AXIS_NAME, REFERENCE_POINT), range(1, 33)

@@ -10,14 +10,14 @@ from itertools import combinations
 
 import numpy as np
 
+from stepdiag.base.errors import SafetyError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.fanuc.options import FanucOptions
 from stepdiag.exporters.fanuc.pitch import Points, points_of
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import quantised, sampled_um
 from stepdiag.exporters.tables.tables import Law, Table
-from stepdiag.solver.errors import SafetyError
-from stepdiag.solver.geometry.volume import Vector
 
 INCLINATION = "inclination"
 STRAIGHTNESS = "straightness"

@@ -4,7 +4,7 @@ from typing import Annotated
 
 import msgspec
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 
 LAST_POINT = 9999
 PointNumber = Annotated[int, msgspec.Meta(ge=0, le=LAST_POINT)]

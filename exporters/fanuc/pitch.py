@@ -10,13 +10,13 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.errors import SafetyError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional, sampled_um
 from stepdiag.exporters.tables.tables import Law, Table
-from stepdiag.solver.errors import SafetyError
-from stepdiag.solver.geometry.volume import Vector
 
 KIND = "pitch"
 LAW = Law(sense="as-compensation", data="incremental", between="stepped")

@@ -11,8 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
+from stepdiag.base.errors import DataError, SafetyError, excerpt
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.solver.errors import DataError, SafetyError, excerpt
 
 FIRST_PITCH_LINE = 10000
 EOB = b"\n\r\r"

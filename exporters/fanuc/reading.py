@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.options import LAST_POINT, AxisPoints, FanucOptions, StraightnessNumbers
 from stepdiag.exporters.fanuc.parameters import BIDIRECTIONAL
@@ -14,8 +16,6 @@ from stepdiag.exporters.files.listing import finite, whole
 from stepdiag.exporters.tables.curves import STRAIGHTNESS
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, require_rising
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.geometry.volume import Vector
 
 
 def read_tables(files: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> tuple[Table, ...]:

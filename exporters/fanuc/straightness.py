@@ -11,10 +11,10 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import SafetyError
 from stepdiag.exporters.fanuc.options import FanucOptions, StraightnessNumbers
 from stepdiag.exporters.fanuc.punch import PunchFile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.errors import SafetyError
 
 SETS = tuple(
     StraightnessNumbers(

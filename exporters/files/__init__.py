@@ -1,4 +1,4 @@
-"""Files as such: names, numbers, settings, hashes, atomic writing.
+"""Sets of control files: names, numbers, lines, hashes.
 
 In: bytes and text. Out: files that are whole or absent. Imported by every room above; knows no control.
 """

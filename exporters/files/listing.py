@@ -3,9 +3,9 @@
 import math
 from collections.abc import Iterable, Iterator
 
+from stepdiag.base.csv_table import LARGEST
+from stepdiag.base.errors import DataError
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.readings.csv_table import LARGEST
 
 MOST_LINES = 1_000_000
 LONGEST_LINE = 4096

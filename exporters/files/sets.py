@@ -14,10 +14,10 @@ import zipfile
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes
 from stepdiag.exporters.files.naming import is_restore
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
 
 SUMS = "SHA256SUMS"
 EPOCH = (1980, 1, 1, 0, 0, 0)

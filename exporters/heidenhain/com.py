@@ -11,6 +11,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.naming import plain_name
@@ -18,8 +20,6 @@ from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.tables.angular import COLUMN, Angle, angle_tables, column_urad
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Table
-from stepdiag.solver.errors import DataError, SafetyError
-from stepdiag.solver.geometry.volume import Vector
 
 _NEWLINE = "\r\n"
 _END = "[END]"

@@ -17,6 +17,10 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.findings import Finding
+from stepdiag.base.kinematics import parse_chain
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.files.naming import plain_name
@@ -31,10 +35,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.seats import copied
 from stepdiag.exporters.tables.tables import Law, Table, plain_rows
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.kinematics import parse_chain
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.result import POSITIONING
 
 KIND = "com"

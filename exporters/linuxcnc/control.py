@@ -14,6 +14,9 @@ from typing import Annotated, Literal
 import msgspec
 import numpy as np
 
+from stepdiag.base.csv_table import LARGEST
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.naming import plain_name
@@ -28,9 +31,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, quantised
 from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Table, correction_um, plain_rows
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.readings.csv_table import LARGEST
 from stepdiag.solver.result.result import POSITIONING
 
 SCREW = "comp"

@@ -4,11 +4,11 @@ import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
+from stepdiag.base.errors import UsageError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.tables import lattice
-from stepdiag.solver.errors import UsageError
 
 NAME = "ini_lines.txt"
 COMPONENT_HAL = "stepdiagkins.hal"

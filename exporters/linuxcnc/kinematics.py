@@ -13,14 +13,14 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.errors import SafetyError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.linuxcnc.ini import COMPONENT_HAL, NAME, Joints, Naming, back, change, named_by
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.errors import SafetyError
-from stepdiag.solver.geometry.volume import Vector
 
 MOST_VERTICES = 65536
 """As many as the component has room for."""

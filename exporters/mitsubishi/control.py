@@ -13,6 +13,9 @@ from typing import Annotated, Literal, NamedTuple
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end, whole
 from stepdiag.exporters.files.numbers import shortest
@@ -23,9 +26,6 @@ from stepdiag.exporters.tables.own_files import own_and_zeros
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import quantised, sampled_um
 from stepdiag.exporters.tables.tables import Law, Table, require_rising
-from stepdiag.solver.errors import DataError, SafetyError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
 
 KIND = "relative"
 _MARK, _END = b"lowest point at", b"; end"

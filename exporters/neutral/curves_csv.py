@@ -10,6 +10,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import DataError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import fixed, shortest
@@ -18,7 +19,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.tables import Law, Table, plain_rows
-from stepdiag.solver.errors import DataError
 
 NAME = "neutral"
 KIND = "curve"

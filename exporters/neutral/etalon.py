@@ -11,12 +11,12 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from stepdiag.base.errors import DataError, excerpt
+from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import shortest
-from stepdiag.solver.errors import DataError, excerpt
-from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
-from stepdiag.solver.geometry.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 
 NAME = "etalon"

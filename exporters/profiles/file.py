@@ -9,9 +9,11 @@ from typing import Any, Literal
 
 import msgspec
 
+from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.files import LARGEST_SETTINGS_BYTES, LARGEST_TABLE_BYTES, as_text, read_bytes
+from stepdiag.base.settings import convert, nearest, read_toml, require_answers
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES, LARGEST_TABLE_BYTES, as_text, read_bytes
-from stepdiag.exporters.files.settings import convert, nearest, read_toml, require_answers
 from stepdiag.exporters.programs.settings import SECTION as PROGRAM
 from stepdiag.exporters.programs.settings import ProgramSection
 from stepdiag.exporters.tables.controller import Controller
@@ -25,8 +27,6 @@ from stepdiag.exporters.tables.profile import (
     Profile,
     SignTestRecord,
 )
-from stepdiag.solver.errors import SafetyError, UsageError
-from stepdiag.solver.geometry.volume import Volume
 
 
 class _Common(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):

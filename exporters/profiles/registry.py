@@ -3,17 +3,17 @@
 from collections.abc import Mapping
 from types import MappingProxyType
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.settings import nearest
 from stepdiag.exporters.beckhoff.control import Beckhoff
 from stepdiag.exporters.fagor.control import FAGOR
 from stepdiag.exporters.fanuc.control import Fanuc
-from stepdiag.exporters.files.settings import nearest
 from stepdiag.exporters.heidenhain.control import Heidenhain
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.mitsubishi.control import Mitsubishi
 from stepdiag.exporters.neutral.curves_csv import Neutral
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.controller import Controller
-from stepdiag.solver.errors import UsageError
 
 _ALL: tuple[Controller, ...] = (
     Siemens(),

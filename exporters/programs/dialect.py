@@ -6,10 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import AXES, BODY_DIAGONALS
 from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number, travel_mm
 from stepdiag.exporters.programs.signals import Signals
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -29,7 +30,7 @@ class Job:
     @property
     def base(self) -> str:
         """Return the setup without its beam offset."""
-        return self.setup.partition("+")[0]
+        return setup_of(self.setup).base
 
     @property
     def word(self) -> str:
@@ -39,8 +40,7 @@ class Job:
     @property
     def program_number(self) -> int:
         """Return 8000 + the setup number; each beam offset adds a hundred."""
-        offset = self.setup.partition("+")[2]
-        return 8000 + self.register + 100 * int(offset or 0)
+        return 8000 + self.register + 100 * setup_of(self.setup).shift
 
 
 class Dialect(ABC):

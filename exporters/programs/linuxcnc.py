@@ -3,11 +3,11 @@
 import re
 from pathlib import Path
 
+from stepdiag.base.errors import UsageError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.programs.dialect import Dialect, Job
 from stepdiag.exporters.programs.signals import Signals
-from stepdiag.solver.errors import UsageError
 
 COMPONENT = "stepdiag_modbus.py"
 HAL = "stepdiag.hal"

@@ -5,6 +5,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from types import MappingProxyType
 
+from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.volume import AXES
 from stepdiag.exporters.programs.dialect import Dialect, Job
 from stepdiag.exporters.programs.fanuc import Fanuc
 from stepdiag.exporters.programs.heidenhain import Heidenhain
@@ -13,8 +15,6 @@ from stepdiag.exporters.programs.sequence import Sequence, check
 from stepdiag.exporters.programs.sequence import travel_mm as travel_of
 from stepdiag.exporters.programs.siemens import Siemens
 from stepdiag.exporters.programs.signals import Signals
-from stepdiag.solver.errors import SafetyError, UsageError
-from stepdiag.solver.geometry.volume import AXES
 
 _DIALECTS: Mapping[str, Dialect] = MappingProxyType(
     {dialect.control: dialect for dialect in (Fanuc(), Siemens(), Heidenhain(), LinuxCNC())}

@@ -5,8 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, SETUP_NUMBERS, Vector, Volume, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.errors import UsageError
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, SETUP_NUMBERS, Vector, Volume, diagonal_stops_mm, linear_stops_mm
 
 LARGEST_COUNT = 32767
 """The stop counter stays within a signed 16-bit word: some controls hand nothing larger to their PLC."""
@@ -68,23 +69,18 @@ def setup_number(setup: str) -> int:
 
     Raises ``UsageError`` for a name that is no setup.
     """
-    base, plus, offset = setup.partition("+")
-    for number, name in SETUP_NUMBERS.items():
-        if name == base and (not plus or (base in BODY_DIAGONALS and offset.isdecimal() and int(offset) > 0)):
-            return number
-    raise UsageError(
-        "plan.setups",
-        expected="setups such as " + ", ".join((*SETUP_NUMBERS.values(), "ppp+1")),
-        found=repr(setup),
-    )
+    travel = setup_of(setup, "plan.setups", tuple(SETUP_NUMBERS.values()))
+    if travel.shift and not travel.is_diagonal:
+        raise UsageError("plan.setups", expected="a shifted beam on a body diagonal alone, such as ppp+1", found=repr(setup))
+    return next(number for number, name in SETUP_NUMBERS.items() if name == travel.base)
 
 
 def line_stops_mm(sequence: Sequence, setup: str) -> Vector:
     """Return the commanded positions of the outward pass of a setup, shape (stops, 3)."""
-    base = setup.partition("+")[0]
-    if base in BODY_DIAGONALS:
-        return diagonal_stops_mm(sequence.volume, base, sequence.axis_order)
-    return linear_stops_mm(sequence.volume, base)
+    travel = setup_of(setup)
+    if travel.is_diagonal:
+        return diagonal_stops_mm(sequence.volume, travel.base, sequence.axis_order)
+    return linear_stops_mm(sequence.volume, travel.base)
 
 
 def passes_of(sequence: Sequence, setup: str) -> tuple[Pass, ...]:

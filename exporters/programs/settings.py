@@ -9,9 +9,9 @@ from typing import Annotated
 
 import msgspec
 
-from stepdiag.exporters.files.settings import convert, read_toml, refuse
+from stepdiag.base.errors import UsageError
+from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.exporters.programs.signals import Signals
-from stepdiag.solver.errors import UsageError
 
 SECTION = "program"
 _TEXTS = tuple(item.name for item in fields(Signals))

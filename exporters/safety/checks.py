@@ -11,14 +11,14 @@ from datetime import date
 
 import numpy as np
 
+from stepdiag.base.errors import SafetyError
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import AXES, Vector
 from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um, summed_um
-from stepdiag.solver.errors import SafetyError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import AXES, Vector
 from stepdiag.solver.result.result import Result
 
 SIGN_TEST_DAYS = 365

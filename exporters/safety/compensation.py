@@ -11,9 +11,9 @@ from dataclasses import dataclass
 from datetime import date
 from typing import Any, Literal
 
+from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.errors import DataError, SafetyError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import Result
 
 State = Literal["off", "on"]

@@ -7,14 +7,14 @@ do not rise or whose values are beyond the limits.
 import re
 from collections.abc import Collection, Iterator, Sequence
 
+from stepdiag.base.errors import SafetyError
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.checks import Case, limit_findings
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.verdict import worst
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.errors import SafetyError
-from stepdiag.solver.findings import Finding
 
 _NO_NUMBER = re.compile(r"(?<![A-Za-z_])(?:nan|inf|infinity)(?![A-Za-z_])", re.IGNORECASE)
 _POWER = re.compile(r"(?<![A-Za-z0-9_.])[-+]?\d+(?:\.\d*)?[eE][-+]?\d+(?![A-Za-z0-9_.])")

@@ -1,7 +1,7 @@
 """A result and a profile are of one machine, by the names that people gave."""
 
+from stepdiag.base.errors import SafetyError
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.errors import SafetyError
 from stepdiag.solver.result.result import Result
 
 UNANSWERED = frozenset({"", "machine", "?"})

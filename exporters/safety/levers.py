@@ -7,12 +7,12 @@ them to the model finds squareness errors that are not there (3 urad for angles 
 import re
 from collections.abc import Mapping
 
+from stepdiag.base.errors import SafetyError
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.errors import SafetyError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import ROTATIONS, Result
 
 _PRODUCT = re.compile(rb"\$AN_CEC_MULT_BY_TABLE\[[^\]]*\]\s*=\s*[1-9]")

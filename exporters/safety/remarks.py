@@ -4,12 +4,12 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, untested_kinds
 from stepdiag.exporters.tables.curves import SIGNIFICANT
 from stepdiag.exporters.tables.sampling import is_directional
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.result import POSITIONING, Result
 
 _COARSE_UM = 0.5

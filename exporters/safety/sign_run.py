@@ -4,10 +4,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import AXES, Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite, read_lines
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import AXES, Vector
 from stepdiag.solver.readings.readings import Readings
 
 HEADER = "position_mm,off_um,on_um"

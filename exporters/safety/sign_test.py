@@ -11,6 +11,8 @@ from datetime import date
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.tables.controller import Controller, Multiplying, Plan
@@ -18,8 +20,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS, SQUARENESS_SLOPE, Curve
 from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Sense, Table, correction_um
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from stepdiag.solver.geometry.volume import Vector
 
 HEIGHT_UM = 10.0
 SLOPE_UM_MM = 0.2

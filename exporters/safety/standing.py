@@ -9,11 +9,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, summed_um
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.result.result import Result
 
 _ALONG = 11

@@ -10,6 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.profiles.file import quick_profile
@@ -29,9 +32,6 @@ from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, joined, mean_correction_um
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.methods.volumetric import coarse_functions, hiding_functions
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.prediction import Predicted, predicted

@@ -7,13 +7,13 @@ production program shows that a positive value moves the output axis in - (contr
 
 from collections.abc import Mapping
 
+from stepdiag.base.errors import DataError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import whole
 from stepdiag.exporters.siemens.ini import Assignment, read_assignments
 from stepdiag.exporters.siemens.points import grid_lines, point_lines, read_points
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Sense, Table
-from stepdiag.solver.errors import DataError
 
 KIND = "cec"
 TIMES = "times table"

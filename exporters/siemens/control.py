@@ -11,6 +11,8 @@ from typing import Annotated
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, restore
 from stepdiag.exporters.siemens.ini import data_file, is_program, require_full_effect
@@ -22,8 +24,6 @@ from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
 from stepdiag.exporters.tables.tables import Sense, Table, plain_rows, zeroed
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import POSITIONING
 
 Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]

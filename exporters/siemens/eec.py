@@ -4,13 +4,13 @@ Function manual K3 (6FC5397-1BP40-3BA1) pp. 237-242: absolute values, linear bet
 compensation value causes the corresponding machine axis to move in the negative direction", so the table holds the error itself.
 """
 
+from stepdiag.base.errors import DataError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import whole
 from stepdiag.exporters.siemens.ini import Assignment, read_assignments
 from stepdiag.exporters.siemens.points import grid_lines, point_lines, read_points
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Table
-from stepdiag.solver.errors import DataError
 
 KIND = "eec"
 LAW = Law(sense="as-error")

@@ -9,9 +9,9 @@ import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
+from stepdiag.base.errors import DataError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite, read_lines
-from stepdiag.solver.errors import DataError
 
 _ASSIGNMENT = re.compile(r"^(?:N\d+\s*)?\$(?P<name>A[AN]_[A-Z_]+)\[(?P<index>[^\]]*)\]\s*=\s*(?P<value>\S+)\Z")
 _SWITCH = re.compile(

@@ -5,11 +5,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.siemens.ini import Assignment, grid_mm
 from stepdiag.exporters.tables.tables import Table, require_rising
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import Vector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

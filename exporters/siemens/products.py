@@ -13,6 +13,7 @@ from itertools import combinations
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
 from stepdiag.exporters.siemens import cec
 from stepdiag.exporters.siemens.cec import TIMES
 from stepdiag.exporters.tables.curves import Curve
@@ -20,7 +21,6 @@ from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import quantised
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
-from stepdiag.solver.errors import DataError
 
 KIND = "cec-product"
 LEVER_MM = 0.1

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import msgspec
 
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import POSITIONING
 
 

@@ -10,6 +10,8 @@ from itertools import pairwise
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end
 from stepdiag.exporters.files.numbers import fixed
@@ -21,8 +23,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Table
-from stepdiag.solver.errors import DataError, SafetyError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import POSITIONING
 
 

@@ -10,12 +10,12 @@ from typing import Literal, Protocol, runtime_checkable
 
 import msgspec
 
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.findings import Finding
 
 PLAUSIBLE_SLOPE_UM_MM = 0.8
 """What no guideway or screw exceeds along its travel, where a control has no limit (controllers.md 10.4): 800 urad, twice what

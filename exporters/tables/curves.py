@@ -12,8 +12,8 @@ from types import MappingProxyType
 
 import numpy as np
 
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.volume import Vector
 from stepdiag.solver.result.result import POSITIONING, Function, Result
 
 STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")

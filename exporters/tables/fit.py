@@ -15,11 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve, curves_of
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
-from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.result import Result
 
 _LETTERS = "XYZ"

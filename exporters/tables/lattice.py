@@ -10,12 +10,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import MOST_LINES, ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.tables.profile import whole_steps
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import Result
 

@@ -10,11 +10,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.errors import SafetyError
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, summed_um
-from stepdiag.solver.errors import SafetyError
-from stepdiag.solver.geometry.volume import Vector
 
 
 def merged(curves: Sequence[Curve], active: Sequence[Table], profile: Profile) -> tuple[Curve, ...]:

@@ -12,11 +12,11 @@ from typing import Annotated, Literal, TypeVar
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.settings import nearest
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.settings import nearest
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS
-from stepdiag.solver.errors import SafetyError, UsageError
-from stepdiag.solver.geometry.volume import Vector
 
 Positive = Annotated[float, msgspec.Meta(gt=0)]
 Options = TypeVar("Options", bound=msgspec.Struct)

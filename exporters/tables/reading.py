@@ -2,11 +2,11 @@
 
 from collections.abc import Sequence
 
+from stepdiag.base.errors import DataError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.errors import DataError
 
 
 def tables_in(controller: Controller, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:

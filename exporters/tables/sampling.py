@@ -2,10 +2,10 @@
 
 import numpy as np
 
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Table
-from stepdiag.solver.geometry.volume import Vector
 
 
 def sampled_um(curve: Curve, profile: Profile) -> tuple[Vector, Vector, Vector]:

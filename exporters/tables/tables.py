@@ -10,9 +10,9 @@ from typing import Literal
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import AXES, Vector
 from stepdiag.exporters.files.numbers import fixed
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import AXES, Vector
 
 Sense = Literal["as-error", "as-compensation"]
 

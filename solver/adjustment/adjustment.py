@@ -7,6 +7,9 @@ from operator import is_
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
 from stepdiag.solver.adjustment.robustness import (
     BETTER,
@@ -21,9 +24,6 @@ from stepdiag.solver.adjustment.robustness import (
     with_apart,
 )
 from stepdiag.solver.adjustment.scatter import FIRST, ROUNDS, Misses, Scatter, estimated, unshown
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import Sizes, likelier, scored, sized
 from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit

@@ -6,11 +6,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.hypotheses import HIDDEN, along_the_way_m, tell
 from stepdiag.solver.adjustment.scatter import FIRST
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout

@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import Count, from_each_on, steps_of
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import gained
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.layout import Layout

@@ -12,12 +12,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.adjustment.counts import Count
 from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STEP, STOP, Hypothesis, families, shown
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.adjustment.wander import Wander, wandering
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.design import Columns
 from stepdiag.solver.model.effects import Effect

@@ -26,7 +26,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.mixed import AnyFit
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout

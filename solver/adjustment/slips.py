@@ -11,9 +11,9 @@ from typing import Any, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import Count, counts, from_each_on, short_counts
 from stepdiag.solver.adjustment.hypotheses import CRITICAL, HIDDEN, LEAST_UM
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.linear.ties import first_of_the_largest
 from stepdiag.solver.model.design import Design

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import Count, walk_of
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.mixed import MixedFit
 
 CRITICAL_GAIN = 20.0

@@ -6,8 +6,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import AXES
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.solver.standards.straightness import LineMethod, residuals_um
 

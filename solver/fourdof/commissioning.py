@@ -11,8 +11,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding
 from stepdiag.solver.fourdof.detector import Curve, CurveKind, curve_variable
 
 Vector = NDArray[np.float64]

@@ -15,7 +15,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepdiag.solver.findings import Finding
+from stepdiag.base.findings import Finding
 from stepdiag.solver.fourdof.detector import Detector, Mask, Spots, spots
 from stepdiag.solver.fourdof.drift import slow_drift
 

@@ -6,7 +6,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.elimination import Blocks
 from stepdiag.solver.linear.least_squares import Inverse, invert
 from stepdiag.solver.linear.packed import Packed

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.elimination import Blocks, Elimination, Normal, eliminate
 from stepdiag.solver.linear.packed import Packed, pack
 from stepdiag.solver.linear.rows import Rows

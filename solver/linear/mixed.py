@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.fit import Fit
 from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.rows import Rows

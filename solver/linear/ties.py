@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 
 ALIKE = 1e-6
 """Which of several is the largest is chance beyond so many parts of it."""

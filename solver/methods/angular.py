@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.result.prediction import TAIL
 from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function

@@ -4,8 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import ASSUMED_U_UM
 from stepdiag.solver.model.vector import (
@@ -115,7 +115,7 @@ def _reading_u(layout: Layout, data: DiagonalData, closure: Vector) -> tuple[flo
 
 
 def _used(layout: Layout) -> list[str]:
-    return [setup.name for setup in layout.setups if setup.kind == "step" and setup.variant == 0]
+    return [setup.name for setup in layout.setups if setup.kind == "step" and setup.shift == 0]
 
 
 def _method_findings(method: str) -> list[Finding]:

@@ -2,9 +2,9 @@
 
 from typing import Any
 
+from stepdiag.base.findings import Finding
 from stepdiag.solver.adjustment.diagnostics import NOISE_LIMIT_UM
 from stepdiag.solver.adjustment.scatter import Scatter
-from stepdiag.solver.findings import Finding
 
 FAR = 10.0
 """So many times the usual limit stops an export."""

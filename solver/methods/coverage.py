@@ -5,9 +5,9 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.quantities import Quantities
 
 WORTH_SAYING = 2.1

@@ -6,11 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
 from stepdiag.solver.adjustment.diagnostics import closure_report, scale_misclosure, setup_findings, setup_reports
 from stepdiag.solver.adjustment.slips import slips_report
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.methods.angular import angle_findings, expected_angles
 from stepdiag.solver.methods.contradictions import contradictions

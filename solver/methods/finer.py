@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.between import BETWEEN
 from stepdiag.solver.model.quantities import Quantities

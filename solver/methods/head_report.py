@@ -11,9 +11,9 @@ from typing import Any, Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import family_of, size_by_all
 from stepdiag.solver.linear.fit import fit, refit

@@ -10,9 +10,9 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function, Scale

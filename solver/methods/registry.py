@@ -4,7 +4,7 @@ import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 from stepdiag.solver.methods.closed_form import solve_least_squares, solve_wang2000
 from stepdiag.solver.methods.estimate import solve_estimate
 from stepdiag.solver.model.angles import Angles

@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from stepdiag.solver.geometry.kinematics import parse_chain
+from stepdiag.base.kinematics import parse_chain
 from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.methods.registry import Options, method_of
 from stepdiag.solver.model.angles import Angles

@@ -10,9 +10,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.setups import Kind
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.findings import Finding
+from stepdiag.base.setups import Kind
+from stepdiag.base.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.standards.iso230 import (
@@ -54,7 +54,7 @@ def way_mm(layout: Layout, rows: np.ndarray[tuple[int, ...], np.dtype[np.intp]])
 def linear_runs(layout: Layout) -> dict[str, SetupRuns]:
     """Return targets by runs of every run along an axis."""
     found = {
-        setup.name: _runs(layout, index, 1) for index, setup in enumerate(layout.setups) if setup.kind == "linear" and setup.variant == 0
+        setup.name: _runs(layout, index, 1) for index, setup in enumerate(layout.setups) if setup.kind == "linear" and setup.shift == 0
     }
     return {name: runs for name, runs in found.items() if runs is not None}
 
@@ -68,7 +68,7 @@ def diagonals(layout: Layout, kind: Kind) -> tuple[DiagonalFigures, dict[str, Se
     found = {
         setup.name: _runs(layout, index, STEPS_A_CYCLE[kind])
         for index, setup in enumerate(layout.setups)
-        if setup.kind == kind and setup.variant == 0
+        if setup.kind == kind and setup.shift == 0
     }
     runs = {name: one for name, one in found.items() if one is not None}
     if len(runs) < 4:

@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector, anywhere_mm
 from stepdiag.solver.adjustment.adjustment import Adjustment
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector, anywhere_mm
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import hidden_factors, normal_points
 from stepdiag.solver.methods.angular import rms

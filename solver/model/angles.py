@@ -6,9 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import AXES, POSITION_TOLERANCE_MM, Vector, Volume
-from stepdiag.solver.readings.csv_table import number_in, read_table
+from stepdiag.base.csv_table import number_in, read_table
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import AXES, POSITION_TOLERANCE_MM, Vector, Volume
 from stepdiag.solver.result.result import ROTATIONS
 
 ROTATION_COLUMNS = ("EA_urad", "EB_urad", "EC_urad")

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
 RELATIVE = ("index", "index_setup")

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Vector
+from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector
 from stepdiag.solver.model.design import between_nodes
 from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.lateral import MeasuredStraightness, nodes_of

@@ -18,8 +18,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.linear.elimination import Blocks, order_blocks
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout

@@ -13,16 +13,16 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
-from stepdiag.solver.geometry.snapping import shared_mm, snapped_mm
-from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Vector, Volume
+from stepdiag.base.errors import DataError
+from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector, Volume
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.design import Design, between_nodes
 from stepdiag.solver.model.effects import AngleShapes
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_U_UM
+from stepdiag.solver.readings.snapping import shared_mm, snapped_mm
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS
 
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.setups import Kind, Setup, setup_of
-from stepdiag.solver.geometry.snapping import arrivals, edges_mm, snapped_mm
-from stepdiag.solver.geometry.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector, Volume, position_tolerance_mm
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding
+from stepdiag.base.setups import Kind, Setup, setup_of
+from stepdiag.base.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector, Volume, position_tolerance_mm
 from stepdiag.solver.readings.readings import PassKey, Readings, missing_stops
+from stepdiag.solver.readings.snapping import arrivals, edges_mm, snapped_mm
 from stepdiag.solver.readings.travel import check_laser, check_route, laser_sense
 
 MOST_SETUPS = 200
@@ -25,7 +25,7 @@ MOVES: Mapping[Kind, int] = {"step": 3, "face": 2, "body": 1, "linear": 1}
 class Layout:
     """The readings of a survey with their geometry, one row a reading (shape (m,) or (m, 3)), sorted by pass and stop.
 
-    ``position_mm`` is the target of a stop (`solver.geometry.snapping`), ``beside_mm`` how far beside it the machine reported to stand; the
+    ``position_mm`` is the target of a stop (`solver.readings.snapping`), ``beside_mm`` how far beside it the machine reported to stand; the
     deviation counts from the reported position, so that a target and its readings belong together. ``arrival`` numbers the moves that
     brought each axis to its place, -1 for an axis that stands during the pass.
     ``direction`` is the unit vector of the setup's outward travel, ``beam_mm`` a point of its beam line, ``spot_mm`` the one under

@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.findings import Finding
+from stepdiag.base.findings import Finding
 from stepdiag.solver.linear.mixed import AnyFit
 
 ASSUMED_U_UM = 0.3

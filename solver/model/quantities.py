@@ -10,8 +10,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.kinematics import abbe_mask
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.base.kinematics import abbe_mask
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.design import Columns
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS

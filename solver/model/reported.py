@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.design import Design

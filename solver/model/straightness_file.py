@@ -9,9 +9,9 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.csv_table import number_in, read_table
+from stepdiag.base.errors import DataError
 from stepdiag.solver.model.lateral import MeasuredStraightness
-from stepdiag.solver.readings.csv_table import number_in, read_table
 from stepdiag.solver.result.result import DISPLACEMENTS
 
 STRAIGHTNESS = tuple(name for name in DISPLACEMENTS if name[1] != name[2])

@@ -17,8 +17,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, Vector, Volume
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import BODY_DIAGONALS, Vector, Volume
 from stepdiag.solver.model.design import between_nodes
 from stepdiag.solver.model.layout import Layout
 

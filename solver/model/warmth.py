@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
 

@@ -7,9 +7,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.scatter import Scatter
 from stepdiag.solver.adjustment.slips import KINDS, Unseen, hidden_in_volume_um, least_seen
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import class_factors, hidden_factors, likely_factors, normal_points
 from stepdiag.solver.linear.fit import fit

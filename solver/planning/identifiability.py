@@ -10,8 +10,8 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stepdiag.solver.geometry.setups import FACE_DIAGONALS
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, LINEAR_RUNS, Vector
+from stepdiag.base.setups import FACE_DIAGONALS
+from stepdiag.base.volume import BODY_DIAGONALS, LINEAR_RUNS, Vector
 from stepdiag.solver.linear.least_squares import NULL_TOLERANCE, Inverse, invert
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.layout import Layout, lay_out
@@ -56,7 +56,7 @@ def resolved_angles(layout: Layout, chain: str, names: Sequence[str]) -> tuple[s
 
     Setups with one beam line each cannot: nothing is worked out for them.
     """
-    if not names or all(setup.variant == 0 for setup in layout.setups):
+    if not names or all(setup.shift == 0 for setup in layout.setups):
         return ()
     survey = _coarse(layout)
     coarse = lay_out(perfect_readings(survey), layout.source, survey.volume)

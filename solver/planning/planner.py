@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import AXES, BODY_DIAGONALS
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.planning.foresight import Foresight, foresee
@@ -177,7 +178,7 @@ def _with_head(survey: Plan, about: Circumstances) -> Assumptions:
     angles = dict(about.assumed.angle_urad)
     for run in survey.runs:
         if run.is_fourdof:
-            axis = run.setup.partition("+")[0][-1].upper()
+            axis = setup_of(run.setup).axis.upper()
             roll = f"E{'ABC'[AXIS_LETTERS.index(axis)]}{axis}"
             measured = [name for name in ROTATIONS if name[2] == axis and name != roll]
             angles |= {name: min(2.0 * about.head_u_urad, about.assumed.angle_range_urad(name)) for name in measured}
@@ -196,7 +197,7 @@ def _addition(text: str, changed: Plan, now: Forecast, about: Circumstances) -> 
 
 def _changes(survey: Plan, about: Circumstances) -> Iterator[tuple[str, Plan]]:
     """Yield every plan that is one step richer, in words."""
-    bases = [run.setup.partition("+")[0] for run in survey.runs]
+    bases = [setup_of(run.setup).base for run in survey.runs]
     for axis in AXES:
         for kind, words in (("linear", _LINEAR), ("fourdof", "a run of the 4-DOF head along {}")):
             if f"{kind}-{axis}" not in bases:

@@ -5,9 +5,9 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.setups import Setup, setup_of
-from stepdiag.solver.geometry.volume import AXES, FOURDOF_RUNS, Vector, Volume, nodes_to_mm
+from stepdiag.base.errors import UsageError
+from stepdiag.base.setups import Setup, setup_of
+from stepdiag.base.volume import AXES, Vector, Volume, nodes_to_mm
 from stepdiag.solver.readings.readings import Readings, make_readings
 
 
@@ -23,7 +23,7 @@ class Run:
     @property
     def is_fourdof(self) -> bool:
         """Tell whether the four-degree-of-freedom head makes this run."""
-        return self.setup.partition("+")[0] in FOURDOF_RUNS
+        return setup_of(self.setup, "plan: setup").is_fourdof
 
     @property
     def pass_numbers(self) -> range:
@@ -60,24 +60,21 @@ class Plan:
         """Return the plan with further runs; a second run of a setup gets the next free number (``ppp+1``)."""
         runs = list(self.runs)
         for run in added:
-            base = run.setup.partition("+")[0]
             taken = {other.setup for other in runs}
-            names = (base if number == 0 else f"{base}+{number}" for number in range(len(taken) + 1))
+            names = map(setup_of(run.setup, "plan: setup").shifted, range(len(taken) + 1))
             runs.append(replace(run, setup=next(name for name in names if name not in taken)))
         return replace(self, runs=tuple(runs))
 
 
 def run_stops_mm(plan: Plan, run: Run) -> Vector:
     """Return the commanded positions of the outward pass of a run, shape (stops, 3)."""
-    if run.is_fourdof:
-        return _stops(plan, setup_of(f"linear-{run.setup.partition('+')[0][-1]}"))
     return _stops(plan, setup_of(run.setup, "plan: setup"))
 
 
 def _stops(plan: Plan, setup: Setup) -> Vector:
     n, signs = plan.volume.increments, np.array(setup.signs)
     moving = [AXES.index(letter) for letter in plan.axis_order if signs[AXES.index(letter)]]
-    together = setup.kind in ("body", "linear")
+    together = setup.kind == "body"
     moves = np.zeros((n if together else n * len(moving), 3), dtype=np.int64)
     for place, axis in enumerate(moving):
         moves[(slice(None) if together else slice(place, None, len(moving))), axis] = 1

@@ -9,10 +9,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.geometry.setups import setup_of
-from stepdiag.solver.geometry.volume import Vector, reads_like_metres
-from stepdiag.solver.readings.csv_table import number_in, read_table, whole_number_in
+from stepdiag.base.csv_table import number_in, read_table, whole_number_in
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.setups import SETUP_NAMES, setup_of
+from stepdiag.base.volume import Vector, reads_like_metres
 
 REQUIRED = ("setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "reading_mm")
 MOST_READINGS = 300_000
@@ -233,7 +233,7 @@ def _yes_or_no(fields: dict[str, str], name: str, where: str) -> bool:
 
 def _setup_name(name: str, where: str) -> str:
     try:
-        return setup_of(name).name
+        return setup_of(name, names=SETUP_NAMES).name
     except UsageError as error:
         raise DataError(f"{where}: setup", expected=error.expected, found=error.found, remedy=error.remedy) from None
 

@@ -11,9 +11,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stepdiag.solver.errors import DataError, UsageError, excerpt
-from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.readings.csv_table import LARGEST
+from stepdiag.base.csv_table import LARGEST
+from stepdiag.base.errors import DataError, UsageError, excerpt
+from stepdiag.base.volume import Vector
 from stepdiag.solver.readings.readings import PassKey, Readings
 
 MOST_TARGETS = 20_000

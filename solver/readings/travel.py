@@ -5,9 +5,9 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.setups import Setup
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.base.errors import DataError
+from stepdiag.base.setups import Setup
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.readings.readings import PassKey, Readings
 
 SHORTEST_MOVE_MM = 0.05

@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.result.result import Result
 
 

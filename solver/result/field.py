@@ -5,9 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Vector, Volume, diagonal_direction, travel_signs
+from stepdiag.base.errors import UsageError
+from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, Vector, Volume, diagonal_direction, travel_signs
 from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
 
 BEYOND_MM = 1.0

@@ -7,9 +7,9 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from stepdiag.solver.errors import DataError, excerpt
-from stepdiag.solver.geometry.volume import Vector
-from stepdiag.solver.readings.csv_table import LARGEST
+from stepdiag.base.csv_table import LARGEST
+from stepdiag.base.errors import DataError, excerpt
+from stepdiag.base.volume import Vector
 
 DEEPEST = 20
 """Levels of a tree that is kept as it is."""

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.result.json_tree import Node
 
 POSTERIOR_DECIMALS = 4

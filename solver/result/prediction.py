@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.result.arches import Between, arches_of
 from stepdiag.solver.result.field import Smoothed, Tabulated, bend_um, error_field_um, field_of_um, rigid_motions
 from stepdiag.solver.result.interval import Interval

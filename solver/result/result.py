@@ -9,10 +9,10 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.kinematics import abbe_mask
-from stepdiag.solver.geometry.volume import AXES, MOST_INCREMENTS, Vector, Volume
+from stepdiag.base.errors import UsageError
+from stepdiag.base.findings import Finding
+from stepdiag.base.kinematics import abbe_mask
+from stepdiag.base.volume import AXES, MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.json_tree import Node, load_json
 from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS, Posterior, parse_posterior
 from stepdiag.solver.result.rounding import same_but_for_rounding, steady

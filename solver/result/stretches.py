@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import AXES, Vector, Volume
+from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.prediction import squares_um2, told
 from stepdiag.solver.result.result import Result

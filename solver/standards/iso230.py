@@ -10,8 +10,8 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding
 
 Vector = NDArray[np.float64]
 

@@ -7,7 +7,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 
 Vector = NDArray[np.float64]
 LineMethod = Literal["end-point", "least-squares", "minimum-zone"]

@@ -11,7 +11,7 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
+from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.linear.components import Sizes
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.least_squares import Inverse

@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.families import Family, class_factors
 from stepdiag.solver.linear.ties import first_of_the_largest
 from stepdiag.solver.result.posterior import UnknownSize

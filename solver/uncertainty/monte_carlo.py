@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.uncertainty.spread import Spread
 

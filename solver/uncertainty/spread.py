@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.components import Sizes
 from stepdiag.solver.linear.families import Family, families
 from stepdiag.solver.linear.mixed import MixedFit

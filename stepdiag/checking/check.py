@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
 from stepdiag.daq.capture.conditions import told_names
 from stepdiag.daq.formats.recognise import KEPT
 from stepdiag.daq.formats.signals import SIGNAL_NAMES, SignalDecoder, Signals
@@ -15,7 +16,6 @@ from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.samples import Decoder, Flag, Samples
-from stepdiag.solver.errors import DataError
 
 LOOK_S = 0.25
 """How often the watch looks at the links and shows them."""

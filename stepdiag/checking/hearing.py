@@ -11,6 +11,8 @@ from pathlib import Path
 import msgspec
 from serial.tools import list_ports
 
+from stepdiag.base.errors import DeviceError
+from stepdiag.base.settings import convert, read_toml
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Settings
 from stepdiag.daq.formats.instruments.lasertex import LasertexSettings
 from stepdiag.daq.formats.instruments.nd import NdSettings
@@ -26,8 +28,6 @@ from stepdiag.daq.links.ports.serial import instrument_line
 from stepdiag.daq.recording.survey_links import machine_settings
 from stepdiag.daq.survey.composed import plc_section
 from stepdiag.daq.survey.models import Plc
-from stepdiag.exporters.files.settings import convert, read_toml
-from stepdiag.solver.errors import DeviceError
 
 BY_ID = Path("/dev/serial/by-id")
 PROBED = ("modbus", "siemens-828d", "heidenhain")

@@ -28,10 +28,10 @@ def accept(
     import getpass
     import time
 
+    from stepdiag.base.errors import UsageError
     from stepdiag.daemon.survey_state import standing_of
     from stepdiag.daq.recording.verdicts import accept as note
     from stepdiag.daq.recording.verdicts import doubts_at
-    from stepdiag.solver.errors import UsageError
     from stepdiag.terminal.printable import printable
 
     found = standing_of(survey)

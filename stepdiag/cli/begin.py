@@ -26,11 +26,11 @@ def begin(
     import getpass
     import time
 
+    from stepdiag.base.errors import DataError, UsageError
     from stepdiag.daq.recording.begun import ask_to_begin
     from stepdiag.daq.recording.rounds import is_recording
     from stepdiag.daq.service.live import live_in
     from stepdiag.daq.survey.file import load_survey
-    from stepdiag.solver.errors import DataError, UsageError
     from stepdiag.terminal.printable import printable
 
     known = load_survey(survey)

@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 
 if TYPE_CHECKING:
+    from stepdiag.base.findings import Finding
     from stepdiag.checking.check import Observation
-    from stepdiag.solver.findings import Finding
 
 NOT_REACHED = 4
 """The exit code for a device that cannot be reached or does not make sense (contract 5)."""

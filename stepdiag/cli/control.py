@@ -6,20 +6,20 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.cli.completion import TABLES, exported, tables
 from stepdiag.cli.granted import say_granted
 from stepdiag.cli.runs import Compared, Diagonals, compared, print_compared
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
-from stepdiag.solver.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from stepdiag.base.volume import Volume
     from stepdiag.exporters.export.written import ExportReport
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.safety.verify import Prediction, Verification
     from stepdiag.exporters.tables.profile import Profile
-    from stepdiag.solver.geometry.volume import Volume
     from stepdiag.solver.result.result import Result
 
 JUDGED_WRONG = 5
@@ -45,7 +45,7 @@ def profile(
 
     Every "?" in it is a question only you or the machine can answer.
     """
-    from stepdiag.exporters.files.files import write_new
+    from stepdiag.base.files import write_new
     from stepdiag.exporters.profiles.registry import controller_named
     from stepdiag.exporters.profiles.template import profile_template
 
@@ -159,8 +159,8 @@ def import_(
 
     Functions and squareness in the Etalon Exchange format become a result that `export`, `verify` and `compare` take.
     """
+    from stepdiag.base.files import read_bytes, write_new
     from stepdiag.exporters.files.control_file import ControlFile
-    from stepdiag.exporters.files.files import read_bytes, write_new
     from stepdiag.exporters.neutral import etalon
 
     found = etalon.parse(ControlFile(name=file.name, data=read_bytes(file)), chain)
@@ -273,8 +273,8 @@ def _verification_json(found: "Verification", given: "Sequence[ControlFile]", as
 
 def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
     """Write the picture; ``drawn`` holds the same prediction at the points that are drawn."""
+    from stepdiag.base.files import write_atomically
     from stepdiag.conclusion import reach_of
-    from stepdiag.exporters.files.files import write_atomically
     from stepdiag.report.drawings.effect import SUFFIXES, effect_drawing, effect_file
 
     suffix = out.suffix.lower()

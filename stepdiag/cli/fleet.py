@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 
 if TYPE_CHECKING:
     from stepdiag.fleet.trend import Trend
@@ -92,7 +92,7 @@ def trend(
     found = _trends(store, machine, tolerance or [], software)
     from rich.console import Console
 
-    from stepdiag.exporters.files.files import write_atomically
+    from stepdiag.base.files import write_atomically
     from stepdiag.fleet.report import fleet_html, worst_first
     from stepdiag.fleet.terminal import as_csv, trend_table
     from stepdiag.fleet.terminal import as_json as json_of
@@ -146,8 +146,8 @@ def resolve(
         from stepdiag.fleet import resolve as resolving
         from stepdiag.fleet.archive import refresh_index
         from stepdiag.fleet.store import Store
-    from stepdiag.exporters.files.files import read_text
-    from stepdiag.solver.errors import DataError
+    from stepdiag.base.errors import DataError
+    from stepdiag.base.files import read_text
 
     if survey is not None and not machine:
         raise UsageError("--survey", expected="--machine beside it: a survey file is that of one machine", found="none")

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.base.errors import UsageError
 from stepdiag.head.source import curves_of_logs, head_of_logs, head_record, read_calibration, stage_run, write_calibration
-from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.head_file import AxisName, DetectorName
@@ -152,9 +152,9 @@ def stability(
     """
     from dataclasses import asdict
 
+    from stepdiag.base.files import write_new
     from stepdiag.daq.head.commissioning import stability_of
     from stepdiag.daq.head.record import render_head_csv
-    from stepdiag.exporters.files.files import write_new
     from stepdiag.head.view import allan_charts, stability_table
 
     heard = head_record(source, seconds)
@@ -184,8 +184,8 @@ def compare(
 
     Range and rms of the residuals, function by function.
     """
+    from stepdiag.base.files import read_text
     from stepdiag.daq.head.commissioning import compare_curves, parse_curves
-    from stepdiag.exporters.files.files import read_text
     from stepdiag.head.view import comparison_charts, comparison_table
 
     ours = parse_curves(read_text(measured[0]), measured[0].name) if measured[0].suffix.lower() == ".csv" else curves_of_logs(measured)
@@ -211,8 +211,8 @@ def show(
 
     Straightness by three reference lines, pitch and yaw.
     """
+    from stepdiag.base.files import write_new
     from stepdiag.daq.head.runs import over_passes
-    from stepdiag.exporters.files.files import write_new
     from stepdiag.head.view import head_table
     from stepdiag.solver.model.angles import render_angles
     from stepdiag.solver.model.straightness_file import render_straightness
@@ -253,7 +253,7 @@ def _stage(text: str) -> "tuple[DetectorName, AxisName, Path]":
 
 
 def _draw(path: Path, charts: list[str], title: str) -> None:
-    from stepdiag.exporters.files.files import write_atomically
+    from stepdiag.base.files import write_atomically
     from stepdiag.report.drawings.effect import SUFFIXES, sheet
 
     suffix = path.suffix.lower()

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, cast
 
 import typer
 
+from stepdiag.base.errors import UsageError
 from stepdiag.cli.completion import STREAMS, decoded_formats, streams
-from stepdiag.solver.errors import UsageError
 from stepdiag.terminal.printable import printable
 
 if TYPE_CHECKING:

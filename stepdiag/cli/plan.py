@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from stepdiag.base.errors import UsageError
 from stepdiag.cli.granted import say_assumed
-from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.models import Plan as PlanSection
@@ -68,8 +68,8 @@ def _print_foreseen(survey: "Survey") -> None:
 
 def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> None:
     """Write the advised survey into its file. Raises UsageError where nothing is advised, or the survey cannot hold it."""
+    from stepdiag.base.files import read_text, write_atomically
     from stepdiag.daq.survey.amended import with_plan
-    from stepdiag.exporters.files.files import read_text, write_atomically
 
     first = advice.additions[0].forecast if advice.additions and advice.additions[0].gain_um > 0.0 else None
     chosen = advice.best if asked else first
@@ -87,10 +87,11 @@ def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
     """Return a plan as a survey file holds it: repeats and return passes are one setting for all of its runs."""
     import msgspec
 
+    from stepdiag.base.setups import setup_of
     from stepdiag.daq.survey.models import BeamOffset
 
     shifted = [run for run in plan.runs if any(run.beam_offset_mm)]
-    offsets = tuple(msgspec.convert({"setup": run.setup.partition("+")[0], "offset_mm": run.beam_offset_mm}, BeamOffset) for run in shifted)
+    offsets = tuple(msgspec.convert({"setup": setup_of(run.setup).base, "offset_mm": run.beam_offset_mm}, BeamOffset) for run in shifted)
     return msgspec.structs.replace(
         survey.plan,
         setups=tuple(run.setup for run in plan.runs if run not in shifted),

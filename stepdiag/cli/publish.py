@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.base.errors import UsageError
 from stepdiag.cli.fleet import extra_needed
-from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
     from stepdiag.publish.mqtt import Broker

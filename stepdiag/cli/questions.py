@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 
 if TYPE_CHECKING:
     from stepdiag.daq.survey.composed import MachineClass

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from stepdiag.base.errors import UsageError
 from stepdiag.cli.completion import languages
 from stepdiag.cli.granted import say_granted
-from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
     from stepdiag.conclusion import Conclusion
@@ -46,7 +46,7 @@ def report(
 
     One HTML file with every figure, and each figure as CSV.
     """
-    from stepdiag.exporters.files.files import read_text
+    from stepdiag.base.files import read_text
     from stepdiag.report.certificate import read_letterhead
     from stepdiag.report.document import build_report
     from stepdiag.report.exported import exported_in
@@ -96,8 +96,8 @@ def read_result(path: Path, name: str = "") -> "Result":
 
     Raises ``UsageError`` where there is none or it cannot be read, ``DataError`` where it is none.
     """
+    from stepdiag.base.files import read_text
     from stepdiag.daq.records.survey_folder import RESULT
-    from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.result.result import parse_result
 
     file = path / RESULT if path.is_dir() else path

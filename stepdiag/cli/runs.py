@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import typer
 
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.base.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from stepdiag.solver.readings.readings import Readings
@@ -50,8 +50,8 @@ def rtl(
 
     One file an axis, for programs that read them; built from public readers of the format, not yet met the maker's.
     """
-    from stepdiag.exporters.files.files import read_text, write_once
-    from stepdiag.solver.geometry.volume import LINEAR_RUNS
+    from stepdiag.base.files import read_text, write_once
+    from stepdiag.base.volume import LINEAR_RUNS
     from stepdiag.solver.readings.readings import parse_readings
     from stepdiag.solver.readings.rtl import render_rtl
 
@@ -69,7 +69,7 @@ def rtl(
 
 def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readings":
     """Return readings with the runs of these files added. Raises DataError or UsageError for a file that is wrong or has no place."""
-    from stepdiag.exporters.files.files import read_text
+    from stepdiag.base.files import read_text
     from stepdiag.solver.readings.rtl import parse_rtl, rtl_readings, with_runs
 
     found = []
@@ -84,7 +84,7 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
     """Return predicted against measured for each straight diagonal: the mean of its runs, less that of the first target."""
     import numpy as np
 
-    from stepdiag.exporters.files.files import read_text
+    from stepdiag.base.files import read_text
     from stepdiag.solver.readings.rtl import parse_rtl
     from stepdiag.solver.result.field import along_diagonal_um
 
@@ -111,7 +111,7 @@ def print_compared(each: Compared) -> None:
 
 def _placed(said: str) -> tuple[str, Path, list[float]]:
     """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where not said. Raises UsageError."""
-    from stepdiag.solver.geometry.volume import LINEAR_RUNS
+    from stepdiag.base.volume import LINEAR_RUNS
 
     rest, at, place = said.rpartition("@")
     if not at:

@@ -53,10 +53,10 @@ def publish(
     User, password and key are files of mode 600 beside the survey file: NAME.mqtt-user, NAME.mqtt-password, NAME.opcua-user and so on.
     Which of them were found is said; user and password go together.
     """
+    from stepdiag.base.errors import UsageError
     from stepdiag.cli.publish import OPCUA_PORT, PORT, SECURE_PORT
     from stepdiag.daemon.installation import carry_out
     from stepdiag.daemon.publication import Publication, credentials, plan_end, plan_publication
-    from stepdiag.solver.errors import UsageError
 
     if not end and bool(broker) == bool(opcua):
         raise UsageError(

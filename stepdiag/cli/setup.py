@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 
 import typer
 
+from stepdiag.base.errors import DeviceError, UsageError
 from stepdiag.cli.questions import Feedback, MachineClassName, Pitch, asked, machine_class_asked
-from stepdiag.solver.errors import DeviceError, UsageError
 
 if TYPE_CHECKING:
     from stepdiag.checking.hearing import Answered
@@ -50,8 +50,8 @@ def setup(
     Lists the ports, recognises the instrument, asks the control in every protocol and shows its signals. Never over an existing file, and
     nothing is written to the machine.
     """
+    from stepdiag.base.files import refuse_existing, write_new
     from stepdiag.daq.survey.composed import Answers, composed
-    from stepdiag.exporters.files.files import refuse_existing, write_new
 
     if not 1.0 <= seconds < float("inf"):
         raise UsageError("--seconds", expected="a number of 1 or more", found=f"{seconds:g}")

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.base.errors import UsageError
 from stepdiag.cli.completion import TABLES, tables
-from stepdiag.solver.errors import UsageError
 
 if TYPE_CHECKING:
     from stepdiag.exporters.safety.sign_run import SignRun
@@ -103,7 +103,7 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
 
 
 def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":
-    from stepdiag.exporters.files.files import read_text
+    from stepdiag.base.files import read_text
     from stepdiag.exporters.files.sets import read_given
     from stepdiag.exporters.safety.sign_run import from_readings, read_sign_run
     from stepdiag.solver.readings.readings import parse_readings

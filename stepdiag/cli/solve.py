@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.cli.runs import Runs, with_files
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
-from stepdiag.solver.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from stepdiag.solver.result.result import Result
@@ -98,8 +98,8 @@ class Beside:
 
 
 def _solve_csv(path: Path, method: str, chain: str, beside: Beside, monte_carlo: int, runs: Sequence[str]) -> "Result":
+    from stepdiag.base.files import read_text
     from stepdiag.daq.survey.assumed import parse_uncertainty
-    from stepdiag.exporters.files.files import read_text
     from stepdiag.solver.methods.solve import solve as solve_readings
     from stepdiag.solver.model.angles import parse_angles
     from stepdiag.solver.model.straightness_file import parse_straightness
@@ -136,9 +136,9 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
     """Return the result of logs. Raises UsageError for a file that is named like none: readings are one file, named *.csv."""
+    from stepdiag.base.files import read_text
     from stepdiag.daq.service.completion import replay_judged, solve_logs
     from stepdiag.daq.survey.environment import parse_environment
-    from stepdiag.exporters.files.files import read_text
 
     for path in paths:
         if path.is_file() and ".mcap" not in path.suffixes:
@@ -148,7 +148,7 @@ def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Re
 
 
 def _write_result(out: Path, result: "Result") -> None:
-    from stepdiag.exporters.files.files import write_once
+    from stepdiag.base.files import write_once
 
     target = out / "result.json" if out.is_dir() else out
     write_once(target, result.to_json())

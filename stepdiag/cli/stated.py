@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 
 if TYPE_CHECKING:
     from stepdiag.solver.result.result import Result
@@ -21,7 +21,7 @@ ActiveSource = Annotated[str, typer.Option(help="How they were read out of the c
 
 def active_files(active: list[Path] | None) -> dict[str, bytes]:
     """Return the files that a person hands over, by name."""
-    from stepdiag.exporters.files.files import LARGEST_TABLE_BYTES, read_bytes
+    from stepdiag.base.files import LARGEST_TABLE_BYTES, read_bytes
 
     return {path.name: read_bytes(path, largest=LARGEST_TABLE_BYTES) for path in active or []}
 

@@ -23,8 +23,8 @@ def init(
 
     On a terminal it asks for the class of the machine, which sets the usual sizes of its errors.
     """
+    from stepdiag.base.files import refuse_existing, write_new
     from stepdiag.daq.survey.composed import begun
-    from stepdiag.exporters.files.files import refuse_existing, write_new
 
     refuse_existing(file)
     write_new(file, begun(machine_class_asked(machine_class, feedback, pitch_mm), file.name))

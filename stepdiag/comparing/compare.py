@@ -6,9 +6,9 @@ from statistics import NormalDist
 
 import numpy as np
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.conclusion.intervals import reach_of
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion

@@ -4,14 +4,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import BODY_DIAGONALS
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
 from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
 from stepdiag.conclusion.sentences import Sentence
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
 from stepdiag.exporters.safety.verify import STRETCH
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS
 from stepdiag.solver.result.basis import ASSUMED, Basis, UnseenSlip, basis_of, scales_in_words, unseen_slips
 from stepdiag.solver.result.interval import Interval, decimals_of
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
@@ -258,7 +259,7 @@ def _missing(result: Result, *, refused: bool) -> list[str] | None:
         return None
     lengths = dict(zip("XYZ", result.volume.size_mm, strict=True))
     kept = max(scales, key=lambda axis: lengths[axis], default="")
-    driven = {name.partition("+")[0] for name in result.setups}
+    driven = {setup_of(name).base for name in result.setups}
     diagonals = [name for name in BODY_DIAGONALS if torn and name not in driven]
     return diagonals + [f"linear-{axis.lower()}" for axis in scales if axis != kept]
 

@@ -6,8 +6,8 @@ from typing import Literal
 
 import numpy as np
 
-from stepdiag.solver.geometry.kinematics import abbe_mask
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.base.kinematics import abbe_mask
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 
 Kind = Literal["squareness", "scale", "positioning", "straightness", "angle", "reversal"]

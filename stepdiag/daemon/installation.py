@@ -13,13 +13,13 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.files import write_atomically
 from stepdiag.daemon.program_places import at_its_places, places_of_program
 from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.daq.survey.models import Survey
-from stepdiag.exporters.files.files import write_atomically
 from stepdiag.page.settings import CERTIFICATE, KEY, TOKEN, is_loopback
-from stepdiag.solver.errors import UsageError
 
 SURVEYS = Path("etc/stepdiag")
 UNITS = Path("etc/systemd/system")

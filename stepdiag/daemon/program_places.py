@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from importlib.resources import files
 from pathlib import Path
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 
 PACKAGED = "/opt/stepdiag"
 """Where the program stands in the unit as it is packaged."""

@@ -6,11 +6,11 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daemon.installation import DROP_IN, PRIVATE_NETWORKS, SURVEYS, UNITS, WRITTEN, Step, address_of, name_of, shared, written
 from stepdiag.daq.links.ports.address import host_and_port
 from stepdiag.daq.survey.file import load_survey
 from stepdiag.page.settings import is_loopback
-from stepdiag.solver.errors import UsageError
 
 UNIT = "stepdiag-publish@.service"
 _PLAIN = re.compile(r"[A-Za-z0-9._:/@\[\]-]+")

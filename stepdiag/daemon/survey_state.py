@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
 from stepdiag.daq.passes.doubt import Doubt
@@ -18,7 +19,6 @@ from stepdiag.daq.service.metrics import words_on_disk
 from stepdiag.daq.service.snapshot import setup_status
 from stepdiag.daq.survey.file import load_survey, parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.terminal.progress import counted
 
 

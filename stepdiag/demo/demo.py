@@ -8,14 +8,14 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.conclusion.intervals import reach_in
 from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench, write_profiles, write_survey
 from stepdiag.demo.operator import Operator, daemon, words
 from stepdiag.demo.operator import bench as running
 from stepdiag.demo.processes import Talker
 from stepdiag.demo.reach import WHOLE_FIELD, exported
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.geometry.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.result.field import without_rigid_motion
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Result, parse_result

@@ -6,10 +6,10 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from stepdiag.base.errors import DataError, DeviceError
 from stepdiag.daemon.survey_state import standing_of
 from stepdiag.demo.files import SETUPS
 from stepdiag.demo.processes import Talker, talking
-from stepdiag.solver.errors import DataError, DeviceError
 
 READY_S = 120.0
 SILENCE_S = 120.0

@@ -11,7 +11,7 @@ from dataclasses import dataclass, field
 from queue import Empty, Queue
 from threading import Thread
 
-from stepdiag.solver.errors import DeviceError
+from stepdiag.base.errors import DeviceError
 
 END_S = 120.0
 """How long a process may take to end in good order."""

@@ -12,13 +12,13 @@ from typing import Literal
 import pyarrow as pa
 import pyarrow.compute as pc
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import read_text
 from stepdiag.daq.recording.archive import digest, pack
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
-from stepdiag.exporters.files.files import read_text
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import INDEX, LISTED, Place, Store, sha256
 from stepdiag.fleet.tables import PLACE, from_parquet, points_of, table_of, to_parquet
-from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.result.result import parse_result
 
 FORMAT, VERSION = "stepdiag-archived", 1

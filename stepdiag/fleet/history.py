@@ -11,9 +11,9 @@ import duckdb
 import numpy as np
 import pyarrow as pa
 
+from stepdiag.base.errors import DataError
 from stepdiag.fleet.store import INDEX, Place, Store
 from stepdiag.fleet.tables import PLACE, from_parquet, points_of, require_ours
-from stepdiag.solver.errors import DataError
 
 _QUERY = "SELECT * EXCLUDE (place) FROM ({sources}) ORDER BY machine, quantity, time, survey"
 

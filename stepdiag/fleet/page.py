@@ -9,10 +9,10 @@ from starlette.requests import Request
 from starlette.responses import HTMLResponse, JSONResponse, PlainTextResponse, Response
 from starlette.routing import Route
 
+from stepdiag.base.errors import DataError, StepdiagError
 from stepdiag.fleet.report import fleet_html
 from stepdiag.fleet.terminal import as_csv, as_json
 from stepdiag.fleet.trend import Trend
-from stepdiag.solver.errors import DataError, StepdiagError
 from stepdiag.texts.texts import LANGUAGES, Language
 
 HEADERS = {

@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 from distributed import Client, KilledWorker, LocalCluster, as_completed
 
+from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
 from stepdiag.comparing.compare import compare
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.recording.verdicts import ACCEPTED, JUDGED
@@ -25,7 +26,6 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import LISTED, Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.solver.errors import DataError, DeviceError, StepdiagError, UsageError
 from stepdiag.solver.result.result import parse_result, software
 
 IN_FLIGHT = 200

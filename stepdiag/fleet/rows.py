@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
 
+from stepdiag.base.errors import DataError
 from stepdiag.conclusion.intervals import reach_in
-from stepdiag.solver.errors import DataError
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Function, Result
 

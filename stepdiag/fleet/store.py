@@ -22,7 +22,7 @@ from urllib.parse import quote, unquote
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.base.errors import DataError, UsageError
 
 FORMAT, VERSION = "stepdiag-store", 1
 MARK, INDEX, LISTED = "stepdiag-store.json", "points.parquet", "archived.json"

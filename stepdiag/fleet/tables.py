@@ -13,8 +13,8 @@ import duckdb
 import pyarrow as pa
 import pyarrow.parquet as pq
 
+from stepdiag.base.errors import DataError
 from stepdiag.fleet.rows import About, Row
-from stepdiag.solver.errors import DataError
 
 VERSION = "1"
 _MARK = b"stepdiag-rows"

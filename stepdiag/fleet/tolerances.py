@@ -12,10 +12,10 @@ from typing import Annotated
 
 from msgspec import Meta, Struct, field
 
-from stepdiag.exporters.files.settings import convert, read_toml
+from stepdiag.base.errors import UsageError
+from stepdiag.base.settings import convert, read_toml
 from stepdiag.fleet.history import Series
 from stepdiag.fleet.store import Store
-from stepdiag.solver.errors import UsageError
 
 FILE = "tolerances.toml"
 LARGEST_BYTES = 1_000_000

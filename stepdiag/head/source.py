@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 import typer
 
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.base.errors import DataError, UsageError
 
 if TYPE_CHECKING:
     from stepdiag.daq.head.commissioning import Curves, StageRun
@@ -30,9 +30,9 @@ def head_of_logs(logs: list[Path]) -> "HeadMeasured":
 
 def head_record(source: Path, seconds: float, ask: str = "") -> "HeadRecord":
     """Return the samples of a source by its suffix; a live one is begun when the person says so, where there is something to do first."""
+    from stepdiag.base.files import read_text
     from stepdiag.daq.head.record import head_of_log, listen_to_head, read_head_csv
     from stepdiag.daq.survey.file import load_survey
-    from stepdiag.exporters.files.files import read_text
     from stepdiag.terminal.progress import working
 
     suffix = source.suffix.lower()
@@ -51,24 +51,24 @@ def head_record(source: Path, seconds: float, ask: str = "") -> "HeadRecord":
 
 def read_calibration(path: Path) -> "HeadFile":
     """Return a calibration file. Raises UsageError where it cannot be read or a field is wrong."""
+    from stepdiag.base.files import LARGEST_SETTINGS_BYTES, read_bytes
     from stepdiag.daq.survey.head_file import parse_head_file
-    from stepdiag.exporters.files.files import LARGEST_SETTINGS_BYTES, read_bytes
 
     return parse_head_file(read_bytes(path, largest=LARGEST_SETTINGS_BYTES, blame=UsageError), path.name)
 
 
 def write_calibration(path: Path, file: "HeadFile") -> None:
     """Write a calibration file; never over another."""
+    from stepdiag.base.files import write_new
     from stepdiag.daq.survey.head_file import render_head_file
-    from stepdiag.exporters.files.files import write_new
 
     write_new(path, render_head_file(file))
 
 
 def stage_run(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
     """Return readings of one detector axis against the stage's: of a two-column CSV, or live, the person moving the stage."""
+    from stepdiag.base.files import read_text
     from stepdiag.daq.head.commissioning import parse_stage_run
-    from stepdiag.exporters.files.files import read_text
 
     if source.suffix.lower() != ".toml":
         return parse_stage_run(read_text(source), source.name)

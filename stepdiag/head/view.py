@@ -9,12 +9,12 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from stepdiag.base.volume import Vector
 from stepdiag.daq.head.commissioning import Calibrated, Signed
 from stepdiag.daq.head.record import HeadRecord
 from stepdiag.daq.timing.samples import Flag, Samples
 from stepdiag.report.drawings.charts import Series, line_chart
 from stepdiag.solver.fourdof.statistics import Comparison, Stability
-from stepdiag.solver.geometry.volume import Vector
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.result.result import DISPLACEMENTS

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 
 import structlog
 
+from stepdiag.base.errors import DeviceError, UsageError
 from stepdiag.daq.records.status import StatusSource
 from stepdiag.daq.service.metrics import Figures
 from stepdiag.daq.survey.models import Metrics, Page
@@ -36,7 +37,6 @@ from stepdiag.page.messages import (
     framed,
     request_decoder,
 )
-from stepdiag.solver.errors import DeviceError, UsageError
 
 SHORTEST_S = 0.1
 """No more than ten pictures a second."""

@@ -10,8 +10,8 @@ from starlette.requests import Request
 from starlette.responses import PlainTextResponse, Response
 from starlette.routing import Route
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.service.metrics import Figures
-from stepdiag.solver.errors import DeviceError
 
 LINK_STATES = ("connecting", "connected", "silent", "lost")
 

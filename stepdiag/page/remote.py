@@ -9,6 +9,7 @@ from collections.abc import Callable
 from contextlib import suppress
 from typing import BinaryIO
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.records.status import CommandName
 from stepdiag.daq.service.metrics import Figures
 from stepdiag.page.messages import (
@@ -27,7 +28,6 @@ from stepdiag.page.messages import (
     framed,
     told_decoder,
 )
-from stepdiag.solver.errors import DeviceError
 
 ANSWER_S = 3.0
 """How long the daemon may take to answer."""

@@ -10,10 +10,10 @@ import stat
 from contextlib import suppress
 from pathlib import Path
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.files import as_text, read_bytes
 from stepdiag.daq.survey.models import Page, Survey
-from stepdiag.exporters.files.files import as_text, read_bytes
 from stepdiag.page.messages import PageSettings
-from stepdiag.solver.errors import UsageError
 
 TOKEN, CERTIFICATE, KEY = "page-token", "page-certificate", "page-key"
 """The names of the credentials."""

@@ -7,6 +7,7 @@ them into the words of the language chosen there.
 from dataclasses import dataclass, field
 from typing import Literal
 
+from stepdiag.base.setups import setup_of
 from stepdiag.daq.records.status import SetupStatus, Snapshot
 
 Stage = Literal["set-up", "align", "drive", "trouble", "done"]
@@ -123,12 +124,12 @@ def _set_up(now: Snapshot) -> Say:
     setup = now.expects_setup
     if not setup:
         return Say("do_any")
-    kind, _, axis = setup.partition("+")[0].partition("-")
+    travel = setup_of(setup)
     values: dict[str, str | int | list[Say]] = {"program": [_program(now, setup)]}
-    if axis:
-        return Say(f"do_{kind}", {**values, "axis": axis.upper()})
-    corner = [Say("corner_low" if sign == "p" else "corner_high", {"axis": name}) for sign, name in zip(kind, "XYZ", strict=True)]
-    return Say("do_body", {**values, "diagonal": kind, "corner": corner})
+    if travel.axis:
+        return Say(f"do_{travel.kind}", {**values, "axis": travel.axis.upper()})
+    corner = [Say("corner_low" if sign == "p" else "corner_high", {"axis": name}) for sign, name in zip(travel.base, "XYZ", strict=True)]
+    return Say("do_body", {**values, "diagonal": travel.base, "corner": corner})
 
 
 def _program(now: Snapshot, setup: str) -> Say:

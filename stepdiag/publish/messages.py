@@ -10,13 +10,13 @@ from urllib.parse import quote
 
 import msgspec
 
+from stepdiag.base.errors import StepdiagError
+from stepdiag.base.files import as_text, read_bytes
 from stepdiag.daq.recording.rounds import round_folders
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.survey.models import Survey
-from stepdiag.exporters.files.files import as_text, read_bytes
 from stepdiag.fleet.rows import rows_of
-from stepdiag.solver.errors import StepdiagError
 from stepdiag.solver.result.result import Result, parse_result
 
 VERSION = 1

@@ -18,10 +18,10 @@ import structlog
 from paho.mqtt.enums import MQTTErrorCode
 from paho.mqtt.reasoncodes import ReasonCode
 
+from stepdiag.base.errors import DataError, DeviceError, UsageError
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.messages import Message, State, Watched, topic_of
 from stepdiag.publish.process import stand_back, stopped_by_signal
-from stepdiag.solver.errors import DataError, DeviceError, UsageError
 
 REFUSALS = {"Unsupported protocol version", "Client identifier not valid", "Bad user name or password", "Not authorized", "Banned"}
 """Answers to a connection (MQTT 5.0, 3.2.2.2) that another try does not change."""

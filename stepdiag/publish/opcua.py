@@ -19,6 +19,7 @@ import structlog
 from asyncua import Server, ua
 from asyncua.crypto.permission_rules import User, UserRole
 
+from stepdiag.base.errors import DeviceError, UsageError
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.gate import Doors, GatedLoop
 from stepdiag.publish.messages import Findings, ResultMessage, State, Watched
@@ -38,7 +39,6 @@ from stepdiag.publish.result_model import (
     add_model,
 )  # fmt: skip
 from stepdiag.publish.sessions import announce_limits, bounded
-from stepdiag.solver.errors import DeviceError, UsageError
 
 OWN_NAMESPACE = "urn:stepdiag:publish"
 UNKNOWN = -1

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.files import read_bytes, read_text
+from stepdiag.base.settings import read_toml
 from stepdiag.conclusion import Conclusion, Reach
-from stepdiag.exporters.files.files import read_bytes, read_text
-from stepdiag.exporters.files.settings import read_toml
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.report.sections import Table, shown
-from stepdiag.solver.errors import UsageError
 from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Result

@@ -2,10 +2,10 @@
 
 from pathlib import Path
 
+from stepdiag.base.files import write_once
 from stepdiag.conclusion import Conclusion, Export, conclude, conclusion_json, export_of
 from stepdiag.daq.records.survey_folder import CONCLUSION, READINGS, RESULT
 from stepdiag.daq.service.completion import Completed
-from stepdiag.exporters.files.files import write_once
 from stepdiag.report.document import build_report
 from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.exported import exported_of

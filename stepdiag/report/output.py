@@ -6,9 +6,9 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from stepdiag.exporters.files.files import write_atomically
+from stepdiag.base.errors import DeviceError
+from stepdiag.base.files import write_atomically
 from stepdiag.report.document import Report
-from stepdiag.solver.errors import DeviceError
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
 PRINT_TIMEOUT_S = 120.0

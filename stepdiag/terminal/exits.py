@@ -5,7 +5,7 @@ import sys
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 
-from stepdiag.solver.errors import DataError, DeviceError, SafetyError, StepdiagError, UsageError
+from stepdiag.base.errors import DataError, DeviceError, SafetyError, StepdiagError, UsageError
 from stepdiag.terminal.printable import printable
 
 EXIT_CODES: dict[type[StepdiagError], int] = {UsageError: 2, DataError: 3, DeviceError: 4, SafetyError: 5}

@@ -8,8 +8,8 @@ from rich.console import Console
 from rich.table import Table
 from rich.text import Text
 
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.safety.verify import Prediction
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.interval import interval_of
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.terminal.printable import printable

@@ -6,9 +6,9 @@ from time import process_time
 
 import pytest
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.instruments.line import LineDecoder, LineSettings
 from stepdiag.daq.replay import replay
-from stepdiag.solver.errors import UsageError
 from testkit.cli import stepdiag
 from testkit.hostile.foreign_logs import SURVEY as RECORDED
 from testkit.hostile.foreign_logs import with_survey

@@ -10,6 +10,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepdiag.base.csv_table import read_table
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import read_bytes
+from stepdiag.base.settings import read_toml
 from stepdiag.daq.head.commissioning import compare_curves, parse_curves
 from stepdiag.daq.head.record import read_head_csv
 from stepdiag.daq.links.ports.address import host_and_port, network_line
@@ -23,19 +27,15 @@ from stepdiag.daq.survey.bundle import bundle_from_run, read_bundle
 from stepdiag.daq.survey.file import load_survey, parse_survey
 from stepdiag.daq.survey.head_file import parse_head_file
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.files import read_bytes
-from stepdiag.exporters.files.settings import read_toml
 from stepdiag.exporters.profiles.file import load_profile, parse_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.programs.signals import LONGEST_TEXT, Signals
 from stepdiag.exporters.tables import lattice
-from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.fourdof.commissioning import Standstill, signs_and_lever
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.solver.planning.planner import Circumstances, forecast
 from stepdiag.solver.planning.runs import Plan, Run
-from stepdiag.solver.readings.csv_table import read_table
 from stepdiag.solver.readings.readings import parse_readings
 from stepdiag.solver.result.result import parse_result
 from testkit.exact.machines import EOB, MACHINES, profile_of, profile_text

@@ -11,8 +11,8 @@ from urllib.parse import quote
 import pytest
 from playwright.sync_api import Page, expect
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.records.status import FindingStatus
-from stepdiag.solver.errors import UsageError
 from testkit.browser import Watched
 from testkit.played import Served, served
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from stepdiag import api
+from stepdiag.base.errors import DataError
 from stepdiag.daq.records.events import Chunk
-from stepdiag.solver.errors import DataError
 from testkit.cli import stepdiag
 from testkit.exact.surveys import DATA
 from testkit.recording import HEADER, START_NS, write_log

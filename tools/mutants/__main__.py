@@ -26,7 +26,7 @@ from reasons import known
 from trial import Question, ask, question
 
 ROOT = Path(__file__).resolve().parent.parent.parent
-ROOMS = ["solver", "exporters", "daq/capture", "daq/formats"]
+ROOMS = ["stepdiag/base", "solver", "exporters", "daq/capture", "daq/formats"]
 # who is asked: every unit test but those of the links, which wait for ports
 TESTS = ["tests/solver/*", "tests/exporters/*", "tests/daq/*", "tests/stepdiag/*"]
 LEFT_OUT = {"links"}

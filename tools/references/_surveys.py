@@ -4,8 +4,8 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
-from stepdiag.solver.geometry.setups import setup_of
-from stepdiag.solver.geometry.volume import Volume
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import Volume
 from stepdiag.solver.model.angles import render_angles
 from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
 from stepdiag.solver.readings.readings import Readings, make_readings, parse_readings, render_readings

@@ -2,17 +2,18 @@
 
 import msgspec
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import FOURDOF_RUNS, SETUP_NUMBERS
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
-from stepdiag.daq.capture.place.route import Route, base_setup, make_route
+from stepdiag.daq.capture.place.route import Route, make_route
 from stepdiag.daq.capture.place.walk import COUNTER_TRUSTED, Walk, begun_anew
 from stepdiag.daq.capture.standing.dwell import count_steps
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS, SETUP_NUMBERS
 
 
 class PassFinder:
@@ -35,7 +36,7 @@ class PassFinder:
             return self._unplanned(signals)
         if self.walk is None:
             self.walk = self._begin(setup, signals, reading_mm)
-        elif base_setup(self.walk.route.setup) != base_setup(setup):
+        elif self.walk.route.travel.base != setup_of(setup).base:
             return Ended("aborted", f"{self.walk.name}: the machine went on with {setup}")
         return self.walk
 
@@ -43,14 +44,15 @@ class PassFinder:
         """Tell whether the machine drives a run of the 4-DOF head."""
         if signals.setup is not None:
             return SETUP_NUMBERS.get(signals.setup) in FOURDOF_RUNS
-        return (self.walk.route.setup if self.walk else self._first_wanted()) in FOURDOF_RUNS
+        setup = self.walk.route.setup if self.walk else self._first_wanted()
+        return setup is not None and setup_of(setup).is_fourdof
 
     def _setup_of(self, signals: Signals) -> str | None:
         hints = self._start.hints
         if signals.setup is None:
             return self.walk.route.setup if self.walk else self._first_wanted()
         base = SETUP_NUMBERS.get(signals.setup)
-        named = [name for name in hints if base_setup(name) == base]
+        named = [name for name in hints if setup_of(name).base == base]
         return next((name for name in named if hints[name].wanted), named[0] if named else None)
 
     def _first_wanted(self) -> str | None:

@@ -6,7 +6,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import AXES, BODY_DIAGONALS, Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.setups import Setup, setup_of
+from stepdiag.base.volume import AXES, Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
 
 STEP_TOLERANCE = 0.02
 STEP_TOLERANCE_MM = 0.02
@@ -26,6 +27,11 @@ class Route:
 
     def __len__(self) -> int:
         return len(self.nominal_mm)
+
+    @property
+    def travel(self) -> Setup:
+        """Return the setup as a value."""
+        return setup_of(self.setup)
 
     def axis_to(self, stop: int) -> str:
         """Return the axis that moves to a stop: x, y, z; empty for the first."""
@@ -64,24 +70,19 @@ class Route:
         return float(np.clip(0.1 * np.min(steps_mm, initial=np.inf), LEAST_BESIDE_MM, BESIDE_MM))
 
 
-def base_setup(setup: str) -> str:
-    """Return the setup without the number of its beam offset: ``ppp+1`` is driven as ``ppp``."""
-    return setup.partition("+")[0]
-
-
 @lru_cache(maxsize=256)
 def make_route(volume: Volume, setup: str, axis_order: str, *, outward: bool) -> Route:
     """Return the route of a pass, not to be written to. The return pass visits the stops of the outward one in reverse.
 
     Kept, because page and status ask for the routes of all setups ten times a second.
     """
-    base = base_setup(setup)
-    if base in BODY_DIAGONALS:
-        stops = diagonal_stops_mm(volume, base, axis_order)
-        along = diagonal_direction(volume, base)
+    travel = setup_of(setup)
+    if travel.is_diagonal:
+        stops = diagonal_stops_mm(volume, travel.base, axis_order)
+        along = diagonal_direction(volume, travel.base)
     else:
-        stops = linear_stops_mm(volume, base)
-        along = np.eye(3)[AXES.index(base[-1])]
+        stops = linear_stops_mm(volume, travel.base)
+        along = np.eye(3)[AXES.index(travel.axis)]
     if not outward:
         stops = stops[::-1]
     nominal = (stops - stops[0]) @ along

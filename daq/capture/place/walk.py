@@ -5,12 +5,12 @@ from typing import Self
 
 import numpy as np
 
+from stepdiag.base.findings import Finding, Severity
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
 from stepdiag.daq.capture.place.route import Route, agrees, judge_step
 from stepdiag.daq.capture.standing.dwell import COUNT_MODULUS, count_steps
 from stepdiag.daq.formats.signals import Signals
-from stepdiag.solver.findings import Finding, Severity
 
 BREAKS_COUNT = {"laser-reset", "step-mismatch"}
 """A step of the wrong size that nothing explains is a lost count: what follows is right again, relative to itself."""

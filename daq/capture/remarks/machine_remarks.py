@@ -8,14 +8,13 @@ from datetime import UTC, datetime
 
 import msgspec
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.conditions import COURSES, Credible, Judged, Remark
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.walk import Walk
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.records.events import ModbusBlock
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import FOURDOF_RUNS
 
 STILL_NS = 1_500_000_000
 """The heartbeat changes at least once a second (contract 2); polls and a slow gateway are allowed for by half as much again."""
@@ -73,7 +72,7 @@ class Alarm:
 def remarked(walk: Walk, taken: Sequence[Outcome], judged: Judged, alarm: Alarm) -> Iterator[Outcome]:
     """Yield what came of a dwell, with what is remarked of the conditions and of the machine at its stops."""
     stops = [each for each in taken if isinstance(each, CapturedStop)]
-    doubted = [] if walk.route.setup in FOURDOF_RUNS else judged.doubted
+    doubted = [] if walk.route.travel.is_fourdof else judged.doubted
     for code, words in (*judged.said, *doubted):
         yield walk.finding(code, "warning", stops[0].stop if stops else walk.expected, words)
     for each in taken:

@@ -2,11 +2,11 @@
 
 import re
 
+from stepdiag.base.findings import Finding, Severity
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.records.events import Link, Stream
 from stepdiag.daq.timing.samples import Notice
 from stepdiag.daq.timing.stream import StreamBuffer
-from stepdiag.solver.findings import Finding, Severity
 
 _FIGURES = re.compile(r"\d+")
 LISTEN_NS = 1_000_000_000

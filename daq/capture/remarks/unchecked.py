@@ -4,12 +4,12 @@ from collections.abc import Collection, Iterator
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.conditions import needed_conditions
-from stepdiag.daq.capture.place.route import agrees, base_setup, make_route
+from stepdiag.daq.capture.place.route import agrees, make_route
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS
 
 POSITIONS = ("x_mm", "y_mm", "z_mm")
 WITHOUT = {
@@ -73,7 +73,7 @@ def _without_signals(survey: Survey) -> Iterator[str]:
     if alike := _alike(survey):
         text = f"{' and '.join(alike)} make the same step along the diagonal, so the laser cannot tell which of them moved"
         yield f"{text}, nor a pass that begins one stop too early or too late"
-    if any(setup.startswith("linear") for setup in survey.plan.setups):
+    if any(setup_of(setup).kind == "linear" for setup in survey.plan.setups):
         yield "all steps of a linear run are alike: one that begins a stop too early or too late is noticed only by the way back"
     yield "a lost beam ends the pass, and an alarm or a control that hangs is not noticed"
 
@@ -89,7 +89,7 @@ def _without_position(survey: Survey) -> Iterator[str]:
 
 
 def _diagonals(survey: Survey) -> list[str]:
-    return [name for name in survey.plan.all_setups if base_setup(name) in BODY_DIAGONALS]
+    return [name for name in survey.plan.all_setups if setup_of(name).is_diagonal]
 
 
 def _alike(survey: Survey) -> list[str]:

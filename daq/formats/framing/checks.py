@@ -1,6 +1,6 @@
 """Refusing settings that cannot be meant, by the name they have in the survey file."""
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 
 
 def require(condition: bool, field: str, expected: str, found: object) -> None:

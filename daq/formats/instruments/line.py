@@ -16,13 +16,13 @@ import numpy as np
 import re2
 from numpy.typing import NDArray
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.framing.batch import NOTHING, Batch, judge_beam
 from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
 from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
 from stepdiag.daq.formats.framing.lines import LineBuffer, arrivals_of_lines, quote
 from stepdiag.daq.formats.framing.units import Unit, mm_per_unit
 from stepdiag.daq.timing.samples import Flag, Notice, Samples
-from stepdiag.solver.errors import UsageError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -8,7 +8,7 @@ DeviceError
     └── WrongUnitError     the gateway knows no such unit
 """
 
-from stepdiag.solver.errors import DeviceError
+from stepdiag.base.errors import DeviceError
 
 
 class LostConnectionError(DeviceError):

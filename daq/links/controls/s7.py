@@ -12,10 +12,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.controls.blocking import BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError, lost
 from stepdiag.daq.records.events import ReadRange
-from stepdiag.solver.errors import DeviceError
 
 if TYPE_CHECKING:
     from snap7.client import Client

@@ -12,10 +12,10 @@ import socket
 import struct
 import time
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.ports.address import NetworkLine
 from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, Device, SerialSettings
 from stepdiag.daq.links.ports.rfc2217 import ComPort
-from stepdiag.solver.errors import DeviceError
 
 CONNECT_S = 3.0
 """How long a connection may take: a firewall that swallows it says nothing at all."""

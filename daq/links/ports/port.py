@@ -8,11 +8,11 @@ import select
 import threading
 import time
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.ports.address import network_line
 from stepdiag.daq.links.ports.device import Device, SerialSettings
 from stepdiag.daq.links.ports.network import open_network
 from stepdiag.daq.links.ports.tty import Tty
-from stepdiag.solver.errors import DeviceError
 
 
 class OpenPort:

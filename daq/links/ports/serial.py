@@ -7,13 +7,13 @@ Python code is busy. A read takes all that is there in one call; reading lines w
 import time
 from collections.abc import Callable, Sequence
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.port import OpenPort
 from stepdiag.daq.links.ports.port_thread import PortThread
 from stepdiag.daq.links.reconnect import Report
 from stepdiag.daq.timing.host_clock import stamp_ns
 from stepdiag.daq.timing.samples import AskingDecoder, Decoder, GreetingDecoder, PolledDecoder, RespondingDecoder
-from stepdiag.solver.errors import DeviceError
 
 ANSWER_TIMEOUT_S = 0.5
 """How long a polled instrument may take for the first byte of its answer."""

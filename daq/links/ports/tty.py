@@ -12,8 +12,8 @@ import termios
 
 import serial
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, SerialSettings
-from stepdiag.solver.errors import DeviceError
 
 _REMEDIES = {
     errno.ENOENT: "check that the device is plugged in and that the survey names its port (a stable name is under /dev/serial/by-id)",

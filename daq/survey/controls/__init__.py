@@ -5,7 +5,7 @@ A file a control, to be read as what it is; each says where its addresses come f
 
 from importlib.resources import files
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 
 CONTROLS = ("modbus", "siemens-828d", "siemens-840dsl", "heidenhain")
 

@@ -5,11 +5,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.exporters.safety.verdicts.measures import NODES, POINTS, centred, grid_mm
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.tables import Table, correction_um, joined, mean_correction_um
-from stepdiag.solver.geometry.volume import AXES, Vector, Volume
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,12 +8,12 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.measures import ALIKE, POINTS, SAME, SURE_UM, centred, rms
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
-from stepdiag.solver.geometry.volume import AXES, Vector, Volume
 
 _OTHER = 0.35
 """What another explanation may leave to be believed."""

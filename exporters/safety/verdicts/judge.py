@@ -9,6 +9,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.safety.standing import Standing, unchanged
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.curve import of_curve
@@ -18,7 +19,6 @@ from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.result.result import Result
 
 

@@ -9,6 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
@@ -18,8 +20,6 @@ from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import AXES, Vector, Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import Result
 

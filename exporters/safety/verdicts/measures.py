@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.base.volume import Vector, Volume
 
 POINTS = 61
 """Points along an axis at which two movements are compared."""

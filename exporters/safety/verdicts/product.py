@@ -2,11 +2,11 @@
 
 import numpy as np
 
+from stepdiag.base.volume import AXES, Vector
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.measures import ALIKE, NODES, SAME, SURE_UM, grid_mm, growing_um, rms
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.geometry.volume import AXES, Vector
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.result import Result
 

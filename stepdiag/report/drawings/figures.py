@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.volume import AXES, Vector
 from stepdiag.report.drawings import charts, slices, space
 from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table
-from stepdiag.solver.geometry.volume import AXES, Vector
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.texts.sentences import translated

@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from stepdiag.base.volume import Volume
 from stepdiag.report.drawings import svg
 from stepdiag.report.drawings.space import HEIGHT, LATTICE, SHADES, WIDTH, Array, lattice_mm, shade, vector_words
-from stepdiag.solver.geometry.volume import Volume
 
 _LEFT, _TOP, _GAP = 30.0, 34.0, 18.0
 _LONGEST_PX = 16.0

@@ -8,8 +8,8 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.volume import Volume
 from stepdiag.report.drawings import svg
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.result.rounding import steady
 
 Array = NDArray[np.float64]

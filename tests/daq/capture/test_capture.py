@@ -8,13 +8,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import Chunk, Loss
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.findings import Finding
 from testkit.examples import few
 from testkit.timeline import STOPPED_ONLY, Timeline, arrival, diagonal, skipped, survey_text
 

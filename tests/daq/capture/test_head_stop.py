@@ -6,13 +6,13 @@ from dataclasses import dataclass, field
 import numpy as np
 import pytest
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import Chunk
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.findings import Finding
 from stepdiag.virtual.instruments.head_wire import frame_checksum
 from testkit.exact.heads import survey_section
 from testkit.timeline import STOPPED_ONLY, Standstill, Timeline, arrival, survey_text

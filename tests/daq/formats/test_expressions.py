@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.expressions import DEEPEST, MOST_CHARACTERS, Memory, parse_expression
 from stepdiag.daq.formats.signals import SignalDecoder, plan_reads
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.errors import UsageError
 from testkit.timeline import survey_text
 
 KINDS = {"a": "bit", "b": "bit", "n": "word", "m": "word"}

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import DataError
 from stepdiag.daq.formats.signals import (
     CONTRACT_SIGNALS,
     MAX_REGISTERS,
@@ -18,7 +19,6 @@ from stepdiag.daq.formats.signals import (
     registers,
 )
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
-from stepdiag.solver.errors import DataError
 
 CONTRACT_BLOCK = bytes.fromhex(
     "0007"  # heartbeat

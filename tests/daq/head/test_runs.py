@@ -4,12 +4,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.head.runs import evaluate_head, mean_straightness, merge_angles
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.head_file import CrosstalkTable, LeverTable, render_head_file
-from stepdiag.solver.errors import DataError
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.virtual.bench.building import build_machine, head_builder
 from stepdiag.virtual.bench.config import load_config

@@ -5,9 +5,9 @@ import asyncio
 import pytest
 from structlog.testing import capture_logs
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.reconnect import LONGEST_WAIT_S, Reconnector
 from stepdiag.daq.records.events import LOST
-from stepdiag.solver.errors import DeviceError
 
 
 def refusal():

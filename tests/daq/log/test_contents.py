@@ -11,12 +11,12 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.daq.log.contents import LogEnd, open_log
 from stepdiag.daq.log.recovery import log_info, recover
 from stepdiag.daq.log.topics import CHANNELS, SAMPLE_TOPIC
 from stepdiag.daq.log.writer import RUN, LogHeader, LogWriter
 from stepdiag.daq.records.events import Chunk, Event, LinkEvent
-from stepdiag.solver.errors import DataError, UsageError
 from testkit.recording import EVENTS, HEADER, START_NS, SURVEY, WALL_OFFSET_NS, recording, with_notes, write_log
 
 SHORT = recording(1.5)

@@ -10,6 +10,7 @@ import pytest
 from mcap.reader import make_reader
 
 from stepdiag.api import read_log
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.log import decoded as module
 from stepdiag.daq.log.contents import open_log
@@ -18,7 +19,6 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import LOST, Chunk, LinkEvent
 from stepdiag.daq.records.status import LinkState
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.errors import DataError, UsageError
 from testkit.cli import stepdiag
 from testkit.recording import START_NS, WALL_OFFSET_NS, LogHeader, recording, with_notes, write_log
 

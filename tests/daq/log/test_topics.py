@@ -6,6 +6,8 @@ from typing import Any
 import msgspec
 import pytest
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.log.scene import MOST_DRAWN, scene_note
@@ -23,8 +25,6 @@ from stepdiag.daq.log.topics import (
     stop_note,
 )
 from stepdiag.daq.records.status import Phase
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Volume
 from testkit.schema_dialect import dialect_faults
 
 SCHEMAS: dict[str, dict[str, Any]] = {channel.topic: json.loads(channel.schema) for channel in CHANNELS}

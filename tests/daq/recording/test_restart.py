@@ -2,12 +2,12 @@
 
 import pytest
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.recording.rounds import latest_round
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.findings import Finding
 from testkit.exact.driven import WALL_OFFSET_NS, Fault, Folder, Program, machine_of, survey_file
 from testkit.timeline import SETUPS as NUMBERS
 from testkit.timeline import Timeline

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.survey.amended import with_plan
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import BeamOffset, Plan
 from stepdiag.daq.survey.template import template
-from stepdiag.solver.errors import UsageError
 from testkit.running.survey_files import SMALLEST
 
 BARE = SMALLEST.lstrip()

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.signals import plan_reads
 from stepdiag.daq.survey.controls import CONTROLS, control_section
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.errors import UsageError
 from testkit.running.survey_files import SMALLEST
 
 GUIDE = Path(__file__).parents[3] / "docs" / "controls.md"

@@ -2,8 +2,8 @@
 
 import pytest
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.survey.environment import parse_environment
-from stepdiag.solver.errors import UsageError
 
 
 def test_a_table_or_a_whole_survey_file_will_do():

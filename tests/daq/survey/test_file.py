@@ -10,6 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.settings import convert
 from stepdiag.daq.formats.instruments.line import LineSettings
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
@@ -19,8 +21,6 @@ from stepdiag.daq.survey.formats import laser_settings
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.survey.rules import rtu_poll_s
 from stepdiag.daq.survey.template import template
-from stepdiag.exporters.files.settings import convert
-from stepdiag.solver.errors import UsageError
 from testkit.running.survey_files import SMALLEST
 
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\n'
@@ -224,7 +224,7 @@ def test_a_volume_that_reads_like_metres_is_refused() -> None:
 
 
 def test_as_many_increments_as_can_be_solved_and_no_more() -> None:
-    """500 along an axis take the solver a minute and 2.4 GB (`solver.geometry.volume`)."""
+    """500 along an axis take the solver a minute and 2.4 GB (`base.volume`)."""
     most = SMALLEST.replace("increments = 10", "increments = 500")
     assert parse_survey(most, "s").volume.increments == 500
     with pytest.raises(UsageError, match=r"volume\.increments: expected .*500, found 501"):

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.daq.survey.file import load_survey, parse_survey
 from stepdiag.daq.survey.head_file import (
     AxisTable,
@@ -16,7 +17,6 @@ from stepdiag.daq.survey.head_file import (
     render_head_file,
     require_owner,
 )
-from stepdiag.solver.errors import DataError, UsageError
 from testkit.exact.heads import head_file, survey_section, write_head_file
 from testkit.timeline import survey_text
 

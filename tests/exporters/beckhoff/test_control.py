@@ -6,11 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.exporters.beckhoff.control import Beckhoff
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
 from stepdiag.exporters.tables.tables import correction_um
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 

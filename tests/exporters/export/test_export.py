@@ -10,6 +10,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.planning import _as_it_was
 from stepdiag.exporters.files.control_file import ControlFile
@@ -23,8 +25,6 @@ from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Table, correction_um
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import MACHINES, profile_of

@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions, StraightnessNumbers
@@ -19,7 +20,6 @@ from stepdiag.exporters.tables.curves import Curve, curves_of
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import AxisSection, Profile
 from stepdiag.exporters.tables.tables import Table, correction_um
-from stepdiag.solver.errors import DataError, SafetyError
 from testkit.exact.machines import EOB, FANUC, new_punch_file, profile_of
 from testkit.exact.results import VOLUME, made_result
 

@@ -6,6 +6,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import SafetyError
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.fanuc.straightness import SETS
 from stepdiag.exporters.files.control_file import ControlFile
@@ -14,8 +16,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.errors import SafetyError
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.fanuc import load_fanuc

@@ -8,10 +8,10 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.exporters.files import sets
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import SUMS, read_given, read_set, whole, write_set
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
 
 
 def files(value: int, count: int = 5) -> tuple[ControlFile, ...]:

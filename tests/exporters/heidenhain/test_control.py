@@ -6,13 +6,13 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import UNTESTED, suffixed
 from stepdiag.exporters.heidenhain.control import Heidenhain
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.tables import correction_um
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from stepdiag.solver.geometry.volume import Volume
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 

@@ -7,6 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
@@ -15,7 +16,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import correction_um, total_correction_um
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 

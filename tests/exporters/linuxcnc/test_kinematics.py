@@ -21,6 +21,7 @@ import pytest
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
@@ -31,7 +32,6 @@ from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.errors import SafetyError, UsageError
 from testkit.exact.machines import profile_text
 from testkit.exact.results import VOLUME, made_result
 from testkit.examples import few

@@ -7,10 +7,10 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.exporters.profiles.file import load_profile, parse_profile, quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.profiles.template import profile_template
-from stepdiag.solver.errors import SafetyError, UsageError
 from testkit.exact.machines import MACHINES, profile_of, profile_text
 from testkit.exact.results import VOLUME
 

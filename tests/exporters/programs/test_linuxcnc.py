@@ -13,8 +13,8 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.exporters.programs import CONTROLS, companion_files
-from stepdiag.solver.errors import UsageError
 from testkit.component import COMPONENT
 
 

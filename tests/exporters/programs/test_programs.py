@@ -8,10 +8,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import BODY_DIAGONALS, SETUP_NUMBERS, Volume, diagonal_stops_mm, linear_stops_mm
 from stepdiag.exporters.programs import CONTROLS, Sequence, Signals, default_decimals, default_signals, nc_programs, program_name
 from stepdiag.exporters.programs.settings import program_section, program_template
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, SETUP_NUMBERS, Volume, diagonal_stops_mm, linear_stops_mm
 from testkit.exact.nc import Walk, walk_program
 
 VOLUME = Volume(origin_mm=(-100.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=4)
@@ -149,7 +149,7 @@ def test_a_position_that_the_control_would_round_is_refused() -> None:
         ({"overrun_mm": -1.0}, r"plan\.overrun_mm: expected a number of 0 or above, found -1\.0"),
         ({"repeats": 0}, r"plan\.repeats: expected 1 or more, found 0"),
         ({"axis_order": "xxy"}, r"volume\.axis_order: expected each of x, y, z once, found 'xxy'"),
-        ({"setups": ("ppq",)}, r"plan\.setups: expected setups such as .*, found 'ppq'"),
+        ({"setups": ("ppq",)}, r"plan\.setups: expected one of ppp, .*, found 'ppq'; did you mean 'ppp'"),
         ({"setups": ("linear-x+1",)}, r"plan\.setups: .*found 'linear-x\+1'"),
         ({"setups": ("ppp", "ppp")}, r"plan\.setups: expected at least one setup, each once"),
         ({"setups": ()}, r"plan\.setups: .*found none"),

@@ -8,6 +8,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
@@ -16,7 +17,6 @@ from stepdiag.exporters.safety.levers import left_out, without_levers
 from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.errors import DataError, SafetyError
 from stepdiag.solver.result.result import ROTATIONS, Result, parse_result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import profile_of

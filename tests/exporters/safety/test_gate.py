@@ -5,6 +5,7 @@ from dataclasses import replace
 import msgspec
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
@@ -13,7 +14,6 @@ from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.curves import curves_of
-from stepdiag.solver.errors import DataError, SafetyError
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 

@@ -6,6 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import SafetyError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
@@ -14,7 +15,6 @@ from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.errors import SafetyError
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import MACHINES, profile_of
 from testkit.exact.results import VOLUME, made_result

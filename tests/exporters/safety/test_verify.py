@@ -7,13 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.verify import controller_of, grid_points_mm, predict, verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from stepdiag.virtual.control.fanuc import load_fanuc
 from stepdiag.virtual.control.siemens import load_siemens
 from testkit.exact.machines import new_punch_file, profile_of

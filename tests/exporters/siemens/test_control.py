@@ -7,14 +7,14 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens.control import Siemens, SiemensOptions
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import AxisSection, Profile
 from stepdiag.exporters.tables.tables import Table, correction_um
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
-from stepdiag.solver.geometry.volume import Volume
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 from testkit.exact.siemens_files import CEC_GOLDEN, EEC_GOLDEN

@@ -2,10 +2,10 @@
 
 import pytest
 
+from stepdiag.base.errors import DataError
 from stepdiag.exporters.siemens.ini import Assignment
 from stepdiag.exporters.siemens.points import read_points
 from stepdiag.exporters.siemens.products import _most_valuable
-from stepdiag.solver.errors import DataError
 
 
 def written(*values):

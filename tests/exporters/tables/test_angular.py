@@ -7,6 +7,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
@@ -17,8 +19,6 @@ from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.beckhoff import load_volumetric

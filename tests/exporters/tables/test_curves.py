@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
-from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from testkit.exact.results import VOLUME, made_result
 

@@ -7,12 +7,12 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve, curves_of
 from stepdiag.exporters.tables.fit import Product, fitted
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table, mean_correction_um
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import ROTATIONS, Result
 from testkit.exact.results import made_result

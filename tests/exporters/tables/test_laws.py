@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.tables.lattice import MOST_LINES, lattice_of
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table, correction_um
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import Volume
 from testkit.exact.results import made_result
 
 

@@ -6,12 +6,12 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.exporters.fagor.control import FAGOR
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.mitsubishi.control import Mitsubishi
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.tables import correction_um
-from stepdiag.solver.errors import DataError, SafetyError
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 

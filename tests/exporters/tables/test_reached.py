@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.verify import grid_points_mm
@@ -19,7 +20,6 @@ from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.fit import Fitted, fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
-from stepdiag.solver.geometry.volume import Vector, Volume
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.field import without_rigid_motion
 from stepdiag.solver.result.result import Result

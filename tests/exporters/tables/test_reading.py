@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
@@ -12,7 +13,6 @@ from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.errors import DataError, SafetyError, UsageError
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 

@@ -6,8 +6,8 @@ from typing import NamedTuple
 import typer.main
 import typer.testing
 
+from stepdiag.base.errors import StepdiagError
 from stepdiag.cli.app import app, build
-from stepdiag.solver.errors import StepdiagError
 from stepdiag.terminal.exits import EXIT_CODES
 
 

@@ -13,6 +13,8 @@ from typing import Any, TypeVar
 import numpy as np
 from structlog.contextvars import get_contextvars
 
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import AXES, diagonal_stops_mm
 from stepdiag.conclusion import Export, Reach, conclude, conclusion_json
 from stepdiag.daq.records.status import (
     CommandName,
@@ -30,8 +32,6 @@ from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
 from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.exported import exported_of
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, diagonal_stops_mm
 from stepdiag.solver.result.interval import Interval
 from stepdiag.texts.texts import Language
 from testkit.exact.madeup import VOLUME, made_up_result

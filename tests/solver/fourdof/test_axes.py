@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 from stepdiag.solver.fourdof.axes import Mount, axis_errors, known_angles
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
 from stepdiag.solver.fourdof.head import Head, motion

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 from stepdiag.solver.fourdof.commissioning import Standstill, fit_curve, lever_line, signs_and_lever
 from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inverse_erf, spots
 from testkit.exact.optics import RayHead

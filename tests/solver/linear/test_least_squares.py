@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from stepdiag.solver.geometry.volume import Volume
+from stepdiag.base.volume import Volume
 from stepdiag.solver.linear.elimination import Normal, eliminate, order_blocks
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.least_squares import invert

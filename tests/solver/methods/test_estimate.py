@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepdiag.solver.geometry.setups import CONTINUOUS_DIAGONALS, FACE_DIAGONALS
-from stepdiag.solver.geometry.volume import Volume
+from stepdiag.base.setups import CONTINUOUS_DIAGONALS, FACE_DIAGONALS
+from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import KnownAngle

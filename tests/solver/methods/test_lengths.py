@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.errors import DataError
 from stepdiag.daq.survey.assumed import parse_uncertainty
-from stepdiag.solver.errors import DataError
 from stepdiag.solver.methods.lengths import at_their_temperature, lengths_report, tool_report
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions

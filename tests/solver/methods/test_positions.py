@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import render_readings
 from stepdiag.solver.result.result import Result

@@ -11,7 +11,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.solver.methods.registry import METHODS
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import parse_readings, render_readings

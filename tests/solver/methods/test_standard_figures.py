@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepdiag.solver.geometry.volume import Volume, linear_stops_mm
+from stepdiag.base.volume import Volume, linear_stops_mm
 from stepdiag.solver.methods.standard_figures import linear_runs, standards_report
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out

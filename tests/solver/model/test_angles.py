@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import Volume
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import Volume
 from stepdiag.solver.model.angles import angle_at_nodes, parse_angles, render_angles
 
 TEXT = """axis,position_mm,EA_urad,EB_urad,EC_urad,u_urad

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import Volume
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.lateral import lateral_rows

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import Readings, make_readings
 from testkit.exact.surveys import DIAGONALS, Bench

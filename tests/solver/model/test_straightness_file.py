@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.straightness_file import parse_straightness, render_straightness
 from testkit.exact.straightness import straightness

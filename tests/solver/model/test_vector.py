@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.vector import closure_um, diagonal_data, least_squares, wang2000

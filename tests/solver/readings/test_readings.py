@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.setups import SETUP_NAMES
+from stepdiag.base.errors import DataError
+from stepdiag.base.setups import SETUP_NAMES
 from stepdiag.solver.readings.readings import make_readings, parse_readings, render_readings
 from testkit.exact.surveys import DATA, Bench
 

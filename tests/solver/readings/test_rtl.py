@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.solver.readings.readings import make_readings
 from stepdiag.solver.readings.rtl import parse_rtl, render_rtl, rtl_readings, with_runs
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.geometry.volume import Volume
+from stepdiag.base.volume import Volume
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stepdiag.solver.geometry.volume import Vector, Volume
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.result.arches import Between
 from stepdiag.solver.result.field import Smoothed, Tabulated, field_of_um, without_rigid_motion
 from stepdiag.solver.result.posterior import Posterior

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import parse_result

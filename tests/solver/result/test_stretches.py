@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stepdiag.solver.geometry.volume import anywhere_mm
+from stepdiag.base.volume import anywhere_mm
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result import prediction
 from stepdiag.solver.result.field import error_field_um

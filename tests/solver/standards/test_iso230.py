@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 from stepdiag.solver.standards.iso230 import PositioningRuns, arrange_runs, diagonal_figures, positioning_figures, vdi_3441_figures
 
 DATA = Path(__file__).parents[2] / "data"

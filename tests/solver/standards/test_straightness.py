@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 from stepdiag.solver.standards.straightness import reference_line, residuals_um, straightness_um
 
 DATA = Path(__file__).parents[2] / "data"

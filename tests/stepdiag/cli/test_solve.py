@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from stepdiag.solver.findings import Finding
+from stepdiag.base.findings import Finding
 from stepdiag.solver.readings.readings import render_readings
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, parse_result
 from stepdiag.terminal.tables import result_table

@@ -7,9 +7,9 @@ import pytest
 import typer
 from typer.testing import CliRunner
 
+from stepdiag.base.errors import DataError, UsageError
 from stepdiag.cli import logs, survey
 from stepdiag.daq.survey.file import load_survey
-from stepdiag.solver.errors import DataError, UsageError
 from stepdiag.solver.result.result import software
 from testkit.cli import stepdiag
 from testkit.recording import recording, write_log

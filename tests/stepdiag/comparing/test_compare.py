@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.volume import Volume
 from stepdiag.cli.app import build
 from stepdiag.comparing.compare import compare, coverage_factor, trend
 from stepdiag.conclusion import Reach, conclude
 from stepdiag.report.as_left import build_as_left
 from stepdiag.report.certificate import as_left
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.result import Function, Quantity, Result

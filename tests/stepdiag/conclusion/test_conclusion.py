@@ -12,6 +12,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.findings import Finding
 from stepdiag.conclusion import (
     Export,
     conclude,
@@ -27,7 +28,6 @@ from stepdiag.conclusion.intervals import reach_of
 from stepdiag.exporters.export.export import export
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_in, exported_of
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.result.interval import Interval

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daemon.program_places import at_its_places, places_of_program
-from stepdiag.solver.errors import UsageError
 
 UNIT = (Path(__file__).parents[3] / "systemd" / "stepdiag@.service").read_text(encoding="utf-8")
 

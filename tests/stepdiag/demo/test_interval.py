@@ -2,9 +2,9 @@
 
 import numpy as np
 
+from stepdiag.base.volume import anywhere_mm
 from stepdiag.demo.demo import promises_of, verify
 from stepdiag.demo.files import PASSES, SETUPS, write_angles, write_bench
-from stepdiag.solver.geometry.volume import anywhere_mm
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.solver.readings.readings import make_readings

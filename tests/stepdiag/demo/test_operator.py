@@ -8,11 +8,11 @@ from types import SimpleNamespace
 import msgspec
 import pytest
 
+from stepdiag.base.errors import DataError
 from stepdiag.demo import operator as module
 from stepdiag.demo.files import SETUPS
 from stepdiag.demo.live import KEYS
 from stepdiag.demo.operator import MOST_AGAIN, SETTLED_S, Operator
-from stepdiag.solver.errors import DataError
 from stepdiag.virtual.base.faults import PROGRAM, Fault
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.log.recovery import log_info
 from stepdiag.daq.survey.file import load_survey, parse_survey
 from stepdiag.page.settings import in_the_clear, page_settings
-from stepdiag.solver.errors import UsageError
 from testkit.recording import HEADER, write_log
 from testkit.running.survey_files import SMALLEST
 

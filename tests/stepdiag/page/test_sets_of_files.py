@@ -11,13 +11,13 @@ from types import SimpleNamespace
 import pytest
 from starlette.types import Message
 
+from stepdiag.base.errors import SafetyError
 from stepdiag.daq.records.survey_folder import REFUSED
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.sets import SUMS
 from stepdiag.page import app as page_app
 from stepdiag.page.app import Page, create_app
 from stepdiag.page.messages import PageSettings
-from stepdiag.solver.errors import SafetyError
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME
 from testkit.hostile.foreign_tables import RESULT, Everything

@@ -14,6 +14,8 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.findings import Finding
 from stepdiag.cli.app import build
 from stepdiag.cli.report import read_result
 from stepdiag.comparing.compare import same_machine
@@ -30,8 +32,6 @@ from stepdiag.report.drawings.space import LATTICE, lattice_mm, view_matrix
 from stepdiag.report.exported import Exported, ExportedFile
 from stepdiag.report.measured import layout_of, setup_figures
 from stepdiag.report.sections import conditions_table
-from stepdiag.solver.errors import DataError, UsageError
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
 from stepdiag.solver.model.reported import SCALE_SUM, backlash, reversal, shape, sloped

@@ -5,9 +5,9 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding
 from stepdiag.cli import app
-from stepdiag.solver.errors import DataError
-from stepdiag.solver.findings import Finding
 from stepdiag.terminal.printable import printable
 from stepdiag.terminal.tables import finding_lines
 from testkit.cli import stepdiag

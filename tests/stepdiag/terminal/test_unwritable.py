@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 from stepdiag.terminal.exits import failed_writing_said
 from testkit.hostile.door import Door
 from testkit.hostile.doors import NEVER_DONE, doors

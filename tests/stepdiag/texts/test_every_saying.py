@@ -9,7 +9,7 @@ from pathlib import Path
 
 import pytest
 
-from stepdiag.solver.errors import UsageError
+from stepdiag.base.errors import UsageError
 from stepdiag.texts import LANGUAGES, catalogue
 from stepdiag.texts.findings import told
 from stepdiag.texts.sentences import is_known, translated

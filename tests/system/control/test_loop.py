@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables import lattice
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.result.result import parse_result
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine

@@ -8,8 +8,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.programs import Sequence, nc_programs, passes_of, setup_number
-from stepdiag.solver.geometry.volume import Volume
 from testkit.linuxcnc.rig import Control, State, linuxcnc
 from testkit.linuxcnc.standing import stands
 

@@ -6,11 +6,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.programs import Sequence, nc_programs, passes_of
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.geometry.volume import Volume
 from testkit.exact.machines import profile_of
 from testkit.exact.results import made_result
 from testkit.linuxcnc.rig import linuxcnc

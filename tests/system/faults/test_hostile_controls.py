@@ -10,9 +10,9 @@ from contextlib import contextmanager, suppress
 
 import pytest
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.controls import lsv2, s7
 from stepdiag.daq.records.events import ReadRange
-from stepdiag.solver.errors import DeviceError
 from testkit.running.controls import s7_control, telegram, tnc_control
 
 pytestmark = pytest.mark.system

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.cli.app import app, build
 from stepdiag.daq.survey.head_file import parse_head_file
-from stepdiag.solver.errors import DeviceError
 from stepdiag.virtual.base.clock import Clock
 from stepdiag.virtual.base.faults import FaultBoard
 from stepdiag.virtual.base.ports import SerialLine

@@ -16,12 +16,12 @@ from contextlib import contextmanager
 import click
 import pytest
 
+from stepdiag.base.errors import UsageError
 from stepdiag.checking import hearing
 from stepdiag.checking.hearing import Heard
 from stepdiag.cli.setup import setup
 from stepdiag.daq.links.controls import s7
 from stepdiag.daq.survey.file import load_survey
-from stepdiag.solver.errors import UsageError
 from stepdiag.virtual.base.reserved import reserved_port
 from testkit.cli import stepdiag
 from testkit.running.controls import s7_control, tnc_control

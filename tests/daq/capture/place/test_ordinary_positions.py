@@ -11,6 +11,8 @@ import pytest
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import make_route
@@ -20,8 +22,6 @@ from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Volume
 from testkit.timeline import Timeline, diagonal, survey_text
 
 SIZE = (300.07, 200.05, 100.09)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import pytest
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.remarks.unchecked import unchecked
@@ -11,7 +12,6 @@ from stepdiag.daq.formats.signals import SignalSpec, resolution
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.findings import Finding
 from testkit.timeline import STOPPED_ONLY, Timeline, diagonal, survey_text
 
 SIZE = (300.0, 200.0, 100.0)

@@ -3,11 +3,11 @@
 import struct
 from dataclasses import dataclass, field
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.findings import Finding
 from testkit.timeline import Timeline, diagonal, survey_text
 
 

@@ -5,11 +5,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.volume import BODY_DIAGONALS, Volume
 from stepdiag.daq.capture.place.route import judge_step, make_route
 from stepdiag.daq.capture.standing.dwell import TRANSITIONS, DwellTracker, State, count_steps
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
-from stepdiag.solver.geometry.volume import BODY_DIAGONALS, Volume
 
 BOX = Volume(origin_mm=(-50.0, 10.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 

@@ -6,13 +6,13 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import pytest
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import ModbusBlock
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.findings import Finding
 from testkit.timeline import STOPPED_ONLY, Timeline, diagonal, survey_text
 
 

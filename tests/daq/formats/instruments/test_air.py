@@ -6,9 +6,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.instruments.air import PTU300, TOLD, AirDecoder, AirSettings, AskedAirDecoder
 from stepdiag.daq.timing.samples import Flag
-from stepdiag.solver.errors import UsageError
 
 ASKED = AirSettings(pattern=PTU300, request="SEND\r")
 MANUAL = b"send\r\nP= 1033.7 hPa T= 22.2 'C RH= 38.3 %RH\r\n>"

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.instruments.angles import ELCOMAT, URAD, WYLER, AnglesDecoder, AnglesSettings, AskedAnglesDecoder
 from stepdiag.daq.timing.samples import Flag
-from stepdiag.solver.errors import UsageError
 
 ARCSEC = 4.84813681109536
 

@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.framing.checksums import CHECKSUMS
 from stepdiag.daq.formats.instruments.framed import FramesDecoder, FramesSettings
 from stepdiag.daq.timing.samples import Flag
-from stepdiag.solver.errors import UsageError
 from stepdiag.virtual.instruments.binary import modbus_crc
 from testkit.decoder_contract import DecoderContract
 from testkit.streams import codes

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.instruments.fourdof import FRAME_SIZE, FourdofDecoder, FourdofSettings, crc16
 from stepdiag.daq.formats.instruments.tqd import TqdDecoder, TqdSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import HEAD_FORMATS, LASER_FORMATS, make_decoder
 from stepdiag.daq.timing.samples import Flag
-from stepdiag.solver.errors import UsageError
 from testkit.decoder_contract import DecoderContract
 from testkit.streams import codes, feed_all
 

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Decoder, Ids3010Settings
 from stepdiag.daq.formats.instruments.lasertex import LasertexDecoder, LasertexSettings, command
 from stepdiag.daq.formats.instruments.qudis import QudisDecoder, QudisSettings
 from stepdiag.daq.formats.recognise import recognise
 from stepdiag.daq.timing.samples import Flag
-from stepdiag.solver.errors import UsageError
 from stepdiag.virtual.instruments.interferometers import lasertex_crc
 from testkit.decoder_contract import DecoderContract
 from testkit.streams import codes

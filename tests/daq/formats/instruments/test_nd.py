@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.instruments.nd import ANSWER_CAP, NdDecoder, NdSettings
 from stepdiag.daq.timing.samples import Flag
-from stepdiag.solver.errors import UsageError
 from testkit.decoder_contract import DecoderContract
 from testkit.streams import codes
 

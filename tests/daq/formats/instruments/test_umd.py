@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.instruments.umd.decoder import UmdDecoder, UmdSettings
 from stepdiag.daq.formats.instruments.umd.rows import LINE_CAP
 from stepdiag.daq.timing.samples import Flag
-from stepdiag.solver.errors import UsageError
 from testkit.decoder_contract import SteadyDecoderContract
 from testkit.streams import codes, feed_all
 

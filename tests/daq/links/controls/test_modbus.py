@@ -12,6 +12,7 @@ import pytest
 from hypothesis import strategies as st
 from structlog.testing import capture_logs
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.controls import poller
 from stepdiag.daq.links.controls.modbus import ModbusLink, TcpSettings, answer_within, open_link
 from stepdiag.daq.links.controls.modbus_errors import (
@@ -26,7 +27,6 @@ from stepdiag.daq.links.ports.lateness import Lateness
 from stepdiag.daq.links.reconnect import Reconnector
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.host_clock import now_ns
-from stepdiag.solver.errors import DeviceError
 from testkit.running.slaves import TcpServer, wait_until
 
 BLOCK = ReadRange("holding", 0, 3)

@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.ports import network, serial
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.serial import PolledSerial, SerialStream
 from stepdiag.daq.links.reconnect import Reconnector
 from stepdiag.daq.timing.host_clock import now_ns
-from stepdiag.solver.errors import DeviceError
 from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.slaves import Pty, running, wait_until
 from testkit.running.terminal_server import terminal_server

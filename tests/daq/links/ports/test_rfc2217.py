@@ -4,10 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.links.ports.address import NetworkLine, network_line
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.rfc2217 import ComPort
-from stepdiag.solver.errors import UsageError
 from testkit.streams import pieces
 
 IAC, DONT, DO, WONT, WILL, SB, SE = 255, 254, 253, 252, 251, 250, 240

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import pytest
 
+from stepdiag.base.errors import DeviceError
 from stepdiag.daq.links.ports import port_thread, serial, tty
 from stepdiag.daq.links.ports.device import SerialSettings
 from stepdiag.daq.links.ports.port import OpenPort
@@ -16,7 +17,6 @@ from stepdiag.daq.links.ports.serial import PolledSerial, SerialStream
 from stepdiag.daq.links.reconnect import Reconnector
 from stepdiag.daq.records.events import LOST
 from stepdiag.daq.timing.host_clock import now_ns
-from stepdiag.solver.errors import DeviceError
 from testkit.running.slaves import Pty, running, wait_until
 
 

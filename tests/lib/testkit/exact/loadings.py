@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import Volume, anywhere_mm
+from stepdiag.base.volume import Volume, anywhere_mm
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Quantity, Result
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors

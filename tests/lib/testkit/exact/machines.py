@@ -3,10 +3,10 @@
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.geometry.volume import Volume
 
 EOB = b"\n\r\r"
 

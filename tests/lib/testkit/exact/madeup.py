@@ -4,8 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Volume
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Volume
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10)

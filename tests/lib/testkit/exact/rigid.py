@@ -8,7 +8,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.solver.geometry.setups import setup_of
+from stepdiag.base.setups import setup_of
 from stepdiag.solver.planning.runs import Plan, perfect_readings
 
 ARMS = np.array([[0, 1, 1], [0, 0, 1], [0, 0, 0]])

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import AXES
+from stepdiag.base.volume import AXES
 from stepdiag.solver.model.lateral import MeasuredStraightness
 
 STRAIGHT = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")

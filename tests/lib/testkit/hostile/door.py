@@ -6,7 +6,7 @@ from contextlib import chdir
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from stepdiag.solver.errors import StepdiagError
+from stepdiag.base.errors import StepdiagError
 from stepdiag.terminal.exits import EXIT_CODES
 from testkit.cli import Told, stepdiag
 from testkit.hostile.foreign_logs import log_of, with_survey

@@ -8,6 +8,7 @@ from pathlib import Path
 
 import msgspec
 
+from stepdiag.base.errors import UsageError
 from stepdiag.daq.records.status import LinkStatus
 from stepdiag.daq.service.live import FILE as LIVE
 from stepdiag.daq.service.live import LiveStatus
@@ -19,7 +20,6 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.publish.messages import Watched
-from stepdiag.solver.errors import UsageError
 from stepdiag.solver.readings.readings import render_readings
 from stepdiag.solver.readings.rtl import render_rtl
 from testkit.exact.machines import profile_text

@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 from starlette.requests import Request
 
+from stepdiag.base.errors import StepdiagError
 from stepdiag.comparing.compare import compare, trend
 from stepdiag.daemon.driving import sequence_of
 from stepdiag.daq.capture.capture import Capture
@@ -46,7 +47,6 @@ from stepdiag.exporters.tables import lattice
 from stepdiag.page.app import Page
 from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
-from stepdiag.solver.errors import StepdiagError
 from stepdiag.solver.fourdof.head import motion
 from stepdiag.solver.methods.registry import METHODS
 from stepdiag.solver.methods.solve import solve

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import NamedTuple
 
-from stepdiag.solver.errors import StepdiagError
+from stepdiag.base.errors import StepdiagError
 
 
 class Target(NamedTuple):
@@ -27,7 +27,7 @@ def refusing(read: Callable[[bytes], object]) -> Callable[[bytes], object]:
 
 
 def text_of(data: bytes) -> str:
-    """Return the text of a file; what is not UTF-8 is refused before any parser sees it (`exporters.files.files.as_text`)."""
-    from stepdiag.exporters.files.files import as_text
+    """Return the text of a file; what is not UTF-8 is refused before any parser sees it (`base.files.as_text`)."""
+    from stepdiag.base.files import as_text
 
     return as_text(data, "foreign")

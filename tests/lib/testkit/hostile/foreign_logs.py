@@ -16,6 +16,7 @@ from pathlib import Path
 import msgspec
 from mcap.records import Channel, Message
 
+from stepdiag.base.errors import StepdiagError
 from stepdiag.daemon.survey_state import standing_of
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
@@ -31,7 +32,6 @@ from stepdiag.daq.replay import replay
 from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.bundle import bundle_to_run
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.errors import StepdiagError
 from testkit.exact.machines import profile_text
 from testkit.hostile.foreign_base import Target, refusing
 from testkit.timeline import Timeline, diagonal, survey_text

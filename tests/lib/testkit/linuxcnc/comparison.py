@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stepdiag.solver.geometry.volume import Volume
+from stepdiag.base.volume import Volume
 from stepdiag.solver.result.field import without_rigid_motion
 from stepdiag.virtual.physics.machine import Machine
 from testkit.linuxcnc.rig import Control

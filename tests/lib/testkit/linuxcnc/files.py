@@ -4,13 +4,13 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.naming import UNTESTED, suffixed
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.result.result import Result
 
 

@@ -9,8 +9,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.programs import Sequence, nc_programs
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment
 from stepdiag.virtual.physics.machine import Machine

@@ -6,7 +6,7 @@ from typing import Any, Literal
 
 import msgspec
 
-from stepdiag.exporters.files.settings import convert, nearest, read_toml, require_answers
+from stepdiag.base.settings import convert, nearest, read_toml, require_answers
 from stepdiag.exporters.profiles.file import parse_profile, quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.identity import require_same_machine

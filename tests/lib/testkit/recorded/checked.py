@@ -11,6 +11,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from stepdiag.base.findings import Finding
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
@@ -21,7 +22,6 @@ from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.result.result import Quantity, Result
 from testkit.recorded import plain
 from testkit.recorded.exported import own_of, said

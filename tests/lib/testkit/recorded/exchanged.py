@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.settings import show
 from stepdiag.exporters.beckhoff import csv
 from stepdiag.exporters.fanuc.identity import identity_findings
 from stepdiag.exporters.fanuc.punch import read_punch
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import LONGEST_LINE, finite, read_lines, require_end, shown, whole
 from stepdiag.exporters.files.numbers import fixed, shortest
-from stepdiag.exporters.files.settings import show
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.tables.tables import Law

@@ -7,8 +7,8 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.files.files import (
+from stepdiag.base.errors import UsageError
+from stepdiag.base.files import (
     LARGEST_BYTES,
     LARGEST_SETTINGS_BYTES,
     LARGEST_TABLE_BYTES,
@@ -20,8 +20,8 @@ from stepdiag.exporters.files.files import (
     write_new,
     write_once,
 )
+from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import SUMS, read_given, read_set, whole, write_set, zip_of
-from stepdiag.solver.errors import UsageError
 from testkit.recorded.plain import attempted, in_folder
 
 FILES = (

@@ -7,9 +7,9 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from stepdiag.base.errors import StepdiagError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.errors import StepdiagError
 
 
 def lines(data: bytes) -> list[str]:

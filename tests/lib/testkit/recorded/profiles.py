@@ -2,10 +2,10 @@
 
 from collections.abc import Mapping
 
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.geometry.volume import Volume
 from testkit.exact.machines import EOB
 from testkit.recorded.results import VOLUME
 

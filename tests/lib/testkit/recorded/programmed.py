@@ -4,13 +4,13 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
+from stepdiag.base.volume import SETUP_NUMBERS, Volume
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.profiles.template import profile_template
 from stepdiag.exporters.programs import CONTROLS, Sequence, Signals, default_decimals, default_signals, nc_programs, program_name
 from stepdiag.exporters.programs.linuxcnc import companion_files
 from stepdiag.exporters.programs.sequence import passes_of, setup_number, travel_mm
 from stepdiag.exporters.programs.settings import program_section, program_template, travel_in
-from stepdiag.solver.geometry.volume import SETUP_NUMBERS, Volume
 from testkit.recorded import plain
 
 VOLUME = Volume(origin_mm=(-100.5, 20.0, -300.0), size_mm=(51.0, 44.0, 36.0), increments=2)

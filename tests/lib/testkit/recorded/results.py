@@ -4,8 +4,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Volume
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Volume
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Quantity, Result, Scale
 from testkit.exact.results import made_result
 

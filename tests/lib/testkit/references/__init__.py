@@ -13,7 +13,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from stepdiag.solver.errors import StepdiagError
+from stepdiag.base.errors import StepdiagError
 
 FOLDER = Path(__file__).parents[3] / "data" / "reference"
 RELATIVE, ABSOLUTE = 1e-6, 1e-9

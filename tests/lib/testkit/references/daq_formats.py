@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.errors import StepdiagError
 from stepdiag.daq.formats.expressions import Memory, parse_expression
 from stepdiag.daq.formats.framing.checksums import CHECKSUMS, Crc, checksum
 from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
@@ -25,7 +26,6 @@ from stepdiag.daq.formats.registry import make_decoder
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder, SignalSpec, describe, plan_reads, registers, resolution
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.samples import Samples
-from stepdiag.solver.errors import StepdiagError
 from testkit.references import plain
 
 SETTINGS: dict[str, Callable[..., Any]] = {

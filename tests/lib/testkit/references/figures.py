@@ -2,15 +2,9 @@
 
 import numpy as np
 
-from stepdiag.solver.fourdof.axes import Mount, axis_errors, known_angles
-from stepdiag.solver.fourdof.commissioning import Standstill, fit_curve, lever_line, signs_and_lever
-from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inverse_erf, spots
-from stepdiag.solver.fourdof.drift import slow_drift
-from stepdiag.solver.fourdof.head import Crosstalk, Head, motion
-from stepdiag.solver.fourdof.statistics import compare, stability
-from stepdiag.solver.geometry.kinematics import abbe_mask, cross_matrix, parse_chain
-from stepdiag.solver.geometry.setups import SETUP_NAMES, setup_of
-from stepdiag.solver.geometry.volume import (
+from stepdiag.base.kinematics import abbe_mask, cross_matrix, parse_chain
+from stepdiag.base.setups import SETUP_NAMES, setup_of
+from stepdiag.base.volume import (
     BODY_DIAGONALS,
     LINEAR_RUNS,
     Volume,
@@ -21,6 +15,12 @@ from stepdiag.solver.geometry.volume import (
     linear_stops_mm,
     reads_like_metres,
 )
+from stepdiag.solver.fourdof.axes import Mount, axis_errors, known_angles
+from stepdiag.solver.fourdof.commissioning import Standstill, fit_curve, lever_line, signs_and_lever
+from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inverse_erf, spots
+from stepdiag.solver.fourdof.drift import slow_drift
+from stepdiag.solver.fourdof.head import Crosstalk, Head, motion
+from stepdiag.solver.fourdof.statistics import compare, stability
 from stepdiag.solver.result.interval import Interval, interval_of
 from stepdiag.solver.standards.air import (
     Air,

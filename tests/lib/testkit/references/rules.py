@@ -4,12 +4,13 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.csv_table import read_table
+from stepdiag.base.errors import shortened
+from stepdiag.base.findings import Finding
+from stepdiag.base.volume import Volume
 from stepdiag.solver.adjustment.diagnostics import scatter_findings, setup_findings, setup_reports
-from stepdiag.solver.errors import shortened
-from stepdiag.solver.findings import Finding
 from stepdiag.solver.fourdof.detector import DetectorAxis
 from stepdiag.solver.fourdof.head import Head
-from stepdiag.solver.geometry.volume import Volume
 from stepdiag.solver.linear.families import class_factors, likely_factors, normal_points
 from stepdiag.solver.methods.contradictions import contradictions
 from stepdiag.solver.methods.coverage import coverage_findings, t_factor
@@ -24,7 +25,6 @@ from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.noise import assumed_noise
 from stepdiag.solver.planning.planner import Circumstances
 from stepdiag.solver.planning.runs import Pace, Plan, Run
-from stepdiag.solver.readings.csv_table import read_table
 from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.readings.rtl import render_rtl, with_runs
 from stepdiag.solver.result.result import Function, Scale, same_result

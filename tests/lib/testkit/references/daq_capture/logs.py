@@ -9,6 +9,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
@@ -19,7 +20,6 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.events import Chunk, LinkEvent, Loss, ModbusBlock
 from stepdiag.daq.survey.file import laser_decoder
 from stepdiag.daq.timing.stream import Break, StreamBuffer
-from stepdiag.solver.findings import Finding
 from testkit.references import plain
 from testkit.references.daq_capture.told import brief, hint_of, noise, survey_of
 from testkit.timeline import BLOCK, Standstill, Timeline, arrival

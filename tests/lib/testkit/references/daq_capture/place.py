@@ -4,16 +4,17 @@ from typing import Any
 
 import msgspec
 
+from stepdiag.base.findings import Finding
+from stepdiag.base.setups import setup_of
+from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
 from stepdiag.daq.capture.place.pass_start import PassFinder
-from stepdiag.daq.capture.place.route import Route, agrees, base_setup, judge_step, make_route
+from stepdiag.daq.capture.place.route import Route, agrees, judge_step, make_route
 from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
 from stepdiag.daq.capture.place.walk import Walk, begun_anew
 from stepdiag.daq.capture.stop_capture import PositionCheck
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS
-from stepdiag.solver.findings import Finding
-from stepdiag.solver.geometry.volume import Volume
 from testkit.references import plain
 from testkit.references.daq_capture.told import MS, Told, brief, hint_of, signals_of, stop_of, survey_of
 
@@ -53,7 +54,7 @@ def routes(told: dict[str, Any]) -> Any:
         "backward": plain([route.backward_mm(stop, stop + 1) for stop in range(last)]),
         "steps": steps,
         "kept": [bool(column.flags.writeable) for column in (route.stops_mm, route.nominal_mm)],
-        "base": base_setup(told["setup"]),
+        "base": setup_of(told["setup"]).base,
         "anew": [begun_anew(route, list(readings)) for readings in runs],
     }
 

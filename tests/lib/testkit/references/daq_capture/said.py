@@ -3,6 +3,7 @@
 from types import SimpleNamespace
 from typing import Any
 
+from stepdiag.base.errors import StepdiagError
 from stepdiag.daq.capture.captured_stop import marked
 from stepdiag.daq.capture.conditions import Conditions, Credible, believed_before, needed_conditions, told_names, with_air
 from stepdiag.daq.capture.log_start import start_of
@@ -13,7 +14,6 @@ from stepdiag.daq.capture.remarks.unchecked import places_known, unchecked
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.records.events import ModbusBlock
 from stepdiag.daq.timing.samples import Notice
-from stepdiag.solver.errors import StepdiagError
 from testkit.references import plain
 from testkit.references.daq_capture.place import route_of
 from testkit.references.daq_capture.told import MS, brief, signals_of, stop_of, survey_of

@@ -10,13 +10,13 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import StopRules, Survey
 from stepdiag.daq.timing.stream import Break, Span
-from stepdiag.solver.findings import Finding
 from testkit.references import plain
 from testkit.timeline import survey_text
 

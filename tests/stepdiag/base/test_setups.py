@@ -1,10 +1,12 @@
 """The names of setups: what each says, which are none, and the order of tables."""
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.setups import SETUP_NAMES, setup_of
-from stepdiag.solver.geometry.volume import SETUP_NUMBERS
+from stepdiag.base.errors import UsageError
+from stepdiag.base.setups import DRIVEN_SETUPS, SETUP_NAMES, setup_of
+from stepdiag.base.volume import SETUP_NUMBERS
 
 
 def test_the_numbers_of_the_register_are_those_of_the_contract():
@@ -15,7 +17,7 @@ def test_the_numbers_of_the_register_are_those_of_the_contract():
 
 
 @pytest.mark.parametrize(
-    ("name", "kind", "signs", "variant"),
+    ("name", "kind", "signs", "shift"),
     [
         ("npp", "step", (-1, 1, 1), 0),
         ("ppn+1", "step", (1, 1, -1), 1),
@@ -26,10 +28,10 @@ def test_the_numbers_of_the_register_are_those_of_the_contract():
         ("ppp+99999", "step", (1, 1, 1), 99999),
     ],
 )
-def test_a_name_says_what_moves(name, kind, signs, variant):
+def test_a_name_says_what_moves(name, kind, signs, shift):
     """Contract 1: p starts at the low end, n at the high end; the number behind + only tells alignments apart."""
     found = setup_of(name)
-    assert (found.name, found.kind, found.signs, found.variant) == (name, kind, signs, variant)
+    assert (found.name, found.kind, found.signs, found.shift) == (name, kind, signs, shift)
 
 
 @pytest.mark.parametrize("name", ["", "nnn", "ppp+", "ppp+0", "ppp+01", "ppp+-1", "ppp+1.0", "ppp+²", "ppp+100000", "ppp+1+1", "PPP"])
@@ -47,3 +49,12 @@ def test_tables_list_variants_behind_their_setup():
     names = ["linear-x", "npp+10", "npp+2", "ppp+1", "ppp"]
     assert sorted(names, key=lambda name: setup_of(name).order) == ["ppp", "ppp+1", "npp+2", "npp+10", "linear-x"]
     assert [setup_of(name).name for name in SETUP_NAMES] == list(SETUP_NAMES)
+
+
+@given(st.sampled_from(DRIVEN_SETUPS), st.integers(0, 99_999))
+def test_a_setup_is_read_back_from_its_name(base, shift):
+    setup = setup_of(setup_of(base).shifted(shift))
+    assert (setup.base, setup.shift) == (base, shift)
+    assert setup.axis == (base[-1] if setup.kind in ("linear", "fourdof") else "")
+    assert (setup.is_diagonal, setup.is_fourdof) == (setup.kind == "step", base.startswith("fourdof"))
+    assert sum(map(bool, setup.signs)) == (1 if setup.axis else 2 if setup.kind == "face" else 3)

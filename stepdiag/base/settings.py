@@ -16,9 +16,9 @@ from typing import Any, TypeVar, Union, get_args, get_origin
 import msgspec
 from msgspec import inspect
 
-from stepdiag.exporters.files.dotted_names import longer_than
-from stepdiag.solver.errors import UsageError, excerpt
-from stepdiag.solver.readings.csv_table import LARGEST
+from stepdiag.base.csv_table import LARGEST
+from stepdiag.base.dotted_names import longer_than
+from stepdiag.base.errors import UsageError, excerpt
 
 Model = TypeVar("Model", bound=msgspec.Struct)
 

@@ -9,8 +9,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.volume import AXES, Vector
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import AXES, Vector
 
 
 class Chain(NamedTuple):

@@ -7,7 +7,7 @@ import os
 import tempfile
 from pathlib import Path
 
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.base.errors import DataError, UsageError
 
 LARGEST_BYTES = 64_000_000
 """The largest file that is read into memory at once: more is none that a survey leaves, and a parser may need twenty times as much."""

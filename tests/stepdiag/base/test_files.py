@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from stepdiag.exporters.files.files import as_text, read_bytes, write_atomically, write_new, write_once
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import as_text, read_bytes, write_atomically, write_new, write_once
 
 
 def test_a_write_that_fails_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,7 +9,7 @@ readings determine then follows from whole numbers of increments, and no scatter
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Vector, Volume
+from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector, Volume
 
 EDGE_TOLERANCE_MM = 0.005
 """An edge of the box is a multiple of 0.1 mm where it lies so close to one: a drawing has few decimals, a register flickers. It is a whole

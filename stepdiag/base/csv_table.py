@@ -5,7 +5,7 @@ import math
 from collections import Counter
 from collections.abc import Mapping, Sequence
 
-from stepdiag.solver.errors import DataError
+from stepdiag.base.errors import DataError
 
 LARGEST = 1e12
 """No position, error, time or count of a machine comes near. What is beyond it is a mistake, and its square would soon not be finite."""

@@ -5,9 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.solver.geometry.snapping import arrivals, edges_mm, shared_mm, snapped_mm
-from stepdiag.solver.geometry.volume import POSITION_TOLERANCE_MM, Volume
+from stepdiag.base.volume import POSITION_TOLERANCE_MM, Volume
 from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.readings.snapping import arrivals, edges_mm, shared_mm, snapped_mm
 from testkit.exact.beside import Beside, scattered
 from testkit.exact.surveys import Bench
 from testkit.examples import few

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.exporters.files import dotted_names
-from stepdiag.exporters.files.dotted_names import longer_than
+from stepdiag.base import dotted_names
+from stepdiag.base.dotted_names import longer_than
 
 MOST = 5
 QUIET = (

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from stepdiag.solver.errors import UsageError
-from stepdiag.solver.geometry.kinematics import abbe_mask, parse_chain
+from stepdiag.base.errors import UsageError
+from stepdiag.base.kinematics import abbe_mask, parse_chain
 
 TABLE = {
     "FXYZ": ["0yz", "00z", "000"],

@@ -1,0 +1,95 @@
+"""The names of setups and what they say about the travel of the machine.
+
+    ppp npp pnp ppn        body step diagonal: the axes move one after the other (contract 1)
+    face-xy-pp face-xz-np  step diagonal in a face: two axes move one after the other, the third stands
+    body-ppp body-npp      body diagonal with all axes moving together, read once per increment (ISO 230-6)
+    linear-x linear-y      run along one axis
+    fourdof-x fourdof-y    run of the 4-DOF head along one axis: its own record, no readings
+
+A number behind ``+`` tells setups of the same travel apart: a shifted beam, a second mirror alignment, another face (``ppp+1``).
+"""
+
+import difflib
+from dataclasses import dataclass
+from functools import lru_cache
+from itertools import combinations
+from typing import Literal
+
+from stepdiag.base.errors import UsageError
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
+
+Kind = Literal["step", "face", "body", "linear", "fourdof"]
+
+FACE_DIAGONALS = tuple(f"face-{first}{second}-{signs}" for first, second in combinations(AXES, 2) for signs in ("pp", "np"))
+CONTINUOUS_DIAGONALS = tuple(f"body-{diagonal}" for diagonal in BODY_DIAGONALS)
+SETUP_NAMES = (*BODY_DIAGONALS, *FACE_DIAGONALS, *CONTINUOUS_DIAGONALS, *LINEAR_RUNS)
+"""Every setup whose readings the solver understands, in the order in which tables list them."""
+DRIVEN_SETUPS = (*SETUP_NAMES, *FOURDOF_RUNS)
+"""Every setup that a machine drives."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Setup:
+    """A setup: ``kind`` of travel, its name without shift (``base``), and the number of its ``shift``, 0 for the usual line.
+
+    ``signs`` holds +1, -1 or 0 (standing) per axis for the outward pass.
+    """
+
+    name: str
+    base: str
+    kind: Kind
+    signs: tuple[int, int, int]
+    shift: int
+
+    @property
+    def order(self) -> tuple[int, int]:
+        """Return the place of this setup in tables and files."""
+        return SETUP_NAMES.index(self.base), self.shift
+
+    @property
+    def axis(self) -> str:
+        """Return the axis of a run along one, else nothing."""
+        return self.base[-1] if self.kind in ("linear", "fourdof") else ""
+
+    @property
+    def is_diagonal(self) -> bool:
+        """Tell whether the axes step one after the other along a body diagonal."""
+        return self.kind == "step"
+
+    @property
+    def is_fourdof(self) -> bool:
+        """Tell whether the 4-DOF head makes this run: it gives no readings."""
+        return self.kind == "fourdof"
+
+    def shifted(self, number: int) -> str:
+        """Return the name of the same travel on the line of another number."""
+        return f"{self.base}+{number}" if number else self.base
+
+
+@lru_cache(maxsize=1024)
+def setup_of(name: str, where: str = "setup", names: tuple[str, ...] = DRIVEN_SETUPS) -> Setup:
+    """Return the setup of a name. Raises ``UsageError`` with the nearest name for one that is none of ``names``, shifted or not."""
+    base, plus, number = name.partition("+")
+    if base not in names or (plus and not (number.isascii() and number.isdigit() and not number.startswith("0") and len(number) < 6)):
+        near = difflib.get_close_matches(base, names, cutoff=0.5)
+        remedy = f"did you mean {near[0]!r}?" if near else "a shifted beam or a second alignment is named ppp+1, ppp+2, .."
+        raise UsageError(where, expected="one of " + ", ".join(names), found=repr(name), remedy=remedy)
+    return Setup(name=name, base=base, kind=_kind(base), signs=_signs(base), shift=int(number) if plus else 0)
+
+
+def _kind(base: str) -> Kind:
+    match base.partition("-")[0]:
+        case "face" | "body" | "linear" | "fourdof" as kind:
+            return kind
+        case _:
+            return "step"
+
+
+def _signs(base: str) -> tuple[int, int, int]:
+    axes, letters = "xyz", base.removeprefix("body-")
+    if base.startswith("face-"):
+        _, axes, letters = base.split("-")
+    elif base.startswith(("linear-", "fourdof-")):
+        axes, letters = base[-1], "p"
+    given = {axis: 1 if letter == "p" else -1 for axis, letter in zip(axes, letters, strict=True)}
+    return given.get("x", 0), given.get("y", 0), given.get("z", 0)
