@@ -150,6 +150,12 @@ def _by(index: NDArray[np.int64], values: Vector) -> Vector:
     return apart
 
 
+def _first_of(index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for every reading the place of the first that has the same index, shape (m,)."""
+    _, first, member = np.unique(index, return_index=True, return_inverse=True)
+    return np.asarray(first[member])
+
+
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
     """Return a ramp for each unbroken count; where the return pass lets the adjustment find the ramp, its price is nil."""
     pattern = assumed.drift_um * _by(layout.offset_index, _elapsed(layout))
@@ -218,7 +224,7 @@ def _first_stops(layout: Layout) -> Effect:
     Where a pass begins without overrun these stops differ from those of later moves by the backlash, the same in every pass.
     What each of them misses beside it belongs to the scatter.
     """
-    begins = np.searchsorted(layout.pass_index, layout.pass_index)
+    begins = _first_of(layout.pass_index)
     # where the machine turned round, the move that brought it there belongs to the pass before
     came = (begins == 0)[:, None] | (layout.arrival[begins] != layout.arrival[np.maximum(begins - 1, 0)])
     still = came & (layout.arrival == layout.arrival[begins]) & (layout.arrival >= 0)
@@ -232,7 +238,7 @@ def _registers(layout: Layout) -> Effect:
 
     The deviations count from the positions reported. The laser shows how much of their scatter it did not see, from nothing (the axis
     stood there) to all of it (amount 1): of the scatter while an axis stands, where its place cannot change, and of what its moves end
-    beside each other by. A rounded program repeats at each target and adds up to a straight line in a pass: neither is scatter.
+    beside each other by. What a rounded program repeats at each target, or adds up to along its way, is no scatter.
     """
     within, between = np.zeros_like(layout.beside_mm), np.zeros_like(layout.beside_mm)
     for axis in range(3):
@@ -247,16 +253,17 @@ def _registers(layout: Layout) -> Effect:
 
 
 def _beside_program_mm(layout: Layout, axis: int) -> Vector:
-    """Return what positions lie beside the mean at their target and beside a straight line of their program, shape (m,).
+    """Return what positions lie beside the mean at their target and beside what a program in increments adds up to, shape (m,).
 
-    Increments of one size are rounded alike: passes with as many targets have one slope, and each its own start.
+    Increments of one size are rounded alike: what they add up to grows with the way from the first stop of the pass, or of the setup
+    where each pass begins where the one before it ended. Passes with as many targets have increments of one size.
     """
     beside, targets, passes = layout.beside_mm[:, axis], layout.position_mm[:, axis], layout.pass_index
     if not np.any(beside):
         return np.zeros_like(beside)
-    along = targets / np.max(np.abs(targets), initial=1.0)
-    count = np.array([len(np.unique(targets[passes == number])) for number in range(len(layout.passes))])[passes]
-    program = np.hstack([np.equal.outer(targets, np.unique(targets)), _by(passes, np.ones(len(beside))), _by(count, along)])
+    many = np.array([len(np.unique(targets[passes == number])) for number in range(len(layout.passes))])[passes]
+    ways = [targets - targets[_first_of(index)] for index in (passes, layout.setup_index)]
+    program = np.hstack([np.equal.outer(targets, np.unique(targets)), *(_by(many, way) for way in ways)])
     return np.asarray(beside - program @ np.linalg.lstsq(program, beside, rcond=None)[0])
 
 
