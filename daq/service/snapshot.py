@@ -168,7 +168,7 @@ def _reading(session: Session) -> tuple[float | None, float | None, bool]:
 
 def _tilt(session: Session) -> tuple[float, float] | None:
     driven = session.book.driven
-    return mirror_tilt_mrad(driven.route, [stop for stop, _ in driven.chosen().values()]) if driven is not None else None
+    return mirror_tilt_mrad(driven.route, list(driven.chosen().values())) if driven is not None else None
 
 
 def _runs(session: Session, setup: str) -> bool:

@@ -45,5 +45,5 @@ def _pace_s(book: PassBook) -> float | None:
     """Return the time from stop to stop of the pass driven last; None before it has three."""
     if book.driven is None:
         return None
-    times = sorted(stop.time_s for stop, _ in book.driven.chosen().values())[-PACE_STOPS:]
+    times = sorted(stop.time_s for stop in book.driven.chosen().values())[-PACE_STOPS:]
     return (times[-1] - times[0]) / (len(times) - 1) if len(times) >= 3 else None

@@ -200,7 +200,7 @@ def assert_joined(each, truth, *, within_um=0.6):
     """Every stop of a pass reads what the machine truly did, once its stretches have one zero."""
     chosen = each.chosen()
     assert sorted(chosen) == list(range(len(truth)))
-    readings = [chosen[k][0].reading_mm + chosen[k][1] for k in range(len(truth))]
+    readings = [chosen[k].reading_mm for k in range(len(truth))]
     for k, true in enumerate(truth):
         assert abs(readings[k] - readings[0] - true.reading + truth[0].reading) * 1e3 < within_um, k
 
