@@ -175,10 +175,8 @@ class Pass:
         if still[0] in (*self.against, *self.suspected):
             remedy = "" if says_what_to_do(still[0].text) else ": drive the pass again"
             return f"{still[0].text}{remedy}, or accept it"
-        named = {each.stop for each in still}
-        doubted = [index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index].doubtful)]
-        again = max(doubted[0] - (2 if still[0].code == "reading-differs" else 1), 0)
-        from_there = f"drive again from stop {again} on" if self._may_go_on() else "drive the whole pass again"
+        doubted = self._doubted(still)
+        from_there = f"drive again from stop {self.again_from()} on" if self._may_go_on() else "drive the whole pass again"
         return f"stops {_listed(doubted)} may be off ({self.doubt(doubted[0])}): to make sure, {from_there}, or accept it"
 
     def why_incomplete(self) -> str:
@@ -187,7 +185,7 @@ class Pass:
         if not missing:
             return self.why_doubtful()
         listed = _listed(missing)
-        from_there = f"drive again from stop {max(missing[0] - 1, 0)} on, or the whole pass"
+        from_there = f"drive again from stop {self.again_from()} on, or the whole pass"
         again = from_there if self._may_go_on() else "drive the whole pass again"
         if (misfit_um := self._stretches.misfit_um(self.zeros())) is not None:
             return (
@@ -203,8 +201,17 @@ class Pass:
 
     def again_from(self) -> int:
         """Return the stop from which to drive again; 0: the whole pass."""
-        off = self.missing or [each.stop or 0 for each in self.open_doubts()]
-        return max(min(off) - 1, 0) if off and self._may_go_on() else 0
+        missing, still = self.missing, self.open_doubts()
+        if not self._may_go_on() or (not missing and (not still or still[0] in (*self.against, *self.suspected))):
+            return 0
+        if missing:
+            return 0 if self._stretches.misfit_um(self.zeros()) is not None else max(missing[0] - 1, 0)
+        return max(self._doubted(still)[0] - (2 if still[0].code == "reading-differs" else 1), 0)
+
+    def _doubted(self, still: Sequence[Doubt]) -> list[int]:
+        """Return the stops that are in use and may be off by some doubts."""
+        named = {each.stop for each in still}
+        return [index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index].doubtful)]
 
     def _may_go_on(self) -> bool:
         """Tell whether the machine may go on in the middle: its position, or the laser's unbroken count, says where it stands."""

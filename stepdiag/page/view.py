@@ -29,6 +29,7 @@ SLOW_FIELDS = (
     "expects_setup",
     "expects_pass",
     "result_ready",
+    "to_drive",
 )
 """What changes with a stop or a setup; all the rest goes out with every picture."""
 TOLD = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})

@@ -14,7 +14,7 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from stepdiag.daq.capture.place.route import make_route
-from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot
+from stepdiag.daq.records.status import DriveStatus, FindingStatus, LinkStatus, SetupStatus, Snapshot
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
 from stepdiag.page.view import FAST_FIELDS, SLOW_FIELDS, TOLD, now_view, survey_view
@@ -72,12 +72,25 @@ def test_what_blocks_the_survey_comes_first(tmp_path: Path, fields: dict[str, An
     assert words(found.advice)
 
 
-@pytest.mark.parametrize(("again_from", "lead"), [(4, "Repeat npp from stop 4"), (0, "Repeat npp, pass 1")])
+@pytest.mark.parametrize(("again_from", "lead"), [(4, "Repeat npp, pass 1, from stop 4"), (0, "Repeat npp, pass 1")])
 def test_a_broken_pass_says_from_where_to_repeat(tmp_path: Path, again_from: int, lead: str) -> None:
     """Once the pass is over, the card says what to repeat; nothing burns any more."""
-    setups = [SetupStatus(name="npp", passes_wanted=2, passes_done=0, stops_wanted=62, stops_done=9, state="again", again_from=again_from)]
-    found = headline(snapshot(tmp_path, setups=tuple(setups)))
+    drives = (DriveStatus(setup="npp", pass_number=1, from_stop=again_from, stops=31 - again_from, again=True),)
+    found = headline(snapshot(tmp_path, to_drive=drives))
     assert (found.stage, found.alarm, words(found.lead)) == ("trouble", False, lead)
+
+
+def test_what_a_pass_lost_stays_on_the_card_while_the_next_one_runs(tmp_path: Path) -> None:
+    """The mirror still stands: whoever reads of it when all is driven sets it up once more."""
+    drives = (
+        DriveStatus(setup="npp", pass_number=1, from_stop=26, stops=5, again=True),
+        DriveStatus(setup="npp", pass_number=2, from_stop=6, stops=25),
+        DriveStatus(setup="pnp", pass_number=1, stops=31),
+    )
+    found = headline(snapshot(tmp_path, **RUNNING, expects_pass=2, to_drive=drives))
+    assert (found.stage, found.alarm, words(found.lead)) == ("trouble", False, "To stop 6 of 30")
+    assert words(found.advice) == "npp, pass 2: Y moves. Keep the beam free. Afterwards: Repeat npp, pass 1, from stop 26."
+    assert headline(snapshot(tmp_path, **RUNNING, to_drive=drives[1:])).stage == "drive"
 
 
 @pytest.mark.parametrize(

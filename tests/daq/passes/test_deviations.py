@@ -10,7 +10,6 @@ from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.passes.alignment import POSSIBLE_MRAD, mirror_tilt_mrad, tilt_effect_um
 from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.service.time_left import seconds_left
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
@@ -81,12 +80,3 @@ def test_a_tilt_that_no_beam_survives_is_not_known() -> None:
         book = PassBook(SURVEY)
         book.add_all([msgspec.structs.replace(one, reading_mm=one.reading_mm + effect_mm[one.stop]) for one in stops_of()])
         assert (mirror_tilt_mrad(route, list(book.passes[0].chosen().values())) is not None) == known
-
-
-def test_the_time_left_counts_setting_up() -> None:
-    """Before the first stop it is the plan's; a setup begun is set up."""
-    book = PassBook(SURVEY)
-    fresh = seconds_left(SURVEY, book)
-    assert fresh > 2 * 30 * 60
-    book.add_all(stops_of())
-    assert fresh - seconds_left(SURVEY, book) > 30 * 60
