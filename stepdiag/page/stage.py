@@ -25,12 +25,16 @@ class Say:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """What the big card says. ``alarm`` turns the whole page into an alarm; ``step`` names the passes and stops where there are any."""
+    """What the big card says. ``alarm`` turns the whole page into an alarm.
+
+    ``watching`` stands in place of the advice for a viewer who cannot give orders; None where the advice asks for none.
+    """
 
     stage: Stage
     lead: Say
     advice: Say
     alarm: bool = False
+    watching: Say | None = None
 
 
 def headline(now: Snapshot) -> Headline:
@@ -93,10 +97,13 @@ def _quiet(now: Snapshot) -> Headline:
         return Headline(stage="done", lead=Say(f"phase_{now.phase}"), advice=Say(f"do_{now.phase}"))
     if is_running(now):
         return _underway(now)
-    if now.phase in ("paused", "starting"):
-        return Headline(stage="set-up", lead=Say(f"phase_{now.phase}"), advice=Say(f"do_{now.phase}"))
+    if now.phase == "paused":
+        return Headline(stage="set-up", lead=Say("phase_paused"), advice=Say("do_paused"), watching=Say("do_paused_watching"))
+    if now.phase == "starting":
+        return Headline(stage="set-up", lead=Say("phase_starting"), advice=Say("do_starting"))
     aligned = not now.beam_lost and (now.beam is None or now.beam >= WEAK)
-    return Headline(stage="align" if aligned else "set-up", lead=_prepare(now, aligned=aligned), advice=_set_up(now))
+    watching = None if now.expects_setup else Say("do_any_watching")
+    return Headline(stage="align" if aligned else "set-up", lead=_prepare(now, aligned=aligned), advice=_set_up(now), watching=watching)
 
 
 def _underway(now: Snapshot) -> Headline:

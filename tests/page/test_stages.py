@@ -17,7 +17,7 @@ from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import DriveStatus, FindingStatus, LinkStatus, SetupStatus, Snapshot
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
-from stepdiag.page.view import FAST_FIELDS, SLOW_FIELDS, TOLD, now_view, survey_view
+from stepdiag.page.view import FAST_FIELDS, SLOW_FIELDS, TOLD, grouped, now_view, survey_view
 from stepdiag.texts import LANGUAGES, catalogue
 from testkit.browser import Watched, violations
 from testkit.exact.madeup import VOLUME
@@ -91,6 +91,27 @@ def test_what_a_pass_lost_stays_on_the_card_while_the_next_one_runs(tmp_path: Pa
     assert (found.stage, found.alarm, words(found.lead)) == ("trouble", False, "To stop 6 of 30")
     assert words(found.advice) == "npp, pass 2: Y moves. Keep the beam free. Afterwards: Repeat npp, pass 1, from stop 26."
     assert headline(snapshot(tmp_path, **RUNNING, to_drive=drives[1:])).stage == "drive"
+
+
+@pytest.mark.parametrize("fields", [{"phase": "paused"}, {"expects_setup": ""}])
+def test_the_card_asks_nobody_for_what_the_viewer_cannot_do(tmp_path: Path, fields: dict[str, Any]) -> None:
+    """Start and the choice of a setup are orders: without the token the card names neither."""
+    view = now_view(snapshot(tmp_path, **fields))
+    assert any(order in words(view["advice"]) for order in ("Press start", "choose a setup"))
+    assert not any(order in words(view["watching"]) for order in ("Press", "choose"))
+
+
+def test_errors_stand_above_warnings_whatever_came_last() -> None:
+    """Two hundred notes after it do not bury the one error; within a severity what is open stands first, then what is new."""
+    rows = [
+        ("lost", "error", "past"),
+        ("old", "warning", "open"),
+        ("new", "warning", "past"),
+        ("newest", "warning", "past"),
+        ("note", "info", "past"),
+    ]
+    findings = [FindingStatus(code=code, severity=severity, text="x", state=state) for code, severity, state in rows]
+    assert [entry["code"] for entry in grouped(findings)] == ["lost", "old", "newest", "new", "note"]
 
 
 @pytest.mark.parametrize(
