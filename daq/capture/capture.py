@@ -27,7 +27,7 @@ from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.records.events import LOST, Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
-from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
 from stepdiag.solver.findings import Finding
 
 SAMPLES_WAIT_NS = 500_000_000
@@ -158,11 +158,13 @@ class Capture:
             self._remarks.listen(outcomes)
             text = f"{event.events} events ({event.bytes} bytes) were not recorded: {event.reason}"
             outcomes.append(Finding(code="recording-gap", severity="error", text=text))
+            for stream in self._streams.values():
+                stream.interrupted(event.time_ns, NOT_RECORDED)
         elif event.link == "machine":
             if event.state in ("silent", "lost"):
                 self.tracker.silent()
         elif event.interrupts and event.link in self._streams:
-            self._streams[event.link].interrupted()
+            self._streams[event.link].interrupted(event.time_ns)
         elif LOST in event.detail:
             self._remarks.lost(event.link, event.detail.partition(LOST)[2], outcomes)
 

@@ -265,7 +265,7 @@ class Session:
         if isinstance(event, Chunk):
             self._hear(event)
         elif isinstance(event, LinkEvent) and event.interrupts and event.link in self._idle:
-            self._idle[event.link].interrupted()
+            self._idle[event.link].interrupted(event.time_ns)
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
             if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):

@@ -12,7 +12,7 @@ from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.records.events import Chunk, Loss
+from stepdiag.daq.records.events import Chunk, LinkEvent, Loss
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.findings import Finding
 from testkit.examples import few
@@ -106,6 +106,27 @@ def test_what_a_stream_remarks_comes_before_what_was_lost_after_it():
     events = [event for event in babbled(Timeline(diagonal("ppp")[:1], lead_s=4.0), 1.3) if arrival(event) < 1.35e9]
     loss = Loss(1_350_000_000, 5, 60, "the disk is full")
     assert [outcome.code for event in (*events, loss) for outcome in capture.feed(event)] == ["laser-garbage", "recording-gap"]
+
+
+@few(6)
+@given(away_ms=st.integers(50, 300), stop=st.integers(1, 9), lost=st.sampled_from(["link", "recording"]))
+def test_bytes_that_nobody_saw_are_a_time_without_a_watch_on_the_laser(away_ms, stop, lost):
+    """The beam is cut for 10 ms meanwhile and 15 um are gone: too little for the geometry, so the stop after it is named."""
+    truth = diagonal("ppp")
+    begins = Timeline(truth).schedule()[stop][0] - 0.45
+    timeline = Timeline(truth, beam_lost=[(begins + 0.01, begins + 0.02)], lost_mm=0.015)
+    begin_ns, end_ns = (int((begins + away_s) * 1e9) for away_s in (0.0, away_ms * 1e-3))
+    seen = [each for each in timeline.events() if not (isinstance(each, Chunk) and begin_ns <= arrival(each) < end_ns)]
+    gone = {
+        "link": [LinkEvent(begin_ns, "laser", "lost", "gone"), LinkEvent(end_ns, "laser", "connected", "")],
+        "recording": [Loss(end_ns, 5, 60, "the disk is full")],
+    }
+    stops, codes, _ = run(sorted([*seen, *gone[lost]], key=arrival))
+    assert [each.stop for each in stops if each.unwatched] == [stop]
+    assert "laser-unwatched" in codes
+    book = PassBook(parse_survey(survey_text(), "survey.toml"))
+    book.add_all(stops)
+    assert [bool(book.passes[0].doubt(index)) for index in range(10)] == [index >= stop for index in range(10)]
 
 
 def test_only_standing_samples_are_used():
