@@ -12,6 +12,7 @@ from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.outages import Outages
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.place.pass_start import PassFinder
 from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
@@ -59,7 +60,8 @@ class Capture:
         self._wall_offset_ns = start.wall_offset_ns
         self._remarks = StreamRemarks(self._streams)
         self._finder = PassFinder(survey, start)
-        self._taker = StopTaker(survey, self.laser, self.head, start)
+        self._outages = Outages(start.down)
+        self._taker = StopTaker(survey, self.laser, self.head, start, self._outages)
         self._pending = Standstills()
         self._by_laser = ByLaser(survey, start, self.laser) if survey.plc.silent else None
         self._skip_open = start.skip_open_dwell
@@ -106,6 +108,8 @@ class Capture:
             self._take_block(event, outcomes)
             now_ns = event.recv_ns
         else:
+            if isinstance(event, LinkEvent):
+                self._outages.take(event)
             self._take_remark(event, outcomes)
             now_ns = event.time_ns
         self._settle(now_ns, outcomes)

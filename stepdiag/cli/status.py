@@ -130,9 +130,11 @@ def _live(found: "Standing") -> list[str]:
 
 def _doubted(found: "Standing") -> list[str]:
     """Return every doubt in its words, unless a setup's line has said them, and after those of a place the command that accepts them."""
+    from stepdiag.daq.passes.doubt import places_of
+
     where = shlex.quote(str(found.round or found.folder))
     said, lines = " ".join(setup.doubt for setup in found.setups), list[str]()
-    for place in dict.fromkeys(doubt.place for doubt in found.doubts):
+    for place in places_of(found.doubts):
         here = [doubt.text for doubt in found.doubts if doubt.place == place]
         lines += [text for text in here if text not in said and text not in lines]
         lines.append(f"accept what is known to be right: `stepdiag accept {where} {place} --reason ...`")

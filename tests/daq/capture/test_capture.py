@@ -129,6 +129,38 @@ def test_bytes_that_nobody_saw_are_a_time_without_a_watch_on_the_laser(away_ms, 
     assert [bool(book.passes[0].doubt(index)) for index in range(10)] == [index >= stop for index in range(10)]
 
 
+DOWN = "the laser's link is down: no stop has a reading until it is back"
+
+
+@pytest.mark.parametrize("before", [False, True], ids=["in the log", "before the log"])
+def test_a_link_that_is_down_is_named_once_in_place_of_every_stop_without_a_reading(before):
+    """Nobody dwells longer forty times because a plug is out. One finding an outage, also of one that the log does not hold."""
+    timeline = Timeline(diagonal("ppp"))
+    away_ns, back_ns = (int(timeline.schedule()[at][0] * 1e9) + 100_000_000 for at in (0, 6))
+    events = [each for each in timeline.events() if not (isinstance(each, Chunk) and arrival(each) < back_ns)]
+    events.append(LinkEvent(back_ns, "laser", "connected", ""))
+    events += [] if before else [LinkEvent(away_ns, "laser", "lost", "gone")]
+    survey = parse_survey(survey_text(), "survey.toml")
+    start = msgspec.structs.replace(PassBook(survey).start(skip_open_dwell=False), down=("laser",) if before else ())
+    capture = Capture(survey, start)
+    found = [each for event in sorted(events, key=arrival) for each in capture.feed(event)] + capture.finish()
+    said = [(each.code, each.text) for each in found if isinstance(each, Finding)]
+    assert [code for code, text in said if DOWN in text] == ["laser-gap"]
+    assert "stop-without-reading" not in [code for code, _ in said]
+    assert [each.stop for each in found if isinstance(each, CapturedStop)] == [6, 7, 8, 9]
+
+
+def test_a_stop_without_a_reading_while_the_link_is_up_is_named_as_such():
+    """Samples out of range all through a dwell: that is the beam's matter, or the dwell's, and each stop is named."""
+    truth = diagonal("ppp")
+    begin, end = Timeline(truth).schedule()[4]
+    timeline = Timeline(truth, beam_lost=[(begin - 0.1, end + 0.1)])
+    stops, codes, _ = run(timeline.events())
+    assert "stop-without-reading" in codes
+    assert "laser-gap" not in codes
+    assert 4 not in [each.stop for each in stops]
+
+
 def test_only_standing_samples_are_used():
     """A move at 10 m/min puts 167 um into a millisecond: no window may touch one."""
     timeline = Timeline(diagonal("ppp"), seed=3)
