@@ -103,7 +103,7 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
     name = f"{each.route.setup} pass {each.number}"
     axis = AXES.index(each.route.travel.axis)
     run = section.run_along(AXES[axis])
-    stops = [stop for stop, _ in each.chosen().values()]
+    stops = list(each.chosen().values())
     position = np.array([stop.position_mm[axis] for stop in stops])
     channels, u_channels = _channels(stops, name)
     distance = _distance_mm(section, run, stops, position, name)

@@ -1,5 +1,7 @@
 """What may be wrong with a reading that is in use, and a person's word that it is right all the same."""
 
+from collections.abc import Iterable
+
 import msgspec
 
 
@@ -22,6 +24,11 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     def place(self) -> str:
         """Return the place as a person writes it: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass as a whole."""
         return f"{self.setup}/{self.pass_number}" + ("" if self.stop is None else f"/{self.stop}")
+
+
+def places_of(doubts: Iterable[Doubt]) -> list[str]:
+    """Return the places of doubts, each once, in order: two findings at one stop are one place to look at."""
+    return list(dict.fromkeys(doubt.place for doubt in doubts))
 
 
 def says_what_to_do(text: str) -> bool:

@@ -122,12 +122,12 @@ class PassBook:
         None where it reads nothing, or its count does not reach back to the first stop.
         """
         passes = [each for each in self.of(stop.setup) if each.route.outward == stop.outward]
-        each = next((each for each in reversed(passes) if any(found is stop for found, _ in each.chosen().values())), None)
+        each = next((each for each in reversed(passes) if each.uses(stop)), None)
         if each is None or stop.reading_mm is None:
             return None, None
         chosen = each.chosen()
-        first, first_offset = chosen[min(chosen)]
-        reading = stop.reading_mm + chosen[stop.stop][1] - ((first.reading_mm or 0.0) + first_offset)
+        first = chosen[min(chosen)]
+        reading = chosen[stop.stop].reading_mm - first.reading_mm
         nominal = float(each.route.nominal_mm[stop.stop] - each.route.nominal_mm[first.stop])
         return round(reading, 6), round((reading - nominal) * 1e3, 3)
 

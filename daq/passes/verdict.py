@@ -38,7 +38,7 @@ def suspected(book: PassBook, findings: Iterable[Finding]) -> list[Doubt]:
 
 
 def _suspect(each: Pass, found: Finding) -> Doubt | None:
-    taken_ns = {index: stop.window_from_ns for index, (stop, _) in each.chosen().items()}
+    taken_ns = {index: stop.window_from_ns for index, stop in each.chosen().items()}
     if not taken_ns or (found.stop is not None and found.stop not in taken_ns):
         return None
     return Doubt(

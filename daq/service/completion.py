@@ -200,7 +200,7 @@ def _facts(replayed: Replayed) -> dict[str, Any]:
 def _certificate(replayed: Replayed) -> dict[str, Any]:
     """Return what a certificate says beside the figures: when, with what, by which convention; empty entries are left out."""
     survey = replayed.survey
-    times = [stop.time_s for each in replayed.book.passes for stop, _ in each.chosen().values()]
+    times = [stop.time_s for each in replayed.book.passes for stop in each.chosen().values()]
     begun, ended = (datetime.fromtimestamp(edge(times), UTC).strftime("%Y-%m-%d %H:%M UTC") for edge in (min, max))
     said = {name: getattr(survey.report, name) for name in survey.report.__struct_fields__}
     about = {"begun": begun, "ended": ended, "temperature_note": survey.identity.temperature_note, "event": survey.identity.event, **said}
@@ -210,7 +210,7 @@ def _certificate(replayed: Replayed) -> dict[str, Any]:
 
 def _conditions(replayed: Replayed) -> dict[str, list[float]]:
     """Return the least and the largest value of each sensor over the stops used; a sensor that was not there is left out."""
-    stops = [stop for each in replayed.book.passes for stop, _ in each.chosen().values()]
+    stops = [stop for each in replayed.book.passes for stop in each.chosen().values()]
     seen = {name: [value for stop in stops if (value := getattr(stop, name)) is not None] for name in NAMES}
     return {name: [min(values), max(values)] for name, values in seen.items() if values}
 
@@ -222,7 +222,7 @@ def head_of_logs(replayed: Replayed) -> HeadMeasured:
 
 def survey_date(replayed: Replayed) -> date:
     """Return the day on which the last stop was captured (UTC)."""
-    last = max(stop.time_s for each in replayed.book.passes for stop, _ in each.chosen().values())
+    last = max(stop.time_s for each in replayed.book.passes for stop in each.chosen().values())
     return datetime.fromtimestamp(last, UTC).date()
 
 

@@ -55,6 +55,7 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "doubts": [{"place": doubt.place, **msgspec.to_builtins(doubt)} for doubt in found.doubts],
         "unsolved": found.unsolved,
         "findings": [msgspec.to_builtins(each) for each in found.findings],
+        "to_drive": [msgspec.to_builtins(drive) for drive in found.to_drive],
         "setups": [msgspec.to_builtins(setup) for setup in found.setups],
         "live": msgspec.to_builtins(found.live),
         "disk": found.disk,
@@ -129,12 +130,24 @@ def _live(found: "Standing") -> list[str]:
 
 def _doubted(found: "Standing") -> list[str]:
     """Return every doubt in its words, unless a setup's line has said them, and after those of a place the command that accepts them."""
+    from stepdiag.daq.passes.doubt import places_of
+
     where = shlex.quote(str(found.round or found.folder))
     said, lines = " ".join(setup.doubt for setup in found.setups), list[str]()
-    for place in dict.fromkeys(doubt.place for doubt in found.doubts):
+    for place in places_of(found.doubts):
         here = [doubt.text for doubt in found.doubts if doubt.place == place]
         lines += [text for text in here if text not in said and text not in lines]
         lines.append(f"accept what is known to be right: `stepdiag accept {where} {place} --reason ...`")
+    return lines
+
+
+def _still(found: "Standing") -> list[str]:
+    """Return what is still to be driven, in order, a line a pass."""
+    total = sum(drive.minutes for drive in found.to_drive)
+    lines = [f"still to drive, about {max(round(total), 1)} min with setting up:"]
+    for drive in found.to_drive:
+        place = f"from stop {drive.from_stop} on, {drive.stops} stops" if drive.from_stop else f"{drive.stops} stops"
+        lines.append(f"  {drive.setup}, pass {drive.pass_number}: {place}, about {max(round(drive.minutes), 1)} min")
     return lines
 
 
@@ -143,7 +156,7 @@ def _next(found: "Standing") -> list[str]:
     from stepdiag.daq.records.survey_folder import RESULT
 
     if not found.complete:
-        return [f"next: {found.next_setup}", *_doubted(found)]
+        return [f"next: {found.next_setup}", *_still(found), *_doubted(found)]
     if found.result is not None:
         return [f"complete: {found.result}"]
     if found.unsolved:

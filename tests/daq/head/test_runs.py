@@ -148,7 +148,7 @@ def test_an_angle_without_its_end_is_not_used_while_straightness_is():
     wanted = survey()
     passes, truth = captured(wanted)
     book = PassBook(wanted)
-    for stop in (stop for each in passes for stop, _ in each.chosen().values()):
+    for stop in (stop for each in passes for stop in each.chosen().values()):
         far = stop.setup == "fourdof-x" and stop.position_mm[0] == 0.0
         book.add(msgspec.structs.replace(stop, channels=(850_000.0, 0.0, 1e6, *stop.channels[3:])) if far else stop)
     found = evaluate_head(wanted, book.passes, FILES, {})
@@ -164,9 +164,9 @@ def test_a_dark_pass_says_nothing_and_says_so():
     wanted = survey()
     passes, _ = captured(wanted)
     first = passes[0]
-    dark = [msgspec.structs.replace(stop, channels=(0.0,) * 9) for stop, _ in first.chosen().values()]
+    dark = [msgspec.structs.replace(stop, channels=(0.0,) * 9) for stop in first.chosen().values()]
     book = PassBook(wanted)
-    for stop in [*dark, *(stop for each in passes[1:] for stop, _ in each.chosen().values())]:
+    for stop in [*dark, *(stop for each in passes[1:] for stop in each.chosen().values())]:
         book.add(stop)
     found = evaluate_head(wanted, book.passes, FILES, {})
     codes = {finding.code for finding in found.findings}

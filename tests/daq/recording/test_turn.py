@@ -123,7 +123,7 @@ def test_what_is_driven_again_without_an_overrun_is_doubted_until_every_axis_has
 def test_the_turn_joins_no_counts_and_says_its_side_whatever_becomes_of_the_way_out(tmp_path):
     """Its axes stood on the other side: measured again, it differs by the backlash, which is no slip and no loss of the count."""
     session, _ = measured(tmp_path, program=TurningRound, setups=("ppp",))
-    out, back = ([stop for stop, _ in each.chosen().values()] for each in session.book.passes)
+    out, back = (list(each.chosen().values()) for each in session.book.passes)
     apart = structs.replace(back[0], turned=False, reading_mm=back[0].reading_mm - 0.004)
     unseen = structs.replace(back[1], unwatched="nobody looked", doubtful="a doubt, so that the way back is driven again")
     book = PassBook(session.survey)
