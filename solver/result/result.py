@@ -12,6 +12,7 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.kinematics import abbe_mask
+from stepdiag.base.messages import message_of
 from stepdiag.base.volume import AXES, MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.json_tree import Node, load_json
 from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS, Posterior, parse_posterior
@@ -300,10 +301,12 @@ def _finding(node: Node) -> Finding:
     severity = node.text("severity")
     if severity not in ("info", "warning", "error"):
         node.child("severity").refuse("info, warning or error")
+    tree = node.mapping()
     return Finding(
         code=node.text("code"),
         severity=severity,  # type: ignore[arg-type]
         text=node.text("text"),
+        message=message_of({"key": tree.get("key", tree["code"]), "arguments": tree.get("arguments")}),
         setup=node.text("setup") if "setup" in node.mapping() else "",
         pass_number=_whole_if_there(node, "pass"),
         stop=_whole_if_there(node, "stop"),
