@@ -54,6 +54,15 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
         return mine == (doubt.setup, doubt.pass_number, doubt.stop, doubt.code, doubt.taken_ns)
 
 
+class TimeStated(msgspec.Struct, frozen=True, kw_only=True):
+    """A person's word for the time of the first stop, in seconds since 1970: who, when by the clock, and why."""
+
+    begun_s: float
+    name: str
+    reason: str
+    time_s: float
+
+
 def acceptance_of(doubt: Doubt, *, reason: str, name: str, time_s: float) -> Acceptance:
     """Return the acceptance of a doubt."""
     return Acceptance(

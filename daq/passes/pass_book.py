@@ -10,7 +10,7 @@ from stepdiag.daq.capture.place.route import Route, make_route
 from stepdiag.daq.capture.remarks.machine_remarks import credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare
-from stepdiag.daq.passes.doubt import Acceptance, Doubt
+from stepdiag.daq.passes.doubt import Acceptance, Doubt, TimeStated
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.stretches import same_um
 from stepdiag.daq.survey.assumed import assumptions_of
@@ -31,6 +31,7 @@ class PassBook:
         self.passes: list[Pass] = []
         self.stops = 0
         """How many were taken, whatever became of them."""
+        self.time_stated: TimeStated | None = None
         self._credible: dict[str, Credible] = {}
         self._known: dict[int, float] = {}
         self._believed: tuple[float, ...] = ()

@@ -18,6 +18,7 @@ from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.doubt import says_what_to_do
 from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, with_held
+from stepdiag.daq.passes.survey_time import clock_findings, span_s
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.daq.passes.verdict import assumed_findings, history, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
@@ -131,6 +132,7 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     findings = (
         *compensation_findings(survey),
         *unchecked(survey, told),
+        *clock_findings(replayed.book),
         *settled_findings(replayed.book, solved, stated=environment or {}),
     )
     about = {
@@ -200,8 +202,7 @@ def _facts(replayed: Replayed) -> dict[str, Any]:
 def _certificate(replayed: Replayed) -> dict[str, Any]:
     """Return what a certificate says beside the figures: when, with what, by which convention; empty entries are left out."""
     survey = replayed.survey
-    times = [stop.time_s for each in replayed.book.passes for stop in each.chosen().values()]
-    begun, ended = (datetime.fromtimestamp(edge(times), UTC).strftime("%Y-%m-%d %H:%M UTC") for edge in (min, max))
+    begun, ended = (datetime.fromtimestamp(edge_s, UTC).strftime("%Y-%m-%d %H:%M UTC") for edge_s in span_s(replayed.book))
     said = {name: getattr(survey.report, name) for name in survey.report.__struct_fields__}
     about = {"begun": begun, "ended": ended, "temperature_note": survey.identity.temperature_note, "event": survey.identity.event, **said}
     wavelength = {} if survey.laser.compensated else {"wavelength_nm": survey.laser.wavelength_nm}
@@ -222,8 +223,7 @@ def head_of_logs(replayed: Replayed) -> HeadMeasured:
 
 def survey_date(replayed: Replayed) -> date:
     """Return the day on which the last stop was captured (UTC)."""
-    last = max(stop.time_s for each in replayed.book.passes for stop in each.chosen().values())
-    return datetime.fromtimestamp(last, UTC).date()
+    return datetime.fromtimestamp(span_s(replayed.book)[1], UTC).date()
 
 
 def _require_all(replayed: Replayed) -> None:

@@ -74,7 +74,7 @@ def snapshot(
         tilt_live=session.book.driven is not None and running == session.book.driven.route.setup,
         setups=setups,
         stops=session.recent.of(survey, session.book),
-        findings=finding_list(session.book, session.findings),
+        findings=finding_list(session.book, session.findings, time.time()),
         seconds_left=60.0 * sum(drive.minutes for drive in drives),
         to_drive=drives,
         origin_mm=survey.volume.origin_mm,

@@ -54,8 +54,9 @@ def add(
     """
     with extra_needed("fleet"):
         from stepdiag.fleet.archive import add as put
-        from stepdiag.fleet.archive import finished_in, refresh_index
+        from stepdiag.fleet.archive import finished_in, refresh_index, undated
         from stepdiag.fleet.store import Store
+    from stepdiag.terminal.printable import printable
     from stepdiag.terminal.progress import counted
 
     found = finished_in(folders)
@@ -66,6 +67,8 @@ def add(
             added.append(put(each, store))
             if not as_json:
                 typer.echo(f"{added[-1].outcome}: {each} as {added[-1].place.folder}")
+            if unknown := undated(each):
+                typer.echo(printable(f"{each}: {unknown}"), err=True)
     finally:
         refresh_index(store)
     if as_json:

@@ -78,9 +78,8 @@ def _print(found: "Standing") -> None:
     for setup in found.setups:
         for said in dict.fromkeys(filter(None, (setup.reason, setup.doubt))):
             typer.echo(printable(f"{setup.name}: {said}"))
-    for log in found.logs:
-        if log.trouble:
-            typer.echo(printable(f"{log.name}: {log.trouble}"))
+    for line in (*_undated(found), *(f"{log.name}: {log.trouble}" for log in found.logs if log.trouble)):
+        typer.echo(printable(line))
     if found.disk:
         typer.echo(found.disk)
     if found.changed:
@@ -90,6 +89,15 @@ def _print(found: "Standing") -> None:
         typer.echo(printable(line))
     for line in _concluded(found):
         typer.echo(line)
+
+
+def _undated(found: "Standing") -> list[str]:
+    """Return that the clock was never set, with the command that states the time; nothing where it was set, or the time is stated."""
+    from stepdiag.daq.passes.survey_time import CODE
+
+    where = shlex.quote(str(found.round or found.folder))
+    unset = [each.text for each in found.findings if (each.code, each.severity) == (CODE, "warning")]
+    return [f"{text}: `stepdiag accept {where} {CODE} --begun TIME --reason ...`" for text in unset]
 
 
 def _concluded(found: "Standing") -> list[str]:

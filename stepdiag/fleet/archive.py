@@ -14,6 +14,7 @@ import pyarrow.compute as pc
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_text
+from stepdiag.daq.passes.survey_time import CODE
 from stepdiag.daq.recording.archive import digest, pack
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.fleet.rows import about, rows_of
@@ -47,6 +48,12 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
     if not found:
         raise UsageError(", ".join(map(str, folders)), expected="finished surveys: result.json beside the logs", found="none")
     return found
+
+
+def undated(folder: Path) -> str:
+    """Return in words that the time of a finished survey is not known: the clock was never set and nobody stated it; empty where it is."""
+    result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
+    return next((found.text for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
 
 
 def add(folder: Path, store: Store) -> Added:

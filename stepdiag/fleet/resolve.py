@@ -19,7 +19,7 @@ from distributed import Client, KilledWorker, LocalCluster, as_completed
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
 from stepdiag.comparing.compare import compare
 from stepdiag.daq.log.contents import open_log
-from stepdiag.daq.recording.verdicts import ACCEPTED, JUDGED
+from stepdiag.daq.recording.verdicts import WORDS
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.file import parse_survey
@@ -152,7 +152,7 @@ def _fetched(store: Store, place: Place, folder: Path) -> Path:
     files = listed.get("files") if isinstance(listed, dict) else None
     if not isinstance(files, dict):
         raise DataError(f"{place.folder}/{LISTED}", expected="the list of a survey's files", found=str(listed)[:100])
-    names = [name for name in files if name.endswith(".mcap") or name in (ACCEPTED, JUDGED)]
+    names = [name for name in files if name.endswith(".mcap") or name in WORDS]
     folder.mkdir()
     for name in names:
         if "/" not in name:
