@@ -12,6 +12,7 @@ Two writers at once do not meet: they write under names of their own, and rename
 import hashlib
 import json
 import os
+import re
 import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -22,12 +23,17 @@ from urllib.parse import quote, unquote
 import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
-from stepdiag.solver.errors import DataError, UsageError
+from stepdiag.daq.records.survey_folder import RESULT
+from stepdiag.exporters.files.files import LARGEST_BYTES
+from stepdiag.solver.errors import DataError, UsageError, excerpt
 
 FORMAT, VERSION = "stepdiag-store", 1
 MARK, INDEX, LISTED = "stepdiag-store.json", "points.parquet", "archived.json"
 TABLE_SUFFIX = ".parquet"
 LARGEST_JSON_BYTES = 16_000_000
+LARGEST_LOG_BYTES = 1_000_000_000
+"""A worker that solves anew holds a log of this size in its memory."""
+_SHA256 = re.compile("[0-9a-f]{64}")
 
 
 def sha256(data: bytes) -> str:
@@ -78,9 +84,12 @@ class Store:
         with said(name):
             return bool(self._files.exists(self.path(name)))
 
-    def read(self, name: str) -> bytes:
-        """Return a file."""
+    def read(self, name: str, *, largest: int = LARGEST_BYTES) -> bytes:
+        """Return a file. Raises DataError, before it is read, where it holds more than ``largest`` bytes."""
         with said(name):
+            size = self._files.size(self.path(name))
+            if size is not None and size > largest:
+                raise DataError(f"{self.address}: {name}", expected=f"at most {largest} bytes", found=str(size), remedy="see who wrote it")
             return bytes(self._files.cat_file(self.path(name)))
 
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
@@ -109,7 +118,7 @@ class Store:
         wanted = meaning(data)
         if not self.exists(name):
             self.write(name, data, anew=False)
-        there = self.read(name)
+        there = self.read(name, largest=max(LARGEST_BYTES, 2 * len(data)))
         found = meaning(there)
         if found != wanted:
             remedy = "nothing in a store is ever overwritten; see who wrote it"
@@ -119,18 +128,36 @@ class Store:
     def tables(self) -> list[Place]:
         """Return every survey that is whole, by machine, year and name; what was solved anew behind what was archived."""
         with said(self.address):
-            found = _local_tables(Path(self.root)) if self.is_local else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
+            known = _local_tables(Path(self.root)) if self.is_local else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
+            found = list(known)  # a folder is read here, where its refusal is named
         return sorted(map(_place, map(str, found)))
 
     def json(self, name: str) -> Any:
         """Return a JSON file of ours. Raises DataError where it is none."""
-        data = self.read(name)
+        data = self.read(name, largest=LARGEST_JSON_BYTES)
         try:
-            if len(data) > LARGEST_JSON_BYTES:
-                raise ValueError(f"{len(data)} bytes")
             return json.loads(data)
         except (ValueError, RecursionError) as error:
             raise DataError(f"{self.address}: {name}", expected="JSON", found=str(error)) from error
+
+    def files_of(self, place: Place) -> dict[str, str]:
+        """Return the SHA-256 by name of an archived survey's files: its result, its logs and others.
+
+        Raises DataError where the list is not as `stepdiag archive add` writes it.
+        """
+        name = f"{place.folder}/{LISTED}"
+        listed = self.json(name)
+        files = listed.get("files") if isinstance(listed, dict) else None
+        if (
+            isinstance(files, dict)
+            and _is_complete(files)
+            and all(isinstance(each, str) and _SHA256.fullmatch(each) for each in files.values())
+        ):
+            return files
+        raise DataError(
+            f"{self.address}: {name}", expected="the list of a survey's files: its result and its logs, each with its SHA-256",
+            found=excerpt(json.dumps(listed)), remedy="restore it from a copy of the store: `stepdiag archive add` wrote it once",
+        )  # fmt: skip
 
     @property
     def filesystem(self) -> Any:
@@ -159,6 +186,10 @@ def said(name: str) -> Iterator[None]:
     except (OSError, ValueError, ImportError, RuntimeError) as error:
         why = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
         raise UsageError(name, expected="a store that can be read and written", found=why) from error
+
+
+def _is_complete(files: dict[str, Any]) -> bool:
+    return RESULT in files and any(name.endswith(".mcap") for name in files)
 
 
 def _local_tables(root: Path) -> Iterator[str]:
