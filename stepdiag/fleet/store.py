@@ -13,7 +13,6 @@ import hashlib
 import json
 import os
 import re
-import secrets
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,6 +24,7 @@ from fsspec.implementations.local import LocalFileSystem
 
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.exporters.files.files import LARGEST_BYTES
+from stepdiag.exporters.files.part import part_of, sync_folder, write_through
 from stepdiag.solver.errors import DataError, UsageError, excerpt
 
 FORMAT, VERSION = "stepdiag-store", 1
@@ -94,21 +94,16 @@ class Store:
 
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
         """Write a file whole or not at all, and on the disk when this returns; not ``anew``, one that came meanwhile stays."""
-        target, part = self.path(name), f"{self.path(name)}.{secrets.token_hex(4)}.part"
+        target = self.path(name)
         with said(name):
             if not self.is_local:
                 self._files.pipe_file(target, data)  # an object appears as a whole
                 return
             Path(target).parent.mkdir(parents=True, exist_ok=True)
-            try:
-                with Path(part).open("xb") as file:
-                    file.write(data)
-                    file.flush()
-                    os.fsync(file.fileno())
-                _publish(Path(part), Path(target), anew=anew)
-                _sync(Path(target).parent)
-            finally:
-                Path(part).unlink(missing_ok=True)
+            with part_of(Path(target)) as folder:
+                write_through(folder / "written", data)
+                _publish(folder / "written", Path(target), anew=anew)
+                sync_folder(Path(target).parent)
 
     def write_checked(self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256) -> bytes:
         """Write a file, read it back and return what is there; one that is there with this meaning stays, its bytes unless said otherwise.
@@ -221,12 +216,3 @@ def _publish(part: Path, target: Path, *, anew: bool) -> None:
         else:
             return
     part.replace(target)
-
-
-def _sync(folder: Path) -> None:
-    """Have the folder itself on the disk: without that a renamed file may be gone after a power failure."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)
