@@ -1,6 +1,6 @@
 """Exports of the whole field as a lattice: the neutral CSV, and the kinematics component of LinuxCNC that reads it."""
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -32,11 +32,12 @@ from stepdiag.solver.result.interval import interval_of
 from stepdiag.solver.result.result import DISPLACEMENTS, Result
 
 
-def export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportReport:
+def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> ExportReport:
     """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
-    held = lattice.lattice_of(result, step_mm)
+    held = lattice.lattice_of(result, steps_mm)
+    steps = " x ".join(f"{each:g}" for each in steps_mm) if len(set(steps_mm)) > 1 else f"{steps_mm[0]:g}"
     file, said = lattice.render(held), tuple(_beside(result, held))
-    text = f"{file.name}: what has to be added to the command at each vertex, in um; step {step_mm:g} mm\n"
+    text = f"{file.name}: what has to be added to the command at each vertex, in um; step {steps} mm\n"
     text += f"compensation while measuring: {stated_in(result).words()}; where it was on, the vectors come on top of what was active\n"
     text += "".join(f"{item.code}: {item.text}\n" for item in said)
     require_clean([file])

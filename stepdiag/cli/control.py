@@ -69,7 +69,7 @@ def export(
     out: OutFolder,
     profile: ProfileFile = None,
     step_mm: Annotated[
-        float | None, typer.Option(help="Distance of the table points; alone it gives a quick look without profile.")
+        float | None, typer.Option(help="Distance of the table points. Without profile they stand at the measured positions.")
     ] = None,
     accept: Annotated[list[str] | None, typer.Option(help="A warning, by its code, that may pass; may be given again.")] = None,
     compensation: Compensation = None,

@@ -31,7 +31,7 @@ def report(
     files: Annotated[
         list[Path] | None, typer.Argument(help="Files of one export: listed with their hashes, and their effect predicted.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="FILE.html, or a folder for the HTML and every figure as CSV.")] = Path("report.html"),
+    out: Annotated[Path, typer.Option(help="FILE.html, FILE.pdf, or a folder for the HTML and every figure as CSV.")] = Path("report.html"),
     readings: Annotated[Path | None, typer.Option(help="The readings (CSV) the result rests on: shows them and ISO 230-6.")] = None,
     profile: Annotated[Path | None, typer.Option(help="The machine's profile the files were written with.")] = None,
     after: Annotated[

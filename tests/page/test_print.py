@@ -119,3 +119,11 @@ def test_a_table_that_goes_on_has_its_head_again_and_no_row_torn(tmp_path: Path)
     for page in over:
         assert [name for name in held[page] if not {f"{name}a", f"{name}z"} <= set(texts[page].split())] == []
         assert "Setup By Runs E / µm" in texts[page], "the head stands above the rows of every page"
+
+
+def test_a_report_named_as_a_pdf_is_one(tmp_path: Path, measured: tuple[Result, object]) -> None:
+    """`report --out x.pdf`: the print alone, under that name, and no folder."""
+    written = write_report(build_report(measured[0], source="result.json"), tmp_path / "x.pdf")
+    assert written == [tmp_path / "x.pdf"]
+    assert list(tmp_path.iterdir()) == written
+    assert written[0].read_bytes().startswith(b"%PDF-")

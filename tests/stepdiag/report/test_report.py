@@ -31,6 +31,7 @@ from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.drawings.space import LATTICE, lattice_mm, view_matrix
 from stepdiag.report.exported import Exported, ExportedFile
 from stepdiag.report.measured import layout_of, setup_figures
+from stepdiag.report.output import write_report
 from stepdiag.report.sections import conditions_table
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
@@ -453,3 +454,12 @@ def test_what_was_active_while_measuring_stands_in_the_report(language: str, off
     }
     assert (said["off"], said["?"]) == (off, unstated)
     assert f"A.INI (archive, 2026-01-31) SHA-256 {sha256(b'table').hexdigest()}" in said["on"]
+
+
+def test_a_report_named_like_another_file_makes_no_folder(tmp_path: Path) -> None:
+    """A folder is one whose name says nothing of a file."""
+    with pytest.raises(UsageError, match=r"expected FILE\.html, FILE\.pdf, or a folder, found the name of a \.csv file"):
+        write_report(build_report(made_up_result(), source="result.json"), tmp_path / "x.csv")
+    assert list(tmp_path.iterdir()) == []
+    written = write_report(build_report(made_up_result(), source="result.json"), tmp_path / "mill.2026")
+    assert written[0] == tmp_path / "mill.2026" / "report.html"
