@@ -3,11 +3,11 @@
 from collections.abc import Callable
 
 from mypy.nodes import ARG_STAR2
-from mypy.plugin import FunctionContext, Plugin
+from mypy.plugin import FunctionContext, Plugin, ReportConfigContext
 from mypy.subtypes import is_subtype
 from mypy.types import Instance, LiteralType, Type, UnionType, get_proper_type
 
-from stepdiag.texts.patterns import slots
+from stepdiag.texts.patterns import sentences, slots
 
 
 class Messages(Plugin):
@@ -16,6 +16,10 @@ class Messages(Plugin):
     def get_function_hook(self, fullname: str) -> Callable[[FunctionContext], Type] | None:
         """Return what looks at a call."""
         return _check if fullname == "stepdiag.base.messages.message" else None
+
+    def report_config_data(self, ctx: ReportConfigContext) -> object:
+        """Return what a checked file hangs on beside its own text: the catalogue."""
+        return {key: sorted(slots(key).items()) for key in sorted(sentences())} if ctx.id.startswith("stepdiag") else None
 
 
 def _check(call: FunctionContext) -> Type:

@@ -2,7 +2,8 @@
 
 from typing import Any
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Place, message
 from stepdiag.solver.adjustment.diagnostics import NOISE_LIMIT_UM
 from stepdiag.solver.adjustment.scatter import Scatter
 
@@ -20,17 +21,14 @@ def contradictions(reports: dict[str, dict[str, Any]], scatter: Scatter) -> list
 def _of_machine(scatter: Scatter) -> list[Finding]:
     if scatter.repeatability_um <= REPEATS_UM:
         return []
-    text = (
-        f"this machine repeats only to {scatter.repeatability_um:.3g} um, as no machine does: a mirror or a beam moved; "
-        "drive the survey again"
-    )
-    return [Finding(code="noise-far", severity="error", text=text)]
+    return [finding("error", message("noise-far.machine", repeatability_um=scatter.repeatability_um))]
 
 
 def _of_setup(name: str, report: dict[str, Any]) -> list[Finding]:
-    findings = []
-    for key, what in (("noise_um", "a single reading is uncertain by"), ("repeatability_um", "a stop repeats only to")):
-        if (report[key] or 0.0) > FAR * NOISE_LIMIT_UM:
-            text = f"setup {name}: {what} {report[key]:.3g} um, {FAR:g} times what is usual: find the cause, drive it again"
-            findings.append(Finding(code="noise-far", severity="error", text=text, setup=name))
-    return findings
+    noise_um, repeats_um = (report[figure] or 0.0 for figure in ("noise_um", "repeatability_um"))
+    said = []
+    if noise_um > FAR * NOISE_LIMIT_UM:
+        said.append(message("noise-far.reading", setup=name, u_um=noise_um, times=FAR))
+    if repeats_um > FAR * NOISE_LIMIT_UM:
+        said.append(message("noise-far.stop", setup=name, u_um=repeats_um, times=FAR))
+    return [finding("error", one, Place(setup=name)) for one in said]

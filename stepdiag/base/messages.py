@@ -21,6 +21,8 @@ Way = Literal["", "out", "back"]
 LONGEST_PART = 2000
 """Characters of a text in a message: a foreign file may put megabytes where a word should be."""
 LONGEST_QUOTE = 60
+DECIMALS = 6
+"""Of a number in a message, as a result's JSON has them."""
 _BETWEEN: dict[Kind, dict[Language, str]] = {
     "list": {"en": ", ", "de": ", "},
     "each": {"en": "; ", "de": "; "},
@@ -93,7 +95,7 @@ def _plain(key: str, name: str, kind: Kind, value: Argument) -> Argument:
         case "name" if isinstance(value, str | Message):
             return shortened(value) if isinstance(value, str) else value
         case "number" if isinstance(value, int | float):
-            return float(value)
+            return round(float(value), DECIMALS) + 0.0
         case "whole" if hasattr(value, "__index__"):
             return int(value)
         case "stops" if isinstance(value, Sequence) and not isinstance(value, str):

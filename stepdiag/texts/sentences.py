@@ -57,7 +57,9 @@ def _patterns() -> tuple[_Pattern, ...]:
     """Return every pattern; the longer ones come first, so that the special one wins over the general one."""
     old = {language: catalogue("sentence", language) for language in LANGUAGES}
     known = [(key, {language: pattern_of(words[key]) for language, words in old.items()}) for key in old["en"]]
-    made = [_made(words) for _, words in sorted([*sentences().items(), *known], key=lambda item: item[0])]
+    # a message of slots alone would be every sentence
+    worded = [(key, words) for key, words in sentences().items() if any(map(str.isalpha, "".join(part for part, _ in words["en"])))]
+    made = [_made(words) for _, words in sorted([*worded, *known], key=lambda item: item[0])]
     return tuple(sorted(made, key=lambda one: -sum(map(len, one.literals))))
 
 
