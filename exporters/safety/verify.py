@@ -24,6 +24,7 @@ from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.standing import Standing, identifies, standing_findings
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.lattice import judge_field, judge_lattice
+from stepdiag.exporters.safety.verdicts.missing import judge_missing
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.angular import require_chain
@@ -126,7 +127,7 @@ class Prediction:
 class Verification:
     """What was found in the files, what it is and what it will do; ``assumed`` says that axis names and references were (no profile).
 
-    ``judgements`` has one entry for each table, ``findings`` what the limits of control and profile say.
+    ``judgements`` has one entry for each table and for each function without one, ``findings`` what the limits of control and profile say.
     """
 
     controller: str
@@ -239,7 +240,7 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
         assumed=reading.assumed,
         tables=tables,
         prediction=prediction,
-        judgements=judge(result, tables, standing, reading),
+        judgements=(*judge(result, tables, standing, reading), *judge_missing(result, controller, tables, reading)),
         findings=(*limit_findings(controller, reading, result, tables), *findings),
     )
 

@@ -90,11 +90,19 @@ def export(
     with working("planning and checking the tables"):
         known = None if profile is None else read_profile(profile, controller, measured.volume)
         written = write_files(measured, controller, known, step_mm=step_mm, accept=tuple(accept or ()), out_dir=out)
+    _name_unused(accept or (), written)
     if as_json:
         typer.echo(json.dumps(_export_json(written), indent=2, ensure_ascii=False))
     else:
         _print_export(written)
         say_granted([measured])
+
+
+def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
+    """Print the codes that were accepted and that no finding of the export has: mistyped, or not needed."""
+    codes = {finding.code for finding in written.findings}
+    if unused := [code for code in accept if code not in codes]:
+        typer.echo(f"--accept {', '.join(unused)}: no finding of this export has this code", err=True)
 
 
 def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
@@ -186,6 +194,7 @@ def verify(
     Straight body diagonals that were measured by themselves are held against what the result predicts, without files too.
     """
     from stepdiag.cli.report import read_result
+    from stepdiag.exporters.safety.compensation import stated_in
     from stepdiag.exporters.safety.verify import controller_for, verify_files
     from stepdiag.report.drawings.space import LATTICE
 
@@ -202,7 +211,7 @@ def verify(
     if as_json:
         typer.echo(json.dumps({**_verification_json(found, given, aside), **_diagonals_json(beside)}, indent=2, ensure_ascii=False))
     else:
-        _print_verification(found, given, aside)
+        _print_verification(found, given, aside, stated_in(measured).words())
         _caution(measured, found.prediction)
         say_granted([measured])
         for each in beside:
@@ -286,12 +295,12 @@ def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
     write_atomically(out, effect_file(drawing, suffix).encode("utf-8"))
 
 
-def _print_verification(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]") -> None:
+def _print_verification(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]", measured_with: str) -> None:
     from rich.console import Console
 
     from stepdiag.terminal.tables import effect_table, finding_lines
 
-    typer.echo(f"read as {found.controller}: {', '.join(file.name for file in given)}")
+    typer.echo(f"read as {found.controller}: {', '.join(file.name for file in given)}; compensation while measuring: {measured_with}")
     if aside:
         typer.echo(f"left aside: {', '.join(aside)}")
     for kind, law in dict.fromkeys((table.kind, table.law.describe()) for table in found.tables):

@@ -78,9 +78,13 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
             "--apply", expected="a survey that is better than this one", found="none", remedy="ask with other --minutes or --target-um"
         )
     section = _section(survey, chosen.plan)
-    changed = with_plan(read_text(file), section, file.name)
+    finer = chosen.plan.volume.increments
+    changed = with_plan(read_text(file), section, file.name, None if finer == survey.box.increments else finer)
     write_atomically(file, changed.encode("utf-8"))
-    typer.echo(f"{file}: [plan] now drives {', '.join(run.setup for run in chosen.plan.runs)}; repeats = {section.repeats}", err=True)
+    typer.echo(
+        f"{file}: [plan] now drives {', '.join(run.setup for run in chosen.plan.runs)}; repeats = {section.repeats}; {finer} increments",
+        err=True,
+    )
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
@@ -121,6 +125,7 @@ def _advice_json(advice: "Advice") -> dict[str, Any]:
 
 def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
     return {
+        "increments": forecast.plan.volume.increments,
         "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm}
                  for run in forecast.plan.runs],
         "minutes": forecast.minutes,

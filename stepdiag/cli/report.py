@@ -55,6 +55,8 @@ def report(
     from stepdiag.solver.readings.readings import parse_readings
 
     chosen = _language(language)
+    if profile is not None and not files:
+        raise UsageError("--profile", expected="the files of an export beside it", found="none")
     found = read_result(result)
     exported = [exported_in(found, files, profile)] if files else []
     built = build_report(
@@ -138,6 +140,11 @@ def compare(
 
     if len(results) < 2:
         raise UsageError("compare", expected="at least two results", found=str(len(results)))
+    if profile is not None and not loaded:
+        raise UsageError("--profile", expected="--loaded with it", found="no files")
+    page = {"--letterhead": letterhead, "--pdf": pdf, "--language": _language(language) != "en"}
+    if out is None and any(page.values()):
+        raise UsageError(next(name for name, given in page.items() if given), expected="--out FILE.html with it", found="no page")
     read = [read_result(path, name) for path, name in zip(results, _told_apart(results), strict=True)]
     comparison = comparing.compare(read[0], read[-1])
     trends = comparing.trend(read) if len(read) > 2 else ()

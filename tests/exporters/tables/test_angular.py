@@ -115,7 +115,7 @@ def test_verify_finds_every_table_right_and_a_turned_angle_wrong(name: str, chai
     turned = replace(
         turned, errors={key: replace(each, value=-each.value) if key == "EAX" else each for key, each in turned.errors.items()}
     )
-    told = {each.table.name: each.code for each in verify_files(turned, data, of).judgements}
+    told = {each.function: each.code for each in verify_files(turned, data, of).judgements}
     assert told["EYX*Z"] == told["EZX*Y"] == "sign-turned"
 
 

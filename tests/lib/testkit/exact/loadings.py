@@ -19,6 +19,7 @@ from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Quantity, Re
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine
 from testkit.cli import stepdiag
+from testkit.exact.machines import OLD
 from testkit.exact.plants import PLANTS, Plant
 from testkit.exact.results import made_result
 
@@ -249,7 +250,7 @@ class Sequence:
         if self.maker == "siemens":
             more = f"cec_tables_held = {self.held}\n" if self.held else f"first_cec_table = {int(rng.choice([0, 0, 3, 20]))}\n"
             products = "true" if rng.random() < 0.6 else "false"
-            return f"[siemens]\nmeasuring_system = 1\neec_points = {{X=50,Y=50,Z=50}}\ncec_points = 60\nproducts = {products}\n{more}"
+            return f"[siemens]\n{OLD}measuring_system = 1\neec_points = {{X=50,Y=50,Z=50}}\ncec_points = 60\nproducts = {products}\n{more}"
         if self.maker == "fanuc":
             axes = "".join(f"[fanuc.axes.{a}]\nnumber = {n}\nreference_point = {200 * n - 100}\n" for n, a in enumerate("XYZ", start=1))
             option = "true" if rng.random() < 0.6 else "false"
