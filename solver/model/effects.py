@@ -29,8 +29,8 @@ ANGLES, SHORT_ANGLES = "angles", "short waves of angles"
 TURNING = (ANGLES, SHORT_ANGLES)
 """The effects that together are the angular functions."""
 GROWTH, SETUP_SCALE, FIRST_STOPS = "growth", "setup scale", "first stops"
-FIRST_STOPS_UM = 1.0
-"""Half the backlash of an ordinary machine; its size is found where a pass begins without overrun."""
+BACKLASH = 0.6
+"""Backlash at first stops beside the repeatability of an approach, before its size is found: overrun leaves none, a pass without it all."""
 WANDER_WAVES = 3
 BEARING = 0.5
 """Distance of the bearing that holds a screw from the low corner of the volume, as a share of the travel (standard deviation)."""
@@ -106,7 +106,7 @@ def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumpt
         _wander(layout, assumed),
         _setup_scale(layout, assumed),
         _growth(layout, assumed),
-        _first_stops(layout),
+        _first_stops(layout, assumed),
         _registers(layout),
         _survey_scale(layout, assumed),
         _material(layout, assumed),
@@ -218,7 +218,7 @@ def growth_waves(layout: Layout) -> Vector:
     return centred
 
 
-def _first_stops(layout: Layout) -> Effect:
+def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
     """Return the backlash of each axis at the stops that it has not moved to in their pass: it came there from within the volume.
 
     Where a pass begins without overrun these stops differ from those of later moves by the backlash, the same in every pass.
@@ -228,8 +228,9 @@ def _first_stops(layout: Layout) -> Effect:
     # where the machine turned round, the move that brought it there belongs to the pass before
     came = (begins == 0)[:, None] | (layout.arrival[begins] != layout.arrival[np.maximum(begins - 1, 0)])
     still = came & (layout.arrival == layout.arrival[begins]) & (layout.arrival >= 0)
-    pattern = -FIRST_STOPS_UM * layout.direction * layout.approach * still
-    text = f"an axis comes to its first stop of a pass from the other side: backlash of {FIRST_STOPS_UM:g} um"
+    size_um = BACKLASH * assumed.repeatability_um
+    pattern = -size_um * layout.direction * layout.approach * still
+    text = f"an axis comes to its first stop of a pass from the other side: backlash of {size_um:.2g} um"
     return Effect(name=FIRST_STOPS, text=text, pattern_um=pattern, sought=True)
 
 
