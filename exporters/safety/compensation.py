@@ -12,7 +12,8 @@ from datetime import date
 from typing import Any, Literal
 
 from stepdiag.base.errors import DataError, SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.result.result import Result
 
@@ -70,14 +71,14 @@ def stated_in(result: Result) -> Statement:
         return Statement(state="?")
     if state not in ("off", "on") or not isinstance(rows, list) or (state == "on") != bool(rows):
         where = f"{result.source}: {_SECTION}.compensation"
-        raise DataError(where, expected='"off", or "on" with active_files', found=f"{state!r} with {rows!r:.60}")
+        raise DataError(where, expected=message("off-on-files"), found=f"{state!r} with {rows!r:.60}")
     return Statement(state=state, files=tuple(_active_file(row, result.source) for row in rows))
 
 
 def _active_file(row: Any, source: str) -> ActiveFile:
     names = ("name", "sha256", "date", "source")
     if not isinstance(row, Mapping) or not all(isinstance(row.get(name), str) for name in names):
-        raise DataError(f"{source}: {_SECTION}.active_files", expected="name, sha256, date and source", found=f"{row!r:.60}")
+        raise DataError(f"{source}: {_SECTION}.active_files", expected=message("name-sha"), found=f"{row!r:.60}")
     return ActiveFile(name=row["name"], sha256=row["sha256"], date=row["date"], source=row["source"])
 
 
@@ -95,9 +96,9 @@ def require_agreement(result: Result, profile: Profile) -> None:
         raise SafetyError(
             f"{profile.source}: machine.measured_with",
             code="compensation-differs",
-            expected=f'"{statement.state}", as the survey says',
+            expected=message("as-survey", state=statement.state),
             found=f'"{profile.machine.measured_with}"' + (" (assumed)" if profile.assumed else ""),
-            remedy="a profile of this survey, with the files that were active in machine.existing" if statement.state == "on" else "",
+            remedy=message("profile-of") if statement.state == "on" else "",
         )
     if statement.state == "on":
         _require_same_files(statement, profile)
@@ -110,8 +111,8 @@ def require_answer(result: Result) -> Statement:
         raise SafetyError(
             f"{result.source}: {_SECTION}.compensation",
             code="compensation-unanswered",
-            expected='"off" or "on": whether a compensation was active while measuring',
-            found="a survey that does not say it",
+            expected=message("off-or-on"),
+            found=message("says-not"),
             remedy="say it before the first pass (machine.compensation of the survey file); whoever knows it for certain can say it "
             "afterwards: --compensation off, or on with the files that were active (--active)",
         )
@@ -121,8 +122,7 @@ def require_answer(result: Result) -> Statement:
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
     """Yield ``compensation-unstated`` where nothing but the profile says what was active."""
     if stated_in(result).state is None and not profile.assumed:
-        text = f"only the profile says that the compensation was {profile.machine.measured_with} while measuring: the readings do not"
-        yield Finding(code="compensation-unstated", severity="warning", text=text)
+        yield finding("warning", message("compensation-unstated", state=profile.machine.measured_with))
 
 
 def _require_same_files(statement: Statement, profile: Profile) -> None:
@@ -150,8 +150,8 @@ def _differs(profile: Profile, expected: str, missing: Iterable[str], other: Ite
         f"{profile.source}: machine.existing",
         code="active-table-differs",
         expected=expected,
-        found=", ".join(found) or "other files",
-        remedy="give the very tables that were active while measuring, or measure again with the compensation off",
+        found=", ".join(found) or message("other-files"),
+        remedy=message("very-tables"),
     )
 
 

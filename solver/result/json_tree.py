@@ -9,7 +9,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError
-from stepdiag.base.messages import Said, excerpt
+from stepdiag.base.messages import Said, excerpt, message
 from stepdiag.base.volume import Vector
 
 DEEPEST = 20
@@ -61,7 +61,7 @@ class Node:
         path = f"{self.path}.{name}" if self.path else name
         if name not in inside:
             raise DataError(
-                f"{self.source}: {path}", expected="this entry", found="nothing", remedy="this is no complete result of stepdiag"
+                f"{self.source}: {path}", expected="this entry", found=message("nothing"), remedy="this is no complete result of stepdiag"
             )
         return Node(inside[name], self.source, path)
 
@@ -78,18 +78,18 @@ class Node:
     def text(self, name: str) -> str:
         found = self.child(name)
         if not isinstance(found.value, str):
-            found.refuse("a text")
+            found.refuse(message("text"))
         return found.value
 
     def texts(self) -> tuple[str, ...]:
         for item in self.items():
             if not isinstance(item.value, str):
-                item.refuse("a text")
+                item.refuse(message("text"))
         return tuple(self.value)
 
     def number(self) -> float:
         if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not abs(self.value) <= LARGEST:
-            self.refuse("a finite number")
+            self.refuse(message("finite"))
         return float(self.value)
 
     def plain(self, levels: int = DEEPEST) -> Any:
@@ -106,7 +106,7 @@ class Node:
 
     def truth(self) -> bool:
         if not isinstance(self.value, bool):
-            self.refuse("true or false")
+            self.refuse(message("bool"))
         return self.value
 
     def numbers(self) -> Vector:

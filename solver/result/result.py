@@ -12,7 +12,7 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.kinematics import abbe_mask
-from stepdiag.base.messages import message_of
+from stepdiag.base.messages import message, message_of
 from stepdiag.base.volume import AXES, MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.json_tree import Node, load_json
 from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS, Posterior, parse_posterior
@@ -211,7 +211,7 @@ def _volume(node: Node) -> Volume:
     origin, size = node.child("origin_mm"), node.child("size_mm")
     increments = node.child("increments")
     if len(origin.numbers()) != 3:
-        origin.refuse("three numbers")
+        origin.refuse(message("three-numbers"))
     if len(size.numbers()) != 3 or min(size.numbers()) < 0 or max(size.numbers()) == 0:
         size.refuse("three numbers, 0 for an axis without travel")
     if type(increments.value) is not int or not 1 <= increments.value <= MOST_INCREMENTS:
@@ -320,5 +320,5 @@ def _whole_if_there(node: Node, name: str) -> int | None:
         return None
     value = node.child(name).number()
     if not value.is_integer():
-        node.child(name).refuse("a whole number")
+        node.child(name).refuse(message("whole"))
     return int(value)
