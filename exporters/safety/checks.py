@@ -189,10 +189,9 @@ def check_quality(case: Case) -> Iterator[Finding]:
         if finding.severity == "error":
             yield _error("data-quality", f"{finding.code}: {finding.text}")
     largest = max((float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0)
-    stated = {name: report.get("repeatability_um") for name, report in case.result.setups.items()}
-    spreads = {name: value for name, value in stated.items() if isinstance(value, int | float) and value > 0}
-    if spreads and max(spreads.values()) > largest / 2:
-        worst = max(spreads, key=lambda name: spreads[name])
+    spreads = {name: report.repeatability_um or 0.0 for name, report in case.result.setups.items()}
+    worst = max(spreads, key=lambda name: spreads[name], default="")
+    if worst and spreads[worst] > largest / 2:
         text = f"{worst}: a stop repeats to {spreads[worst]:.1f} um, the largest correction is {largest:.1f} um: measure again"
         yield _warning("repeatability-exceeds-correction", text)
     uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]

@@ -1,13 +1,15 @@
 """How every setup stood and how well the readings agree: what a service engineer looks at before believing a result."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding
-from stepdiag.base.volume import AXES, BODY_DIAGONALS, Vector
+from stepdiag.base.setups import Setup
+from stepdiag.base.volume import BODY_DIAGONALS, Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.hypotheses import HIDDEN, along_the_way_m, tell
 from stepdiag.solver.adjustment.scatter import FIRST
@@ -16,6 +18,7 @@ from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
+from stepdiag.solver.result.members import Closure, Drift, SetupReport, triple
 
 TILT_LIMIT_MRAD = 2.0
 """Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms reach micrometres."""
@@ -32,37 +35,43 @@ MISCLOSED, MISCLOSED_FAR = 2.0, 3.5
 were reported and none stopped."""
 
 
-def setup_reports(found: Adjustment) -> dict[str, dict[str, Any]]:
+def travel_report(layout: Layout, setup: Setup) -> SetupReport:
+    """Return the travel of a setup, its passes and stops."""
+    return SetupReport(
+        kind=setup.kind,
+        passes=tuple(key.number for key in layout.passes if key.setup == setup.name),
+        stops=int(np.count_nonzero(layout.setup_index == layout.setups.index(setup))),
+    )
+
+
+def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
     """Return for each setup: kind, passes, stops, mirror tilt (mrad), drift, repeatability and residuals (um)."""
     layout = found.layout
-    reports: dict[str, dict[str, Any]] = {}
+    reports: dict[str, SetupReport] = {}
     for index, setup in enumerate(layout.setups):
-        mine = layout.setup_index == index
-        used = mine & np.isfinite(found.u_um)
+        used = (layout.setup_index == index) & np.isfinite(found.u_um)
         tilt = found.tilt_mrad[index] if setup.kind in ("step", "face") else None
-        reports[setup.name] = {
-            "kind": setup.kind,
-            "passes": [key.number for key in layout.passes if key.setup == setup.name],
-            "stops": int(np.count_nonzero(mine)),
-            "tilt_mrad": None if tilt is None else float(np.linalg.norm(tilt)),
-            "tilt_xyz_mrad": None if tilt is None else tilt,
-            "drift": _drifts(found, setup.name),
-            "repeatability_um": _repeatability_um(layout, setup.name),
-            "residual_um": float(np.sqrt(np.mean(found.residual_um[used] ** 2))) if used.any() else None,
-            "noise_um": float(np.sqrt(np.mean(found.u_um[used] ** 2))) if used.any() else None,
-            "redundancy": float(np.sum(found.fit.redundancy[: len(layout)][used])),
-        }
+        reports[setup.name] = replace(
+            travel_report(layout, setup),
+            tilt_mrad=None if tilt is None else float(np.linalg.norm(tilt)),
+            tilt_xyz_mrad=None if tilt is None else triple(tilt),
+            drift=_drifts(found, setup.name),
+            repeatability_um=_repeatability_um(layout, setup.name),
+            residual_um=float(np.sqrt(np.mean(found.residual_um[used] ** 2))) if used.any() else None,
+            noise_um=float(np.sqrt(np.mean(found.u_um[used] ** 2))) if used.any() else None,
+            redundancy=float(np.sum(found.fit.redundancy[: len(layout)][used])),
+        )
     return reports
 
 
-def _drifts(found: Adjustment, setup: str) -> list[dict[str, Any]]:
+def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
     """Return what the count drifted in every out-and-back pair, over its whole duration, where it is identified.
 
     The straight part is an unknown that is expected small; whatever else a pass may do in time (`IN_TIME`) has its share, so the sum of
     them is told, with what the readings leave open of that sum.
     """
     columns, fit = found.design.columns, found.fit
-    drifts: list[dict[str, Any]] = []
+    drifts: list[Drift] = []
     for index, (name, pair, timed) in enumerate(found.design.drift_pairs):
         column = columns.drift + index
         alone = Rows(np.array([[column]]), np.ones((1, 1)), columns.count)
@@ -77,8 +86,9 @@ def _drifts(found: Adjustment, setup: str) -> list[dict[str, Any]]:
         total_um = span * float(fit.unknowns[column]) + float(beside @ fit.amount)
         open_um = fit.root @ (beside - span * fit.causes.taken[column])
         u_um = float(np.sqrt(span**2 * max(fit.inverse.solve(unit)[column], 0.0) + open_um @ open_um))
-        drifts.append({"pair": pair, "rate": total_um / span, "unit": "um/h" if timed else "um/stop", "total_um": total_um, "u_um": u_um})
-    return drifts
+        unit_of_rate: Literal["um/h", "um/stop"] = "um/h" if timed else "um/stop"
+        drifts.append(Drift(pair=pair, rate=total_um / span, unit=unit_of_rate, total_um=total_um, u_um=u_um))
+    return tuple(drifts)
 
 
 def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
@@ -123,7 +133,7 @@ def _interrupted(layout: Layout, index: int) -> bool:
     return bool(np.ptp(layout.zero_index[layout.pass_index == index]))
 
 
-def closure_report(layout: Layout) -> dict[str, Vector] | None:
+def closure_report(layout: Layout) -> Closure | None:
     """Return the closure residual by axis (um, node by node), None unless all four diagonals have the same stops."""
     names = {setup.name for setup in layout.setups}
     stops = 3 * layout.volume.increments + 1
@@ -132,8 +142,7 @@ def closure_report(layout: Layout) -> dict[str, Vector] | None:
     same = all(counts[index] == stops and not _interrupted(layout, index) for index in ours)
     if not same or not names.issuperset(BODY_DIAGONALS):
         return None
-    closure = closure_um(diagonal_data(layout))
-    return {axis: closure[index] for index, axis in enumerate(AXES)}
+    return Closure.of(closure_um(diagonal_data(layout)))
 
 
 def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
@@ -182,7 +191,7 @@ def scale_findings(found: Adjustment) -> list[Finding]:
     return [Finding(code="scale-misclosure", severity="warning", text=f"{text}; measure one of each again if a micrometre matters")]
 
 
-def setup_findings(found: Adjustment, reports: dict[str, dict[str, Any]]) -> list[Finding]:
+def setup_findings(found: Adjustment, reports: Mapping[str, SetupReport]) -> list[Finding]:
     """Return what is remarkable about setups and residuals."""
     per_setup = [finding for name, report in reports.items() for finding in _of_setup(name, report)]
     return [*per_setup, *_poor(reports), *scatter_findings(found), *growth_findings(found), *scale_findings(found)]
@@ -234,27 +243,27 @@ def growth_findings(found: Adjustment) -> list[Finding]:
     return [Finding(code="machine-warms", severity="warning", text=text, size_um=float(grew[np.argmax(np.abs(grew))]))]
 
 
-def _of_setup(name: str, report: dict[str, Any]) -> list[Finding]:
+def _of_setup(name: str, report: SetupReport) -> list[Finding]:
     findings: list[Finding] = []
-    tilt = report["tilt_mrad"] or 0.0
+    tilt = report.tilt_mrad or 0.0
     if tilt > TILT_LIMIT_MRAD:
         text = f"setup {name}: the mirror leans {tilt:.2f} mrad from the diagonal (limit {TILT_LIMIT_MRAD:g}): realign, repeat"
         findings.append(Finding(code="mirror-misaligned", severity="warning", text=text))
-    for drift in report["drift"]:
-        if abs(drift["total_um"]) > max(DRIFT_LIMIT_UM, 3 * drift["u_um"]):
-            text = f"setup {name}: {drift['total_um']:+.1f} um of drift during out-and-back pair {drift['pair']}; let the machine warm up"
+    for drift in report.drift:
+        if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um):
+            text = f"setup {name}: {drift.total_um:+.1f} um of drift during out-and-back pair {drift.pair}; let the machine warm up"
             findings.append(Finding(code="drift-large", severity="warning", text=text))
     return findings
 
 
-def _poor(reports: dict[str, dict[str, Any]]) -> list[Finding]:
+def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
     """Return one finding for noisy readings and one for stops that do not repeat, each naming its setups."""
     findings = []
-    for key, code, what in (
-        ("noise_um", "noise-high", "a single reading is uncertain by up to"),
-        ("repeatability_um", "repeatability-poor", "a stop repeats only to"),
+    for sizes, code, what in (
+        ({name: report.noise_um for name, report in reports.items()}, "noise-high", "a single reading is uncertain by up to"),
+        ({name: report.repeatability_um for name, report in reports.items()}, "repeatability-poor", "a stop repeats only to"),
     ):
-        bad = {name: report[key] for name, report in reports.items() if (report[key] or 0.0) > NOISE_LIMIT_UM}
+        bad = {name: size for name, size in sizes.items() if size is not None and size > NOISE_LIMIT_UM}
         if bad:
             text = f"{', '.join(bad)}: {what} {max(bad.values()):.2g} um (usual: below {NOISE_LIMIT_UM:g}): vibration, draughts, angles?"
             findings.append(Finding(code=code, severity="warning", text=text))

@@ -74,7 +74,7 @@ def measured(folder, *, program=Program, signals="", setups=SETUPS, faults=()):
 
 
 def backlash(session):
-    return solve(tabulate(session.survey, session.book.passes), chain="FXYZ").extra["backlash"]
+    return solve(tabulate(session.survey, session.book.passes), chain="FXYZ").backlash
 
 
 @pytest.mark.parametrize("signals", [COUNTED, STOPPED], ids=["counted", "stopped"])

@@ -330,7 +330,7 @@ def left_um(old: bytes, folder: Path) -> float:
 def measured_with(result: Result, active: Sequence[ControlFile]) -> Result:
     """The result of a survey that says what was active in the control."""
     statement = stated("on", {file.name: file.data for file in active}, date(2026, 5, 30), "archive")
-    return replace(result, extra={"survey": statement.as_json()})
+    return replace(result, survey=statement.facts())
 
 
 class TestActiveTables:
