@@ -253,7 +253,7 @@ def export_codes(result: Result) -> tuple[str, ...]:
 
 def _refusal(door: str, error: StepdiagError) -> str:
     """Return a code for a refusal without one: what was expected, without its figures."""
-    words = re.sub(r"[0-9][0-9.]*|[|,;:()]", "", error.expected).split()
+    words = re.sub(r"[0-9][0-9.]*|[|,;:()]", "", str(error.expected)).split()
     return f"{door}: expected {' '.join(words[:9])}"
 
 

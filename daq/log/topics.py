@@ -74,6 +74,7 @@ _STOP = {
 }  # fmt: skip
 _SIGNALS = {name: FLAG if name in SWITCHED else INTEGER if name in COUNTED else NUMBER for name in SIGNAL_NAMES}
 _PLACE = {"setup": TEXT, "pass": INTEGER, "stop": INTEGER, "size_um": NUMBER}
+_FINDING = {**dict.fromkeys(("severity_text", "code", "key", "action", "arguments", "text"), TEXT), **_PLACE}
 _POINT: Schema = {"type": "object", "properties": dict.fromkeys("xyz", NUMBER)}
 _COLOR: Schema = {"type": "object", "properties": dict.fromkeys("rgba", NUMBER)}
 _POSE: Schema = {
@@ -123,9 +124,7 @@ CHANNELS: tuple[Channel, ...] = (
     Channel(SIGNALS_TOPIC, "stepdiag.Signals", {**_STAMP, **_SIGNALS}),
     Channel(STOP_TOPIC, "stepdiag.Stop", {**_STAMP, **_STOP}),
     Channel(PHASE_TOPIC, "stepdiag.Phase", {**_STAMP, "state": INTEGER, "state_text": TEXT, "detail": TEXT}),
-    Channel(
-        FINDING_TOPIC, "stepdiag.Finding", {**_STAMP, "severity": INTEGER, "severity_text": TEXT, "code": TEXT, "text": TEXT, **_PLACE}
-    ),
+    Channel(FINDING_TOPIC, "stepdiag.Finding", {**_STAMP, "severity": INTEGER, **_FINDING}),
     Channel(LOG_TOPIC, "foxglove.Log", _FOXGLOVE_LOG),
     Channel(VOLUME_TOPIC, "foxglove.SceneUpdate", _SCENE),
 )
@@ -173,9 +172,12 @@ def phase_note(time_ns: int, phase: Phase, detail: str = "") -> Note:
 
 
 def finding_note(time_ns: int, finding: Finding) -> Note:
-    """Return a finding; its severity as number is that of `/log`."""
+    """Return a finding; its severity as number is that of `/log`, its arguments are JSON in a text, as viewers want plain types."""
     severity = {"severity": LOG_LEVELS[finding.severity], "severity_text": finding.severity}
-    return Note(FINDING_TOPIC, time_ns, {**finding.as_json(), **severity})
+    fields = finding.as_json()
+    if "arguments" in fields:
+        fields["arguments"] = json.dumps(fields["arguments"], ensure_ascii=False)
+    return Note(FINDING_TOPIC, time_ns, {**fields, **severity})
 
 
 def log_note(time_ns: int, level: str, message: str, name: str) -> Note:

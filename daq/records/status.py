@@ -9,6 +9,9 @@ from typing import Literal, Protocol
 
 import msgspec
 
+from stepdiag.base.findings import NOWHERE, Finding, Severity
+from stepdiag.base.messages import Message, Place
+
 Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
 LinkState = Literal["connecting", "connected", "silent", "lost"]
 CommandName = Literal["start", "pause", "abort-setup", "choose-setup", "zero", "name", "accept"]
@@ -65,11 +68,20 @@ class FindingStatus(msgspec.Struct, frozen=True, kw_only=True):
     """
 
     code: str
-    severity: str
+    severity: Severity
     text: str
+    message: Message | None = None
+    at: Place = NOWHERE
     place: str = ""
     state: Literal["open", "accepted", "past"] = "past"
     word: str = ""
+
+    @property
+    def finding(self) -> Finding:
+        """Return what was found, without its state."""
+        at = self.at
+        place = {"setup": at.setup, "way": at.way, "pass_number": at.pass_number, "stop": at.stop, "last": at.last}
+        return Finding(code=self.code, severity=self.severity, text=self.text, message=self.message, **place)  # type: ignore[arg-type]
 
 
 class StripStatus(msgspec.Struct, frozen=True, kw_only=True):

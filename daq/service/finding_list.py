@@ -39,7 +39,8 @@ def _is_missing(book: PassBook, found: Finding) -> bool:
 def _past(found: Finding, *, open_: bool = False) -> FindingStatus:
     known = found.setup and found.pass_number is not None
     place = f"{found.setup}/{found.pass_number}" + ("" if found.stop is None else f"/{found.stop}") if known else ""
-    return FindingStatus(code=found.code, severity=found.severity, text=found.text, place=place, state="open" if open_ else "past")
+    said = {"code": found.code, "severity": found.severity, "text": found.text, "message": found.message, "at": found.place}
+    return FindingStatus(**said, place=place, state="open" if open_ else "past")  # type: ignore[arg-type]
 
 
 def _open(doubt: Doubt) -> FindingStatus:

@@ -8,8 +8,9 @@ from pathlib import Path
 
 import structlog
 
-from stepdiag.base.errors import UsageError, excerpt
+from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import excerpt
 from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.recording.survey_links import SurveyLinks

@@ -137,7 +137,7 @@ def _settings(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _in_the_name_of(source: str, refusal: UsageError) -> UsageError:
-    where = refusal.where.replace("survey:", f"{source}:", 1)
+    where = str(refusal.where).replace("survey:", f"{source}:", 1)
     return UsageError(where, expected=refusal.expected, found=refusal.found, remedy=refusal.remedy)
 
 

@@ -11,7 +11,8 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
-from stepdiag.base.errors import DataError, SafetyError, excerpt
+from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.messages import excerpt
 from stepdiag.exporters.files.control_file import ControlFile
 
 FIRST_PITCH_LINE = 10000

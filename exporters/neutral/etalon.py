@@ -11,8 +11,9 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag.base.errors import DataError, excerpt
+from stepdiag.base.errors import DataError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.messages import excerpt
 from stepdiag.base.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines

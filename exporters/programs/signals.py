@@ -7,7 +7,8 @@ of each control; a machine that needs others states them as texts with placehold
 import string
 from dataclasses import dataclass, fields
 
-from stepdiag.base.errors import UsageError, excerpt
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import excerpt
 
 LONGEST_TEXT = 1000
 PLACEHOLDERS = {"begin": {"setup"}, "stand": {"setup", "count"}, "leave": {"setup", "count"},

@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.setups import Setup
 from stepdiag.base.volume import BODY_DIAGONALS, Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
@@ -179,21 +180,22 @@ def scale_findings(found: Adjustment) -> list[Finding]:
     diagonals = [setup.name for setup in layout.setups if setup.kind != "linear"]
     linear = [setup.name for setup in layout.setups if setup.kind == "linear"]
     um_m = both[0] / (1e-3 * float(np.linalg.norm(layout.volume.size_mm)))
-    text = (
-        f"the diagonals are {both[0]:+.2g} um longer than the linear runs say (U {2 * both[1]:.2g} um, k = 2): one of "
-        f"{', '.join(diagonals)} is off by about {um_m * len(diagonals):+.2g} um/m, or all of "
-        f"{', '.join(linear)} by {-um_m:+.2g} um/m, and the data do not say which: look at air, temperature and wavelength"
+    far = abs(both[0]) > MISCLOSED_FAR * both[1]
+    said = message(
+        "scale-misclosure.far" if far else "scale-misclosure",
+        apart_um=both[0],
+        expanded_um=2 * both[1],
+        diagonals=diagonals,
+        diagonals_um_m=um_m * len(diagonals),
+        linear=linear,
+        linear_um_m=-um_m,
     )
-    if abs(both[0]) > MISCLOSED_FAR * both[1]:
-        return [
-            Finding(code="scale-misclosure", severity="error", text=f"{text}; measure these setups again before anything is compensated")
-        ]
-    return [Finding(code="scale-misclosure", severity="warning", text=f"{text}; measure one of each again if a micrometre matters")]
+    return [finding("error" if far else "warning", said)]
 
 
 def setup_findings(found: Adjustment, reports: Mapping[str, SetupReport]) -> list[Finding]:
     """Return what is remarkable about setups and residuals."""
-    per_setup = [finding for name, report in reports.items() for finding in _of_setup(name, report)]
+    per_setup = [one for name, report in reports.items() for one in _of_setup(name, report)]
     return [*per_setup, *_poor(reports), *scatter_findings(found), *growth_findings(found), *scale_findings(found)]
 
 
@@ -202,17 +204,17 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
     scatter, findings = found.scatter, []
     if np.sum(scatter.freedom_misses[:FIRST]) >= LEAST_FREEDOM:
         seen = np.flatnonzero(scatter.freedom_misses[:FIRST] > 0)
-        per_axis = ", ".join(f"{'XYZ'[axis]} {scatter.misses_um[axis]:.2g}" for axis in seen)
+        axes = [message("axis-repeats-to", axis="XYZ"[axis], repeatability_um=scatter.misses_um[axis]) for axis in seen]
         assumed_um = found.assumed.repeatability_um
-        text = f"this machine repeats to {scatter.repeatability_um:.2g} um ({per_axis}; assumed {assumed_um:g}), one approach, k = 1"
-        findings.append(Finding(code="repeatability-found", severity="info", text=text))
+        said = message("repeatability-found", repeatability_um=scatter.repeatability_um, axes=axes, assumed_um=assumed_um)
+        findings.append(finding("info", said))
     rms_um = np.array([_stated_um(found, index) for index in range(len(found.layout.setups))])
     low = (scatter.noise_um > np.sqrt(TOO_LOW**2 - 1.0) * rms_um) & (scatter.freedom_noise >= LEAST_FREEDOM)
     if np.any(low):
-        names = ", ".join(setup.name for setup, one in zip(found.layout.setups, low, strict=True) if one)
-        sizes = f"{np.max(rms_um[low]):.2g} um (k = 1) and scatter by {np.max(np.hypot(rms_um, scatter.noise_um)[low]):.2g} um"
-        text = f"{names}: stops state {sizes}: the stated uncertainty is too small; U counts with the larger value"
-        findings.append(Finding(code="stated-u-low", severity="warning", text=text))
+        names = [setup.name for setup, one in zip(found.layout.setups, low, strict=True) if one]
+        scatter_um = float(np.max(np.hypot(rms_um, scatter.noise_um)[low]))
+        said = message("stated-u-low", setups=names, stated_um=float(np.max(rms_um[low])), scatter_um=scatter_um)
+        findings.append(finding("warning", said))
     return findings
 
 
@@ -235,36 +237,30 @@ def growth_findings(found: Adjustment) -> list[Finding]:
     u = np.sqrt(np.diag(weight @ found.fit.amount_covariance @ weight.T))
     if not np.any(np.abs(grew) > np.maximum(GREW_UM_M, GREW_SURE * u)):
         return []
-    each = ", ".join(f"{um:+.2g} ({letter})" for letter, um in zip("XYZ", grew, strict=True))
-    text = (
-        f"from the first stop to the last the axes grew by {each} um/m (k = 2: {2 * np.max(u):.2g}); the growth is in the model, "
-        "the scales hold for the middle of the survey: let the machine warm up"
-    )
-    return [Finding(code="machine-warms", severity="warning", text=text, size_um=float(grew[np.argmax(np.abs(grew))]))]
+    x, y, z = grew.tolist()
+    said = message("machine-warms", x_um_m=x, y_um_m=y, z_um_m=z, expanded_um_m=2 * float(np.max(u)))
+    return [finding("warning", said, size_um=float(grew[np.argmax(np.abs(grew))]))]
 
 
 def _of_setup(name: str, report: SetupReport) -> list[Finding]:
     findings: list[Finding] = []
     tilt = report.tilt_mrad or 0.0
     if tilt > TILT_LIMIT_MRAD:
-        text = f"setup {name}: the mirror leans {tilt:.2f} mrad from the diagonal (limit {TILT_LIMIT_MRAD:g}): realign, repeat"
-        findings.append(Finding(code="mirror-misaligned", severity="warning", text=text))
-    for drift in report.drift:
-        if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um):
-            text = f"setup {name}: {drift.total_um:+.1f} um of drift during out-and-back pair {drift.pair}; let the machine warm up"
-            findings.append(Finding(code="drift-large", severity="warning", text=text))
-    return findings
+        findings.append(finding("warning", message("mirror-misaligned", setup=name, tilt_mrad=tilt, limit_mrad=TILT_LIMIT_MRAD)))
+    drifts = [drift for drift in report.drift if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um)]
+    said = [message("drift-large", setup=name, drift_um=drift.total_um, pair=drift.pair) for drift in drifts]
+    return [*findings, *(finding("warning", one) for one in said)]
 
 
 def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
     """Return one finding for noisy readings and one for stops that do not repeat, each naming its setups."""
-    findings = []
-    for sizes, code, what in (
-        ({name: report.noise_um for name, report in reports.items()}, "noise-high", "a single reading is uncertain by up to"),
-        ({name: report.repeatability_um for name, report in reports.items()}, "repeatability-poor", "a stop repeats only to"),
-    ):
-        bad = {name: size for name, size in sizes.items() if size is not None and size > NOISE_LIMIT_UM}
-        if bad:
-            text = f"{', '.join(bad)}: {what} {max(bad.values()):.2g} um (usual: below {NOISE_LIMIT_UM:g}): vibration, draughts, angles?"
-            findings.append(Finding(code=code, severity="warning", text=text))
-    return findings
+    said = []
+    if noisy := _above({name: report.noise_um for name, report in reports.items()}):
+        said.append(message("noise-high", setups=list(noisy), u_um=max(noisy.values()), limit_um=NOISE_LIMIT_UM))
+    if poor := _above({name: report.repeatability_um for name, report in reports.items()}):
+        said.append(message("repeatability-poor", setups=list(poor), u_um=max(poor.values()), limit_um=NOISE_LIMIT_UM))
+    return [finding("warning", one) for one in said]
+
+
+def _above(sizes_um: Mapping[str, float | None]) -> dict[str, float]:
+    return {name: size for name, size in sizes_um.items() if size is not None and size > NOISE_LIMIT_UM}

@@ -7,15 +7,15 @@ contradiction is large, all are named, and nobody may compensate a machine by su
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Argument, Message, Place, message
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.adjustment.counts import Count
-from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STEP, STOP, Hypothesis, families, shown
+from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STOP, Hypothesis, families, shown
 from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.adjustment.wander import Wander, wandering
 from stepdiag.solver.linear.mixed import MixedFit
@@ -137,16 +137,12 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
     if suspicion.decided:
         return _name_decided(layout, suspicion.hypotheses[0])
     kinds = {one.kind for one in suspicion.hypotheses}
-    named = ", ".join(_words(layout, one) for one in suspicion.hypotheses)
+    suspects, among = [_suspect(layout, one) for one in suspicion.hypotheses], _among(layout, suspicion.hypotheses)
     if kinds == {STOP}:
-        text = f"one of these stops is wrong, the data do not say which, and all count little: {named}; repeat one of these passes"
         if suspicion.apart_um > APART_UM:
-            text = f"{text} before anything is compensated: over the volume it makes {suspicion.apart_um:.2g} um which one it is"
-            return Finding(code="stop-outlier-ambiguous", severity="error", text=text, among=_among(layout, suspicion.hypotheses))
-        return Finding(code="stop-outlier-ambiguous", severity="warning", text=text)
-    code = "setup-scale" if kinds == {SCALE} else "contradiction-ambiguous"
-    text = f"one of these is wrong and the data do not say which: {named}; measure these setups again before anything is compensated"
-    return Finding(code=code, severity="error", text=text, among=_among(layout, suspicion.hypotheses))
+            return finding("error", message("stop-outlier-ambiguous.apart", suspects=suspects, apart_um=suspicion.apart_um), among=among)
+        return finding("warning", message("stop-outlier-ambiguous", suspects=suspects))
+    return finding("error", message("setup-scale" if kinds == {SCALE} else "contradiction-ambiguous", suspects=suspects), among=among)
 
 
 def _among(layout: Layout, every: Sequence[Hypothesis]) -> tuple[str, ...]:
@@ -157,42 +153,30 @@ def _among(layout: Layout, every: Sequence[Hypothesis]) -> tuple[str, ...]:
 
 
 def _name_decided(layout: Layout, one: Hypothesis) -> Finding:
-    words = _words(layout, one)
-    if one.kind == STOP:
-        text = f"{words} contradicts the other readings and is left out; repeat the pass if its neighbours matter"
-        return Finding(code="stop-outlier", severity="warning", text=text, size_um=one.size, **_place(layout, one.named))
-    if one.kind == STEP:
-        text = f"{words}: the laser's count jumped there; the jump is estimated and taken off; look at beam, plug and feed rate"
-        return Finding(code="count-step", severity="warning", text=text, size_um=one.size, **_place(layout, one.named))
-    text = f"{words} against all other setups; it is estimated and taken off: air, wavelength or temperature changed"
-    return Finding(code="setup-scale-off", severity="warning", text=text)
+    if one.kind == SCALE:
+        return finding("warning", message("setup-scale-off", setup=layout.setups[one.named].name, scale_um_m=one.size))
+    key = layout.passes[int(layout.pass_index[one.named])]
+    place = Place(setup=key.setup, pass_number=key.number, stop=int(layout.stop[one.named]))
+    said = message("stop-outlier" if one.kind == STOP else "count-step", place=layout.place(one.named), size_um=one.size)
+    return finding("warning", said, place, size_um=one.size)
 
 
-def _place(layout: Layout, row: int) -> dict[str, Any]:
-    key = layout.passes[int(layout.pass_index[row])]
-    return {"setup": key.setup, "pass_number": key.number, "stop": int(layout.stop[row])}
-
-
-def _words(layout: Layout, one: Hypothesis) -> str:
-    if one.kind == STOP:
-        return f"{layout.place(one.named)} ({one.size:+.3g} um)"
-    if one.kind == STEP:
-        return f"{layout.place(one.named)} (a step of {one.size:+.3g} um before it)"
-    return f"setup {layout.setups[one.named].name} (scale {one.size:+.3g} um/m)"
+def _suspect(layout: Layout, one: Hypothesis) -> Message:
+    if one.kind == SCALE:
+        return message("suspect-scale", setup=layout.setups[one.named].name, scale_um_m=one.size)
+    return message("suspect-stop" if one.kind == STOP else "suspect-step", place=layout.place(one.named), size_um=one.size)
 
 
 def _name_wander(layout: Layout, wanders: Sequence[Wander]) -> Finding:
     """Return the finding on a pass that wanders: another drive of the same setup outweighs it, else the survey is not to be used."""
     if len(wanders) > 1:
-        named = " or ".join(_wander_words(layout, wander) for wander in wanders)
-        text = f"{named}: one of them wanders and the data do not say which; drive these setups again before anything is compensated"
-        return Finding(code="pass-wanders", severity="error", text=text, among=_passes_of(layout, wanders))
+        suspects = [message("suspect-pass", **_of_pass(layout, wander)) for wander in wanders]
+        return finding("error", message("pass-wanders.which", suspects=suspects), among=_passes_of(layout, wanders))
     setup = layout.setups[int(layout.setup_index[wanders[0].rows[0]])].name
-    text = f"{_wander_words(layout, wanders[0])} wanders against the other readings"
+    about = _of_pass(layout, wanders[0])
     if _driven_again(layout, wanders[0].rows):
-        return Finding(code="pass-wanders", severity="warning", text=f"{text}; it counts little, setup {setup} was driven again")
-    text = f"{text}; nothing else checks it: drive setup {setup} again"
-    return Finding(code="pass-wanders", severity="error", text=text, among=_passes_of(layout, wanders))
+        return finding("warning", message("pass-wanders.driven-again", setup=setup, **about))
+    return finding("error", message("pass-wanders", setup=setup, **about), among=_passes_of(layout, wanders))
 
 
 def _passes_of(layout: Layout, wanders: Sequence[Wander]) -> tuple[str, ...]:
@@ -200,11 +184,11 @@ def _passes_of(layout: Layout, wanders: Sequence[Wander]) -> tuple[str, ...]:
     return tuple(layout.passes[int(number)].place for number in np.unique(layout.pass_index[rows]))
 
 
-def _wander_words(layout: Layout, wander: Wander) -> str:
-    first, last = (int(wander.rows[place]) for place in (0, -1))
-    passes = dict.fromkeys(str(layout.passes[int(number)]) for number in layout.pass_index[wander.rows])
-    size = wander.step_um * np.sqrt(len(wander.rows) - 1)
-    return f"{' and '.join(passes)} (stops {layout.stop[first]} to {layout.stop[last]}, about {size:.2g} um)"
+def _of_pass(layout: Layout, wander: Wander) -> dict[str, Argument]:
+    """Return the arguments of a pass that wanders."""
+    first, last = (int(layout.stop[wander.rows[place]]) for place in (0, -1))
+    passes = [layout.passes[int(number)].said for number in dict.fromkeys(layout.pass_index[wander.rows])]
+    return {"passes": passes, "first": first, "last": last, "size_um": wander.step_um * float(np.sqrt(len(wander.rows) - 1))}
 
 
 def _driven_again(layout: Layout, rows: NDArray[np.int64]) -> bool:
@@ -216,8 +200,4 @@ def _driven_again(layout: Layout, rows: NDArray[np.int64]) -> bool:
 
 def name_excess(count: int) -> Finding:
     """Return the finding for more contradictions than single wrong stops explain."""
-    text = (
-        f"more than {count} stops contradict the others: the machine or the beam moved, or angular errors are large; "
-        "look at the closure residual, give the angles, or measure again"
-    )
-    return Finding(code="too-many-outliers", severity="error", text=text)
+    return finding("error", message("too-many-outliers", count=count))

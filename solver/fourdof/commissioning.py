@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.solver.fourdof.detector import Curve, CurveKind, curve_variable
 
 Vector = NDArray[np.float64]
@@ -154,12 +155,12 @@ def lever_line(travel_mm: Vector, lever_mm: Vector, u_lever_mm: Vector) -> Lever
 
 
 def _gain_findings(scale: float, gain: float) -> tuple[Finding, ...]:
-    texts = []
+    said = []
     if abs(scale - 1) > MAX_GAIN_ERROR:
-        texts.append(f"the lever grows {scale:.3f} mm per mm of travel: check PSD1's focal length and gain")
+        said.append(message("fourdof-gain-mismatch.lever", growth=scale))
     if abs(gain - 1) > MAX_GAIN_ERROR:
-        texts.append(f"PSD2 answers {gain:.3f} times as strongly as PSD1: check their focal lengths and gains")
-    return tuple(Finding(code="fourdof-gain-mismatch", severity="warning", text=text) for text in texts)
+        said.append(message("fourdof-gain-mismatch.detectors", ratio=gain))
+    return tuple(finding("warning", one) for one in said)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -11,11 +11,13 @@ the beam on the way bends it back for PSD1 and stays in the result. So does a be
 """
 
 from dataclasses import dataclass, field
+from typing import Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.solver.fourdof.detector import Detector, Mask, Spots, spots
 from stepdiag.solver.fourdof.drift import slow_drift
 
@@ -171,27 +173,32 @@ def _at_reference(vertex_um: Vector, angle: Vector, roll_urad: Vector, crosstalk
     return moved
 
 
+_Fault = Literal[
+    "fourdof-beam-blocked",
+    "fourdof-saturated",
+    "fourdof-uncalibrated",
+    "fourdof-out-of-range.straightness",
+    "fourdof-out-of-range.angle",
+]
+
+
 def _quality(seen: dict[str, Spots], straightness: Vector, angle: Vector) -> tuple[Mask, tuple[Finding, ...]]:
-    findings = []
+    findings = list[Finding]()
     usable = np.ones(len(straightness), dtype=bool)
     for name, spot in seen.items():
-        for code, mask, words in (
-            ("fourdof-beam-blocked", spot.blocked, "no light"),
-            ("fourdof-saturated", spot.saturated, "saturated"),
-            ("fourdof-uncalibrated", spot.outside, "spot beyond the calibrated range"),
-        ):
-            usable &= ~mask
-            findings += _remark(code, mask, f"{name}: {words}")
+        usable &= ~(spot.blocked | spot.saturated | spot.outside)
+        findings += _remark("fourdof-beam-blocked", spot.blocked, name=name)
+        findings += _remark("fourdof-saturated", spot.saturated, name=name)
+        findings += _remark("fourdof-uncalibrated", spot.outside, name=name)
     with np.errstate(invalid="ignore"):
         far: Mask = np.abs(straightness).max(axis=1) > STRAIGHTNESS_RANGE_UM
         tilted: Mask = np.abs(angle).max(axis=1) > ANGLE_RANGE_ARCSEC * URAD_PER_ARCSEC
-    findings += _remark("fourdof-out-of-range", far, f"straightness beyond +-{STRAIGHTNESS_RANGE_UM:g} um")
-    findings += _remark("fourdof-out-of-range", tilted, f"angle beyond +-{ANGLE_RANGE_ARCSEC:g} arc-seconds")
+    findings += _remark("fourdof-out-of-range.straightness", far, limit_um=STRAIGHTNESS_RANGE_UM)
+    findings += _remark("fourdof-out-of-range.angle", tilted, limit_arcsec=ANGLE_RANGE_ARCSEC)
     return usable & ~far & ~tilted, tuple(findings)
 
 
-def _remark(code: str, mask: Mask, words: str) -> list[Finding]:
+def _remark(key: _Fault, mask: Mask, **about: str | float) -> list[Finding]:
     if not mask.any():
         return []
-    text = f"{words} in {int(mask.sum())} of {len(mask)} samples, first in sample {int(np.argmax(mask))}"
-    return [Finding(code=code, severity="warning", text=text)]
+    return [finding("warning", message(key, count=int(mask.sum()), samples=len(mask), first=int(np.argmax(mask)), **about))]

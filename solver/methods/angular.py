@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.rows import Rows
@@ -63,16 +64,19 @@ def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], v
     if size is None:
         return []
     if len(resolved) == len(found.shapes.names):
-        text = f"the readings resolve the angular functions {', '.join(resolved)}: they are given with the others"
-        return [Finding(code="angles-resolved", severity="info", text=text)]
+        return [finding("info", message("angles-resolved", names=resolved))]
     unknown = [name for name in found.shapes.names if name not in resolved]
-    what = "the angular functions" if len(unknown) == len(ROTATIONS) else ", ".join(unknown)
-    text = (
-        f"{what} were not measured; the closure of the readings says that this machine turns by about {size[0]:.2g} urad over the travel "
-        f"of an axis ({size[1]:.2g} to {size[2]:.2g} urad): after an ideal compensation about {volume_um['now']:.2g} um (rms) remain, "
-        f"with a head's angles about {volume_um['with_head']:.2g} um; give an angles file"
+    every = len(unknown) == len(ROTATIONS)
+    said = message(
+        "angles-unmeasured",
+        names=message("all-angular-functions") if every else message("angular-functions-of", names=unknown),
+        turn_urad=size[0],
+        low_urad=size[1],
+        high_urad=size[2],
+        left_um=volume_um["now"],
+        head_um=volume_um["with_head"],
     )
-    return [Finding(code="angles-unmeasured", severity="info", text=text), *_far(found, size[1])]
+    return [finding("info", said), *_far(found, size[1])]
 
 
 def _far(found: Adjustment, least_urad: float) -> list[Finding]:
@@ -80,12 +84,8 @@ def _far(found: Adjustment, least_urad: float) -> list[Finding]:
     usual = float(np.mean(found.shapes.range_urad))
     if least_urad <= (FAR_IN_FEW if found.fit.freedom < FEW_FREEDOM else FAR) * usual:
         return []
-    setups = ", ".join(setup.name for setup in found.layout.setups)
-    text = (
-        f"the readings of {setups} agree only if this machine turns by {least_urad:.2g} urad or more (assumed {usual:.2g}): "
-        "a pass of them is wrong, or the machine is worn; measure the angles, or state angles_urad, or drive each setup again, out and back"
-    )
-    return [Finding(code="angles-far", severity="error", text=text)]
+    setups = [setup.name for setup in found.layout.setups]
+    return [finding("error", message("angles-far", setups=setups, least_urad=least_urad, assumed_urad=usual))]
 
 
 def rms(values: Vector) -> float:

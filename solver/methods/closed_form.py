@@ -4,7 +4,8 @@ from collections.abc import Callable
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.adjustment.diagnostics import travel_report
 from stepdiag.solver.model.layout import Layout
@@ -110,8 +111,7 @@ def _reading_u(layout: Layout, data: DiagonalData, closure: Vector) -> tuple[flo
     if increments.shape[1] > 1:
         freedom = increments.size - len(increments)
         return float(np.sqrt(np.sum(increments**2) / freedom / 8.0)), []
-    text = f"the noise of the readings is neither stated nor visible: {ASSUMED_U_UM:g} um is assumed"
-    return ASSUMED_U_UM, [Finding(code="noise-assumed", severity="warning", text=text)]
+    return ASSUMED_U_UM, [finding("warning", message("noise-assumed", u_um=ASSUMED_U_UM))]
 
 
 def _used(layout: Layout) -> list[str]:
@@ -120,14 +120,10 @@ def _used(layout: Layout) -> list[str]:
 
 def _method_findings(method: str) -> list[Finding]:
     if method == "wang2000":
-        text = "Wang 2000 as printed: mirror tilt appears as slopes, scale errors as squareness; for comparison only"
-        return [Finding(code="method-as-printed", severity="warning", text=text)]
-    text = "four diagonals show only the weighted sum of the three scales: EXX, EYY, EZZ have no slope; add linear runs and use `estimate`"
-    return [Finding(code="scale-unidentified", severity="warning", text=text)]
+        return [finding("warning", message("method-as-printed"))]
+    return [finding("warning", message("scale-unidentified.sum"))]
 
 
 def _unused(layout: Layout) -> list[Finding]:
     others = [setup.name for setup in layout.setups if setup.name not in _used(layout)]
-    if not others:
-        return []
-    return [Finding(code="runs-not-used", severity="info", text="this method uses the four body diagonals only, not " + ", ".join(others))]
+    return [finding("info", message("runs-not-used", others=others))] if others else []

@@ -2,7 +2,8 @@
 
 from collections.abc import Mapping
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Place, message
 from stepdiag.solver.adjustment.diagnostics import NOISE_LIMIT_UM
 from stepdiag.solver.adjustment.scatter import Scatter
 from stepdiag.solver.result.members import SetupReport
@@ -21,17 +22,14 @@ def contradictions(reports: Mapping[str, SetupReport], scatter: Scatter) -> list
 def _of_machine(scatter: Scatter) -> list[Finding]:
     if scatter.repeatability_um <= REPEATS_UM:
         return []
-    text = (
-        f"this machine repeats only to {scatter.repeatability_um:.3g} um, as no machine does: a mirror or a beam moved; "
-        "drive the survey again"
-    )
-    return [Finding(code="noise-far", severity="error", text=text)]
+    return [finding("error", message("noise-far.machine", repeatability_um=scatter.repeatability_um))]
 
 
 def _of_setup(name: str, report: SetupReport) -> list[Finding]:
-    findings = []
-    for size, what in ((report.noise_um, "a single reading is uncertain by"), (report.repeatability_um, "a stop repeats only to")):
-        if size is not None and size > FAR * NOISE_LIMIT_UM:
-            text = f"setup {name}: {what} {size:.3g} um, {FAR:g} times what is usual: find the cause, drive it again"
-            findings.append(Finding(code="noise-far", severity="error", text=text, setup=name))
-    return findings
+    noise_um, repeats_um = report.noise_um or 0.0, report.repeatability_um or 0.0
+    said = []
+    if noise_um > FAR * NOISE_LIMIT_UM:
+        said.append(message("noise-far.reading", setup=name, u_um=noise_um, times=FAR))
+    if repeats_um > FAR * NOISE_LIMIT_UM:
+        said.append(message("noise-far.stop", setup=name, u_um=repeats_um, times=FAR))
+    return [finding("error", one, Place(setup=name)) for one in said]

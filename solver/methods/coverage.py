@@ -4,7 +4,8 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.model.quantities import Quantities
@@ -46,8 +47,4 @@ def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
         return []
     worst = max(report, key=lambda name: report[name].k)
     told = report[worst]
-    text = (
-        "the noise was found from few readings beyond the unknowns: 2 u holds less than 95 %, "
-        f"for {worst} k = {told.k:.2g} does ({told.degrees_of_freedom:.0f} degrees of freedom); state u_um or repeat passes"
-    )
-    return [Finding(code="coverage-factor", severity="info", text=text)]
+    return [finding("info", message("coverage-factor", name=worst, factor=told.k, freedom=told.degrees_of_freedom))]

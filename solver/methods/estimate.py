@@ -2,10 +2,12 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Message, message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
 from stepdiag.solver.adjustment.diagnostics import closure_report, scale_misclosure, setup_findings, setup_reports
@@ -324,44 +326,40 @@ def _with_fit(result: Result, done: Estimate) -> Result:
     )
 
 
+_UNIDENTIFIED: tuple[Literal["scale-unidentified", "squareness-unidentified", "function-unidentified"], ...] = (
+    "scale-unidentified",
+    "squareness-unidentified",
+    "function-unidentified",
+)
+
+
 def _missing(done: Estimate) -> list[Finding]:
     """Return a finding for scales, squarenesses and functions that are not identified, with the cheapest runs that would help."""
     if not done.adjustment.layout.volume.solid:
         return [_standing(done)]
-    groups = (
-        ("scale-unidentified", "the scale of {} alone: EXX, EYY, EZZ are given there without slope", AXIS_LETTERS),
-        ("squareness-unidentified", "the squareness {}", SQUARENESS),
-        ("function-unidentified", "the shape of {}", DISPLACEMENTS),
-    )
-    findings = []
-    for code, words, names in groups:
-        missing = [name for name in names if not done.known[name]]
-        if missing:
-            what = words.format(", ".join(missing))
-            text = f"the readings do not determine {what}; {_advice(done, missing)}"
-            findings.append(Finding(code=code, severity="warning", text=text))
-    return findings
+    lacking = [[name for name in names if not done.known[name]] for names in (AXIS_LETTERS, SQUARENESS, DISPLACEMENTS)]
+    return [
+        finding("warning", message(key, names=names, advice=_advice(done, names)))
+        for key, names in zip(_UNIDENTIFIED, lacking, strict=True)
+        if names
+    ]
 
 
 def _standing(done: Estimate) -> Finding:
     """Return the finding of a survey in which an axis did not travel: it measures axes, not a volume."""
     moved = done.adjustment.layout.volume.travelled
-    standing = " and ".join(letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels)
-    missing = [name for name in (*DISPLACEMENTS, *SQUARENESS) if not done.known[name]]
-    missing += [f"the scale of {letter}" for letter in AXIS_LETTERS if not done.known[letter]]
-    text = (
-        f"{standing} did not travel: the readings do not determine {', '.join(missing)}, and nothing is stated about the volume; "
-        "for these, survey the four body diagonals"
-    )
-    return Finding(code="function-unidentified", severity="info", text=text)
+    standing = [letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels]
+    missing: list[str | Message] = [name for name in (*DISPLACEMENTS, *SQUARENESS) if not done.known[name]]
+    missing += [message("scale-of", axis=letter) for letter in AXIS_LETTERS if not done.known[letter]]
+    return finding("info", message("function-unidentified.standing", axes=standing, names=missing))
 
 
-def _advice(done: Estimate, missing: list[str]) -> str:
+def _advice(done: Estimate, missing: list[str]) -> Message:
     found = done.adjustment
     parts = found.design.columns.parts
     advice = cheapest_runs(found.layout, found.design.chain, Model(reversal=REVERSAL_PART in parts, play=found.layout.joined), missing)
     if advice is None:
-        return "no usual run would tell"
+        return message("no-run-helps")
     if not advice.runs:
-        return "their uncertainty is larger than what is usual for such a machine: repeat the survey with less noise"
-    return f"add {advice}"
+        return message("less-noise")
+    return message("runs-to-add", runs=[run.setup for run in advice.runs], minutes=advice.minutes)

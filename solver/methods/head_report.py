@@ -11,7 +11,8 @@ from typing import Protocol, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.components import sized
@@ -252,18 +253,11 @@ def head_findings(report: Mapping[str, HeadStraightness]) -> list[Finding]:
 def _misclosed(report: Mapping[str, HeadStraightness], bad: Sequence[str]) -> Finding:
     worst = max(bad, key=lambda name: report[name].misclosure or 0.0)
     apart = report[worst].difference_um
-    size = "" if apart is None else f" (by up to {float(np.max(np.abs(apart.value))):.2g} um in {worst})"
-    text = (
-        f"{', '.join(bad)}: the 4-DOF head and the diagonals differ by more than their uncertainties{size}: a roll that is not known, air "
-        "that bends the head's beam, or a wrong sign of the head; the head's values are not in the result, U reaches to them, and nothing "
-        "is exported: find the cause, or solve the readings without the head's straightness"
-    )
-    return Finding(code="straightness-misclosure", severity="error", text=text)
+    if apart is None:
+        return finding("error", message("straightness-misclosure", names=bad))
+    apart_um = float(np.max(np.abs(apart.value)))
+    return finding("error", message("straightness-misclosure.by", names=bad, apart_um=apart_um, name=worst))
 
 
 def _unchecked(hidden: Sequence[str]) -> Finding:
-    text = (
-        f"{', '.join(hidden)}: a wrong sign of the 4-DOF head would not be seen: it was driven at other positions than the diagonals, and "
-        "what these functions do between their targets may be as large; look at the head's signs, or drive it at the diagonals' targets"
-    )
-    return Finding(code="straightness-unchecked", severity="warning", text=text)
+    return finding("warning", message("straightness-unchecked", names=hidden))

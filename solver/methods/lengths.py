@@ -11,9 +11,11 @@ from typing import get_args
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.model.warmth import expansions
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.members import Axis, Lengths, LengthScale, LengthsReport, Tool
 from stepdiag.solver.result.result import ROTATIONS, Function, Scale
@@ -58,20 +60,12 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
     missing = int(np.count_nonzero(~np.isfinite(temperature_c)))
     if not missing:
         return ()
-    where = f"at {missing} of {len(temperature_c)} readings"
+    count = len(temperature_c)
+    if assumed.reduced_to_20_c and assumed.material_stated:
+        return (finding("warning", message("material-unmeasured.stated", count=missing, readings=count, u_c=assumed.u_material_c)),)
     if assumed.reduced_to_20_c:
-        by_whom = "as u_material_c states it" if assumed.material_stated else "which is in the uncertainty"
-        text = (
-            f"{where} nobody measured how warm the machine was when its readings were brought to 20 C: it is taken for known within "
-            f"{assumed.u_material_c:.2g} C (k = 1), {by_whom}; give temperature_c with the readings, or a sensor"
-        )
-        return (Finding(code="material-unmeasured", severity="warning", text=text),)
-    per_axis = ", ".join(f"{one:g}" for one in dict.fromkeys(assumed.expansion_um_m_c))
-    text = (
-        f"{where} nobody measured how warm the machine was: its lengths hold for the temperature that it had, and differ at 20 C by "
-        f"{per_axis} um/m for each degree; give temperature_c with the readings, or a sensor"
-    )
-    return (Finding(code="material-unmeasured", severity="info", text=text),)
+        return (finding("warning", message("material-unmeasured.assumed", count=missing, readings=count, u_c=assumed.u_material_c)),)
+    return (finding("info", message("material-unmeasured", count=missing, readings=count, expansions=expansions(assumed))),)
 
 
 def lengths_report(scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool) -> LengthsReport:

@@ -6,7 +6,8 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector, anywhere_mm
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.components import sized
@@ -199,17 +200,10 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
     """Return the findings on `coarse_functions` and `hiding_functions`."""
     found = []
     if names := coarse_functions(errors):
-        found.append(
-            f"{', '.join(names)}: these errors have waves hardly longer than two increments; between the targets a table can make the "
-            "machine worse; drive the survey again with twice as many increments"
-        )
+        found.append(message("increments-coarse", names=names))
     if hiding := hiding_functions(errors):
-        found.append(
-            f"{', '.join(hiding)}: a finer run shows waves of {max(hiding.values()):.2g} um that the targets of the diagonals do not; "
-            "these errors may have them too, and between the targets a table can make the machine worse; drive the diagonals again with "
-            "more increments"
-        )
-    return [Finding(code="increments-coarse", severity="warning", text=text) for text in found]
+        found.append(message("increments-coarse.hidden", names=list(hiding), waves_um=max(hiding.values())))
+    return [finding("warning", said) for said in found]
 
 
 def _evenly(function: Function) -> Vector:

@@ -7,7 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Message, message
 from stepdiag.base.setups import Kind, Setup, setup_of
 from stepdiag.base.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector, Volume, position_tolerance_mm
 from stepdiag.solver.readings.readings import PassKey, Readings, missing_stops
@@ -64,9 +65,10 @@ class Layout:
     def __len__(self) -> int:
         return len(self.stop)
 
-    def place(self, row: int) -> str:
+    def place(self, row: int) -> Message:
         """Return the name of a reading for a person: setup, pass and stop."""
-        return f"{self.passes[int(self.pass_index[row])]}, stop {int(self.stop[row])}"
+        key = self.passes[int(self.pass_index[row])]
+        return message("stop-of-setup", setup=key.setup, number=key.number, stop=int(self.stop[row]))
 
     @property
     def joined(self) -> bool:
@@ -325,11 +327,10 @@ def _drift_clock(time_s: Vector, keys: Sequence[PassKey], pass_index: NDArray[np
 def _missing(readings: Readings, passes: dict[PassKey, NDArray[np.int64]]) -> tuple[Finding, ...]:
     """Return the finding that names the stops which passes lack."""
     lacking = {key: missing_stops(readings.stop[rows]) for key, rows in passes.items()}
-    named = "; ".join(f"{key}, stop {', '.join(map(str, stops))}" for key, stops in lacking.items() if len(stops))
-    if not named:
-        return ()
-    text = f"readings are missing and solved without: {named}; what hangs on them is less certain, closed forms need the whole pass"
-    return (Finding(code="stop-missing", severity="warning", text=text),)
+    named = [
+        message("stops-of-setup", setup=key.setup, number=key.number, stops=stops.tolist()) for key, stops in lacking.items() if len(stops)
+    ]
+    return (finding("warning", message("stop-missing", lacking=named)),) if named else ()
 
 
 def _inside_only(layout: Layout, findings: tuple[Finding, ...]) -> Layout:
@@ -339,5 +340,5 @@ def _inside_only(layout: Layout, findings: tuple[Finding, ...]) -> Layout:
     if not outside.any():
         return replace(layout, findings=findings)
     first = layout.place(int(np.argmax(outside)))
-    text = f"{int(outside.sum())} stops lie outside the volume of the diagonals and are not used, the first is {first}"
-    return replace(layout.select(~outside), findings=(Finding(code="outside-volume", severity="info", text=text), *findings))
+    said = message("outside-volume", count=int(outside.sum()), place=first)
+    return replace(layout.select(~outside), findings=(finding("info", said), *findings))

@@ -5,7 +5,8 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.solver.linear.mixed import AnyFit
 
 ASSUMED_U_UM = 0.3
@@ -28,8 +29,5 @@ def variance_scale(fit: AnyFit, rows: NDArray[np.int64]) -> float | None:
 
 def assumed_noise(setups: Iterable[str]) -> tuple[Finding, ...]:
     """Return the finding for setups whose noise had to be assumed."""
-    names = ", ".join(setups)
-    if not names:
-        return ()
-    text = f"the noise of {names} is neither stated nor visible in the data: {ASSUMED_U_UM:g} um is assumed; state u_um or repeat passes"
-    return (Finding(code="noise-assumed", severity="warning", text=text),)
+    names = list(setups)
+    return (finding("warning", message("noise-assumed.of", setups=names, u_um=ASSUMED_U_UM)),) if names else ()

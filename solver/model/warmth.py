@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Message, message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
@@ -53,9 +54,9 @@ def _said(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
     low, mean, high = (float(of(layout.temperature_c)) for of in (np.min, np.mean, np.max))
     if high - low < WORTH_SAYING_C:
         return ()
-    per_axis = ", ".join(f"{one:g}" for one in dict.fromkeys(assumed.expansion_um_m_c))
-    text = (
-        f"the machine was {low:.2f} to {high:.2f} C warm: every reading is brought to the mean of {mean:.2f} C with {per_axis} um/m/C, "
-        "and the result holds for that temperature"
-    )
-    return (Finding(code="temperature-levelled", severity="info", text=text),)
+    return (finding("info", message("temperature-levelled", low_c=low, high_c=high, mean_c=mean, expansions=expansions(assumed))),)
+
+
+def expansions(assumed: Assumptions) -> list[Message]:
+    """Return the different expansions of the axes in um/m/C for a person."""
+    return [message("figure", figure=one) for one in dict.fromkeys(assumed.expansion_um_m_c)]

@@ -31,9 +31,6 @@ class Advice:
     runs: tuple[Run, ...]
     minutes: float
 
-    def __str__(self) -> str:
-        return f"{' and '.join(run.setup for run in self.runs)} (about {self.minutes:.0f} min)"
-
 
 def cheapest_runs(layout: Layout, chain: str, model: Model, missing: Sequence[str]) -> Advice | None:
     """Return the runs to add such that all of ``missing`` (names of `reported`) is identified; None where none of the usual helps.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.csv_table import number_in, read_table, whole_number_in
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import Message, message
 from stepdiag.base.setups import SETUP_NAMES, setup_of
 from stepdiag.base.volume import Vector, reads_like_metres
 
@@ -46,8 +47,13 @@ class PassKey(NamedTuple):
         """Return the pass as a person writes it: ``ppp/1``."""
         return f"{self.setup}/{self.number}"
 
+    @property
+    def said(self) -> Message:
+        """Return the pass for a person."""
+        return message("pass-of-setup", setup=self.setup, number=self.number)
+
     def __str__(self) -> str:
-        return f"setup {self.setup}, pass {self.number}"
+        return str(self.said)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
-from stepdiag.base.errors import DataError, UsageError, excerpt
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import excerpt
 from stepdiag.base.volume import Vector
 from stepdiag.solver.readings.readings import PassKey, Readings
 

@@ -1,9 +1,13 @@
 """A finding as a result's JSON holds it."""
 
-from stepdiag.base.findings import Finding
-from stepdiag.solver.result.json_tree import Node
+from typing import get_args
 
-_NAMES = ("code", "severity", "action", "place", "arguments", "text", "setup", "pass", "stop", "size_um", "among")
+from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message_of
+from stepdiag.solver.result.json_tree import Node
+from stepdiag.texts.texts import Action
+
+_NAMES = ("code", "key", "severity", "action", "place", "arguments", "text", "setup", "pass", "stop", "size_um", "among")
 
 
 def parse_finding(node: Node) -> Finding:
@@ -12,10 +16,14 @@ def parse_finding(node: Node) -> Finding:
     severity = node.text("severity")
     if severity not in ("info", "warning", "error"):
         node.child("severity").refuse("info, warning or error")
+    if node.strict and node.text("action") not in get_args(Action):
+        node.child("action").refuse(", ".join(get_args(Action)))
+    tree = node.mapping()
     return Finding(
         code=node.text("code"),
         severity=severity,  # type: ignore[arg-type]
         text=node.text("text"),
+        message=message_of({"key": tree.get("key", tree["code"]), "arguments": tree.get("arguments")}),
         setup=node.text("setup") if "setup" in node.mapping() else "",
         pass_number=_whole_if_there(node, "pass"),
         stop=_whole_if_there(node, "stop"),

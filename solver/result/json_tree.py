@@ -9,7 +9,8 @@ from typing import Any, NoReturn
 import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
-from stepdiag.base.errors import DataError, excerpt
+from stepdiag.base.errors import DataError
+from stepdiag.base.messages import Said, excerpt
 from stepdiag.base.volume import Vector
 
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
@@ -48,7 +49,7 @@ class Node:
     strict: bool = False
     """Whether an unknown name is refused, too."""
 
-    def refuse(self, expected: str) -> NoReturn:
+    def refuse(self, expected: Said) -> NoReturn:
         raise DataError(f"{self.source}: {self.path or 'document'}", expected=expected, found=excerpt(json.dumps(self.value)))
 
     def mapping(self) -> dict[str, Any]:

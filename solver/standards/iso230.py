@@ -11,7 +11,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 
 Vector = NDArray[np.float64]
 
@@ -196,9 +197,7 @@ def arrange_runs(
     if down.shape[1] == 0:
         return PositioningRuns(target_mm=targets, up_um=up), ()
     if not common_zero:
-        text = "every pass starts at zero: the reversal value is lost and only the outward runs are evaluated"
-        finding = Finding(code="reversal-value-lost", severity="info", text=text)
-        return PositioningRuns(target_mm=targets, up_um=up), (finding,)
+        return PositioningRuns(target_mm=targets, up_um=up), (finding("info", message("reversal-value-lost")),)
     return PositioningRuns(target_mm=targets, up_um=up, down_um=down), ()
 
 
@@ -254,12 +253,12 @@ def _plan_findings(runs: PositioningRuns) -> tuple[Finding, ...]:
     if span_mm > LONG_AXIS_MM:
         widest = float(np.diff(np.sort(runs.target_mm)).max())
         if widest > LONG_AXIS_INTERVAL_MM:
-            found.append(f"{widest:g} mm between targets; an axis above {LONG_AXIS_MM:g} mm needs at most {LONG_AXIS_INTERVAL_MM:g} mm")
+            found.append(message("iso230-plan.interval", interval_mm=widest, long_mm=LONG_AXIS_MM, most_mm=LONG_AXIS_INTERVAL_MM))
     else:
         needed = max(MIN_TARGETS, int(np.ceil(MIN_TARGETS * span_mm / 1000)))
         if len(runs.target_mm) < needed:
-            found.append(f"{len(runs.target_mm)} targets on {span_mm:g} mm; {needed} are needed")
+            found.append(message("iso230-plan.targets", count=len(runs.target_mm), span_mm=span_mm, needed=needed))
         fewest = min(table.shape[1] for table in (runs.up_um, runs.down_um) if table is not None)
         if fewest < MIN_RUNS:
-            found.append(f"{fewest} runs per direction; {MIN_RUNS} are needed")
-    return tuple(Finding(code="iso230-plan", severity="warning", text=text) for text in found)
+            found.append(message("iso230-plan.runs", count=fewest, needed=MIN_RUNS))
+    return tuple(finding("warning", said) for said in found)

@@ -10,35 +10,24 @@ The tree stands on the lowest floor so that every floor can raise from it. Only 
 cause into an exit code.
 """
 
-LONGEST_PART = 2000
-"""Characters of each part of a refusal: a foreign file may put megabytes where a word should be."""
+from typing import cast
 
-LONGEST_QUOTE = 60
-
-
-def shortened(text: str, most: int = LONGEST_PART) -> str:
-    """Return a text, or its beginning and how long it is."""
-    return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
-
-
-def excerpt(text: str) -> str:
-    """Return what of a text a message quotes: its beginning where it is long."""
-    return shortened(text, LONGEST_QUOTE)
+from stepdiag.base.messages import Said, message
 
 
 class StepdiagError(Exception):
-    """A refusal that says where, what was found, what was expected and what to do; each part of bounded length.
+    """A refusal: where, what was expected, what was found and what to do; each a message, or a name or value as it stands.
 
-    ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``).
+    ``where`` names the file and the field or stop (``survey.toml: plc.poll_hz``). ``message`` is all of it, the text of the exception its
+    English.
     """
 
-    def __init__(self, where: str, *, expected: str, found: str, remedy: str = "") -> None:
-        where, expected, found, remedy = shortened(where), shortened(expected), shortened(found), shortened(remedy)
-        self.where = where
-        self.expected = expected
-        self.found = found
-        self.remedy = remedy
-        super().__init__(f"{where}: expected {expected}, found {found}" + (f"; {remedy}" if remedy else ""))
+    def __init__(self, where: Said, *, expected: Said, found: Said, remedy: Said = "") -> None:
+        parts = {"where": where, "expected": expected, "found": found}
+        self.message = message("refusal-with-remedy", remedy=remedy, **parts) if remedy else message("refusal", **parts)
+        bounded = cast("dict[str, Said]", self.message.arguments)
+        self.where, self.expected, self.found, self.remedy = (bounded.get(name, "") for name in ("where", "expected", "found", "remedy"))
+        super().__init__(str(self.message))
 
 
 class UsageError(StepdiagError, ValueError):
@@ -59,6 +48,6 @@ class SafetyError(StepdiagError, ValueError):
     A check that is only a warning can be accepted by that code.
     """
 
-    def __init__(self, where: str, *, code: str, expected: str, found: str, remedy: str = "") -> None:
+    def __init__(self, where: Said, *, code: str, expected: Said, found: Said, remedy: Said = "") -> None:
         super().__init__(where, expected=expected, found=found, remedy=remedy)
         self.code = code

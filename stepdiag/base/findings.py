@@ -1,32 +1,93 @@
-"""What the program has to say about the data: a code, how serious, and the words for a person."""
+"""What the program has to say about the data: a code, how serious, what to do, and the message for a person."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
+
+from stepdiag.base.messages import Message, Place, Said, Way, at, message_json, rendered
+from stepdiag.texts.findings import told
+from stepdiag.texts.patterns import findings as finding_keys
+from stepdiag.texts.texts import Action, Language, finding_action
 
 Severity = Literal["info", "warning", "error"]
+NOWHERE = Place()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Finding:
-    """One remark. ``code`` is stable and documented in docs/findings.md; ``text`` names the setup, pass and stop.
+    """One remark, made by `finding` from a message. ``code`` is stable and documented in docs/findings.md.
 
-    Where it belongs stands beside the words too, as far as it is known: ``setup``, ``pass_number``, ``stop`` (of that pass), and the size
-    of what was found. ``among`` are the passes, written ``ppp/1``, of which one is meant and the data do not say which.
+    ``text`` is its English sentence, for people; that is all which an old log or result holds. Where it belongs stands in ``setup``,
+    ``way``, ``pass_number`` and ``stop`` (of a pass with the ``last`` stop), as far as it is known, and ``size_um`` is the size of what was
+    found. ``among`` are the passes, written ``ppp/1``, of which one is meant and the data do not say which.
     """
 
     code: str
     severity: Severity
     text: str
+    message: Message | None = None
     setup: str = ""
+    way: Way = ""
     pass_number: int | None = None
     stop: int | None = None
+    last: int | None = None
     size_um: float | None = None
     among: tuple[str, ...] = ()
 
-    def as_json(self) -> dict[str, str | int | float | list[str]]:
-        """Return the JSON form of the contract: code, severity, text, and where it belongs as far as that is known."""
+    @property
+    def action(self) -> Action:
+        """Return what a person does about it."""
+        return finding_action(self.code)
+
+    @property
+    def place(self) -> Place:
+        """Return where it belongs."""
+        return Place(setup=self.setup, way=self.way, pass_number=self.pass_number, stop=self.stop, last=self.last)
+
+    @property
+    def said(self) -> Said:
+        """Return the message with its place before it; the text where an old log or result holds nothing else."""
+        return self.text if self.message is None else at(self.place, self.message)
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the JSON form of the contract: code, severity, action, text, its arguments, and where it belongs as far as that is known.
+
+        ``key`` names the sentence where the code has several.
+        """
         place = {"setup": self.setup or None, "pass": self.pass_number, "stop": self.stop, "size_um": self.size_um}
-        known: dict[str, str | int | float | list[str]] = {name: value for name, value in place.items() if value is not None}
+        known: dict[str, Any] = {name: value for name, value in place.items() if value is not None}
         if self.among:
             known["among"] = list(self.among)
-        return {"code": self.code, "severity": self.severity, "text": self.text, **known}
+        if self.message is not None:
+            said = message_json(self.message)
+            known |= {"arguments": said["arguments"]} | ({} if said["key"] == self.code else {"key": said["key"]})
+        return {"code": self.code, "severity": self.severity, "action": self.action, "text": self.text, **known}
+
+
+def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> str:
+    """Return a finding in words of a language; ``stops`` are all stops of the pass at which it was found, by default its own."""
+    if found.message is None:
+        return told(found.code, found.text, language, stops)
+    own = () if found.stop is None else (found.stop,)
+    return rendered(at(found.place, found.message, sorted(set(stops)) or own), language)
+
+
+def finding(
+    severity: Severity, said: Message, place: Place = NOWHERE, *, size_um: float | None = None, among: tuple[str, ...] = ()
+) -> Finding:
+    """Return the finding of a message; its code is the message's key without a variant. Raises KeyError for a phrase."""
+    if said.key not in finding_keys():
+        raise KeyError(said.key)
+    return Finding(
+        code=said.code,
+        severity=severity,
+        text=rendered(at(place, said), "en"),
+        message=said,
+        setup=place.setup,
+        way=place.way,
+        pass_number=place.pass_number,
+        stop=place.stop,
+        last=place.last,
+        size_um=size_um,
+        among=among,
+    )

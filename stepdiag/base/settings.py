@@ -18,7 +18,8 @@ from msgspec import inspect
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.dotted_names import longer_than
-from stepdiag.base.errors import UsageError, excerpt
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import Message, Said, excerpt
 
 Model = TypeVar("Model", bound=msgspec.Struct)
 
@@ -70,9 +71,10 @@ def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageErro
     return UsageError(f"{source}: {path}", expected=f"one of {', '.join(sorted(known))}", found=f"the unknown name {key}", remedy=remedy)
 
 
-def refuse(source: str, field: str, expected: str, found: object, remedy: str = "") -> UsageError:
+def refuse(source: str, field: str, expected: Said, found: object, remedy: Said = "") -> UsageError:
     """Return the refusal of one field: ``survey.toml: plc.poll_hz: expected a number above 0, found "fast"``."""
-    return UsageError(f"{source}: {field}" if field else source, expected=expected, found=show(found), remedy=remedy)
+    shown = found if isinstance(found, Message) else show(found)
+    return UsageError(f"{source}: {field}" if field else source, expected=expected, found=shown, remedy=remedy)
 
 
 def show(value: object) -> str:

@@ -127,7 +127,8 @@ def _read(paths: Sequence[Path]) -> tuple[str, list[Noted], list[LogStanding]]:
                 )
             found = noted_in(path)
         except DataError as error:
-            logs.append(LogStanding(name=path.name, stops=0, trouble=f"{error.found}: {error.remedy}" if error.remedy else error.found))
+            trouble = f"{error.found}: {error.remedy}" if error.remedy else str(error.found)
+            logs.append(LogStanding(name=path.name, stops=0, trouble=trouble))
             continue
         text = text or header.survey_text
         noted.append(found)

@@ -8,10 +8,11 @@ from typing import Any
 
 import msgspec
 
+from stepdiag.base.findings import in_words
 from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot, StopStatus
 from stepdiag.page.stage import headline
 from stepdiag.texts import LANGUAGES
-from stepdiag.texts.findings import advice_of, place_of, told
+from stepdiag.texts.findings import advice_of, place_of
 from stepdiag.texts.sentences import in_every_language
 
 SLOW_FIELDS = (
@@ -81,17 +82,25 @@ def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
     """
     groups: dict[tuple[str, str, str], list[FindingStatus]] = {}
     for one in findings:
-        key = (one.state, one.code, place_of(one.text).run)
+        key = (one.state, one.code, _place(one)[0])
         groups[key] = [*groups.pop(key, []), one]
     return [_entry(members) for members in reversed(groups.values())]
+
+
+def _place(one: FindingStatus) -> tuple[str, int | None]:
+    """Return the run and the stop at which it was; of an old log they stand in its text."""
+    if one.message is not None:
+        return f"{one.at.setup} {one.at.way}", one.at.stop
+    old = place_of(one.text)
+    return old.run, old.stop
 
 
 def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:
     last = members[-1]
     order = ("info", "warning", "error")
-    stops = sorted({stop for one in members if (stop := place_of(one.text).stop) is not None})
+    stops = sorted({stop for one in members if (stop := _place(one)[1]) is not None})
     severity = max((one.severity for one in members), key=order.index)
-    said = {language: told(last.code, last.text, language, stops) for language in LANGUAGES}
+    said = {language: in_words(last.finding, language, stops) for language in LANGUAGES}
     todo = {language: advice_of(last.code, language) for language in LANGUAGES}
     places = sorted({one.place for one in members if one.place})
     about = {"state": last.state, "places": places, "word": last.word}

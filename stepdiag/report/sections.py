@@ -6,13 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.findings import in_words
 from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.interval import decimals_of
 from stepdiag.solver.result.members import Drift, Lengths, StandardFigures
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.solver.result.typed import written
-from stepdiag.texts.findings import told
 from stepdiag.texts.texts import Language, finding_advice
 
 Standards = Mapping[str, Sequence[StandardFigures]]
@@ -264,7 +264,7 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
             severity=one.severity,
             severity_word=words[f"severity_{one.severity}"],
             code=one.code,
-            text=told(one.code, one.text, language),
+            text=in_words(one, language),
             advice=finding_advice(one.code, language),
         )
         for one in sorted(result.findings, key=lambda finding: order[finding.severity])

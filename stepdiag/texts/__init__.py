@@ -1,6 +1,6 @@
-"""What is said to people, in every language.
+"""What people read, in every language: the sentences of messages, the words of page and report.
 
-In: a code. Out: a sentence. Imported by page, report and daemon.
+In: a key, a code. Out: patterns and sentences. Imported by every floor; imports none.
 """
 
 from stepdiag.texts.texts import LANGUAGES, Language, catalogue, finding_advice, localised

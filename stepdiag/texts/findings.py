@@ -4,6 +4,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from stepdiag.texts.ranges import ranges
 from stepdiag.texts.sentences import is_known, translated
 from stepdiag.texts.texts import Language, catalogue, finding_advice
 
@@ -59,14 +60,3 @@ def meaning_of(code: str, language: Language) -> str:
 def advice_of(code: str, language: Language) -> str:
     """Return what to do about a finding: the catalogue's words behind their first sentence."""
     return finding_advice(code, language).partition(". ")[2]
-
-
-def ranges(numbers: Sequence[int]) -> str:
-    """Return whole numbers as ``5-12, 14``."""
-    parts: list[list[int]] = []
-    for number in numbers:
-        if parts and number == parts[-1][-1] + 1:
-            parts[-1].append(number)
-        else:
-            parts.append([number])
-    return ", ".join(str(part[0]) if len(part) == 1 else f"{part[0]}–{part[-1]}" for part in parts)

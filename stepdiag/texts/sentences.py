@@ -1,17 +1,16 @@
-"""Sentences that the program composed in English, in another language: by the patterns of the catalogue's section ``sentence``.
+"""Sentences that the program composed in English, in another language: by the patterns of the messages and the section ``sentence``.
 
 A pattern is the English sentence with its arguments as ``{name}``; it is matched as a whole, and the arguments, which may be sentences
 themselves, are put into the other language's words. Logs and results record the English sentence, so that old ones read in German too.
 """
 
-import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
 
+from stepdiag.texts.patterns import Pattern, pattern_of, sentences
 from stepdiag.texts.texts import LANGUAGES, Language, catalogue, localised
 
-_ARGUMENT = re.compile(r"\{(\w+)\}")
 _LISTS = {"; ": "list_semicolon", ", ": "list_comma", " or ": "list_or", " and ": "list_and"}
 """What stands between the parts of a list, and its word in the catalogue's section ``finding_place``."""
 _WHOLE = frozenset({"remedy", "those"})
@@ -29,9 +28,10 @@ LONGEST = 4000
 class _Pattern:
     """A sentence of the catalogue cut at its arguments: ``literals`` has one more entry than ``names``."""
 
-    key: str
+    words: Mapping[Language, Pattern]
     literals: tuple[str, ...]
     names: tuple[str, ...]
+    figures: frozenset[str]
 
     def arguments(self, text: str) -> dict[str, str] | None:
         """Return the arguments of a text, None where it is not this sentence. Each is as short as it can be: one walk."""
@@ -46,7 +46,7 @@ class _Pattern:
             if end <= at or not text.startswith(literal, end):
                 return None
             value = text[at:end]
-            if found.setdefault(name, value) != value or ("; " in value and name not in _WHOLE) or (" " in value and name in _ONE_WORD):
+            if found.setdefault(name, value) != value or ("; " in value and name not in _WHOLE) or (" " in value and name in self.figures):
                 return None
             at = end + len(literal)
         return found if at == len(text) else None
@@ -55,20 +55,30 @@ class _Pattern:
 @cache
 def _patterns() -> tuple[_Pattern, ...]:
     """Return every pattern; the longer ones come first, so that the special one wins over the general one."""
-    known = catalogue("sentence", "en")
-    ordered = sorted(known.items(), key=lambda item: (-len(_ARGUMENT.sub("", item[1])), item[0]))
-    return tuple(_Pattern(key, tuple(_ARGUMENT.split(words)[::2]), tuple(_ARGUMENT.findall(words))) for key, words in ordered)
+    old = {language: catalogue("sentence", language) for language in LANGUAGES}
+    known = [(key, {language: pattern_of(words[key]) for language, words in old.items()}) for key in old["en"]]
+    # a message of slots alone would be every sentence
+    worded = [(key, words) for key, words in sentences().items() if any(map(str.isalpha, "".join(part for part, _ in words["en"])))]
+    made = [_made(words) for _, words in sorted([*worded, *known], key=lambda item: item[0])]
+    return tuple(sorted(made, key=lambda one: -sum(map(len, one.literals))))
+
+
+def _made(words: Mapping[Language, Pattern]) -> _Pattern:
+    slots = [slot for _, slot in words["en"] if slot is not None]
+    literals = tuple(literal for literal, _ in words["en"]) + (("",) if slots and words["en"][-1][1] is not None else ())
+    figures = frozenset(slot.name for slot in slots if slot.kind in ("number", "whole") or slot.name in _ONE_WORD)
+    return _Pattern(words, literals, tuple(slot.name for slot in slots), figures)
 
 
 @lru_cache(maxsize=_REMEMBERED)
-def _found(text: str) -> tuple[str, dict[str, str]] | None:
-    """Return the key of a sentence and its arguments; None where no pattern knows it."""
+def _found(text: str) -> tuple[_Pattern, dict[str, str]] | None:
+    """Return the pattern of a sentence and its arguments; None where no pattern knows it."""
     if len(text) > LONGEST:
         return None
     for pattern in _patterns():
         arguments = pattern.arguments(text)
         if arguments is not None:
-            return pattern.key, arguments
+            return pattern, arguments
     return None
 
 
@@ -98,8 +108,9 @@ def _known(text: str, language: Language) -> str:
     found = _found(text)
     if found is None:
         return ""
-    key, arguments = found
-    return catalogue("sentence", language)[key].format(**{name: translated(value, language) for name, value in arguments.items()})
+    pattern, arguments = found
+    filled = {name: translated(value, language) for name, value in arguments.items()}
+    return "".join(literal + (filled[slot.name] if slot else "") for literal, slot in pattern.words[language])
 
 
 def _listed(text: str, language: Language, marks: Sequence[str]) -> str:

@@ -4,9 +4,11 @@ import re
 import tomllib
 from functools import cache
 from importlib.resources import files
-from typing import Literal, get_args
+from typing import Literal, cast, get_args
 
 Language = Literal["en", "de"]
+Action = Literal["repeat", "accept", "mend-wiring", "mend-file", "choose", "know"]
+"""What a person does about a finding."""
 LANGUAGES: tuple[Language, ...] = get_args(Language)
 SECTIONS = ("common", "conclusion", "report", "page", "fleet", "finding", "finding_place", "sentence")
 _POINT = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?!\.?\w)")
@@ -28,6 +30,12 @@ def finding_advice(code: str, language: Language) -> str:
     """Return what a finding means and what to do about it; empty for a code that the catalogue does not know."""
     words = _entries()["finding"].get(code)
     return words[language] if words else ""
+
+
+def finding_action(code: str) -> Action:
+    """Return what a person does about a finding; to know it where the catalogue does not know the code."""
+    words = _entries()["finding"].get(code)
+    return cast("Action", words["action"]) if words else "know"
 
 
 def localised(text: str, language: Language) -> str:

@@ -6,7 +6,8 @@ from typing import Any
 import msgspec
 import pytest
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Place, message
 from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
@@ -41,6 +42,7 @@ NOTES = [
     scene_note(VOLUME, [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0)], [STOP]),
     phase_note(4, "dwelling", "stop 3"),
     finding_note(5, Finding(code="beam-lost", severity="error", text="words")),
+    finding_note(5, finding("warning", message("runs-not-used", others=["ppp+1"]), Place(setup="ppp", stop=3))),
     log_note(6, "info", "words", "daq"),
 ]
 JSON_TYPES = {"number": int | float, "integer": int, "string": str, "boolean": bool, "array": list | tuple}

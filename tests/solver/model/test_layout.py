@@ -63,7 +63,7 @@ def test_a_stop_that_the_file_leaves_out_is_named_and_the_rest_is_placed_as_befo
     (finding,) = layout.findings
     assert finding.code == "stop-missing"
     assert f"setup {setup}, pass 1, stop {stop};" in finding.text
-    left = [row for row in range(len(whole)) if whole.place(row) != f"setup {setup}, pass 1, stop {stop}"]
+    left = [row for row in range(len(whole)) if str(whole.place(row)) != f"setup {setup}, pass 1, stop {stop}"]
     assert layout.deviation_um == pytest.approx(whole.deviation_um[left])
     assert layout.volume == whole.volume
 

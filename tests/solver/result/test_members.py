@@ -9,13 +9,12 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.findings import Finding
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.json_tree import Node
 from stepdiag.solver.result.members import SetupReport, UnseenSlips
 from stepdiag.solver.result.result import MEMBERS, parse_result
-from stepdiag.solver.result.typed import read, read_or_none, written
+from stepdiag.solver.result.typed import read, read_or_none
 from testkit.exact.madeup import made_up_result
 from testkit.exact.surveys import Bench
 
@@ -36,7 +35,7 @@ WHOLE = {
         "wavelength_nm": 632.991, "at_20_c": False, "compensation": "on", "active_files": [FILE],
     },
     "conditions": {"air_temperature_c": [20.0, 20.5], "assumed": {"air_pressure_hpa": 1013.0}},
-    "history": [{"code": "beam-lost", "severity": "warning", "text": "the beam was lost"}],
+    "history": [{"code": "beam-lost", "severity": "warning", "action": "repeat", "text": "the beam was lost"}],
     "volumetric_u_um": 0.5,
     "predicted": {name: {"before": SIZES, "after": SIZES} for name in ("without_rigid_motion", "as_it_is")},
     "fit": {"readings": 9, "used": 8, "rank": 7, "unknowns": 7, "degrees_of_freedom": 2, "chi_square": 1.5},
@@ -217,10 +216,6 @@ def test_what_the_solver_writes_is_of_version_3(method):
     again = parse_result(text)
     assert again.to_json() == text
     assert [name for name in MEMBERS if getattr(again, name) is None] == [name for name in MEMBERS if getattr(result, name) is None]
-
-
-def test_a_finding_is_written_as_itself():
-    assert written((Finding(code="a", severity="info", text="b"),)) == [{"code": "a", "severity": "info", "text": "b"}]
 
 
 def test_the_slips_that_are_there_are_listed():

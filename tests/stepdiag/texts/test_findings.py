@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.texts.patterns import FLOORS, tables
 from stepdiag.texts.texts import LANGUAGES, catalogue, finding_advice
 
 ROOT = Path(__file__).parents[3]
@@ -33,6 +34,9 @@ def _said() -> Iterator[tuple[str, str]]:
             if isinstance(call, ast.Call) and _name(call.func) in SAYING:
                 given = [keyword.value for keyword in call.keywords if keyword.arg == "code"] or call.args[:1]
                 yield from ((one.value, str(path.relative_to(ROOT))) for one in given if _is_code(one))
+    for floor in FLOORS:
+        for key in tables(floor)["finding"]:
+            yield key.partition(".")[0], f"{floor}/messages"
 
 
 def _name(function: ast.expr) -> str:

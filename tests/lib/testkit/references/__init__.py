@@ -14,12 +14,15 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import StepdiagError
+from stepdiag.base.findings import Finding
+from stepdiag.base.messages import Message
 
 FOLDER = Path(__file__).parents[3] / "data" / "reference"
 RELATIVE, ABSOLUTE = 1e-6, 1e-9
 """Numbers are the same within one of these: another processor rounds otherwise, a change of the program is larger."""
 DIGITS = 10
 MOST_NAMED = 20
+FINDING = ("code", "severity", "text", "setup", "pass_number", "stop", "size_um", "among")
 _SCALARS = re.compile(r'"(?:[^"\\]|\\.)*"|(\[[^][{}"]*\])')
 """A text, in which brackets mean nothing, or a list of numbers: it stands in one line."""
 
@@ -28,6 +31,10 @@ Call = Callable[[dict], object]
 
 def plain(value: object) -> object:
     """Return JSON of anything that the program returns: a NaN as text, a number to `DIGITS`, fields by name, bytes in hexadecimal."""
+    if isinstance(value, Message):
+        return str(value)
+    if isinstance(value, Finding):
+        return {name: plain(getattr(value, name)) for name in FINDING}
     if dataclasses.is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, msgspec.Struct):
@@ -52,7 +59,7 @@ def refused(call: Call, given: object) -> object:
     try:
         return plain(call(given))
     except StepdiagError as error:
-        parts = {name: getattr(error, name) for name in ("where", "expected", "found", "remedy")}
+        parts = {name: str(getattr(error, name)) for name in ("where", "expected", "found", "remedy")}
         return {"refusal": type(error).__name__, **parts, "says": str(error)}
 
 

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag.base.csv_table import read_table
-from stepdiag.base.errors import shortened
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import shortened
 from stepdiag.base.volume import Volume
 from stepdiag.solver.adjustment.diagnostics import scatter_findings, setup_findings, setup_reports
 from stepdiag.solver.fourdof.detector import DetectorAxis

@@ -1,0 +1,171 @@
+"""A message as a value: a key, arguments with units in their names, and where it belongs. Words are made where it is shown.
+
+    said = message("stop-outlier.alone", stop=5, size_um=12.3, setup="ppp")
+    rendered(said, "de")
+
+The catalogue (`texts.patterns`) holds the sentence of every key in every language and the type of every argument. A text takes the place
+of a message where an old log or result holds nothing else.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+from stepdiag.texts.patterns import Kind, Slot, sentences, slots
+from stepdiag.texts.ranges import ranges
+from stepdiag.texts.sentences import translated
+from stepdiag.texts.texts import Language
+
+Way = Literal["", "out", "back"]
+
+LONGEST_PART = 2000
+"""Characters of a text in a message: a foreign file may put megabytes where a word should be."""
+LONGEST_QUOTE = 60
+DECIMALS = 6
+"""Of a number in a message, as a result's JSON has them."""
+_BETWEEN: dict[Kind, dict[Language, str]] = {
+    "list": {"en": ", ", "de": ", "},
+    "each": {"en": "; ", "de": "; "},
+    "or": {"en": " or ", "de": " oder "},
+    "and": {"en": " and ", "de": " und "},
+}
+
+
+def shortened(text: str, most: int = LONGEST_PART) -> str:
+    """Return a text, or its beginning and how long it is."""
+    return text if len(text) <= most else f"{text[:most]}... ({len(text)} characters)"
+
+
+def excerpt(text: str) -> str:
+    """Return what of a text a message quotes: its beginning where it is long."""
+    return shortened(text, LONGEST_QUOTE)
+
+
+@dataclass(frozen=True, slots=True)
+class Message:
+    """A sentence of the catalogue and its arguments; as a text it is the English sentence. Made by `message`."""
+
+    key: str
+    arguments: "dict[str, Argument]" = field(default_factory=dict)
+
+    def __hash__(self) -> int:
+        return hash((self.key, *self.arguments))
+
+    def __str__(self) -> str:
+        return rendered(self, "en")
+
+    @property
+    def code(self) -> str:
+        """Return the key without its variant: the code of a finding."""
+        return self.key.partition(".")[0]
+
+
+Said = Message | str
+"""A message; or a text as it stands: a name, a value of a file, a sentence of an old log."""
+Item = Message | str | int
+Argument = Message | str | int | float | Sequence[Item]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Where something was: setup, way, pass, stop of the pass and its last stop, as far as each is known."""
+
+    setup: str = ""
+    way: Way = ""
+    pass_number: int | None = None
+    stop: int | None = None
+    last: int | None = None
+
+
+def message(key: str, /, **arguments: Argument) -> Message:
+    """Return a message. Raises KeyError for a key that the catalogue does not have, TypeError for arguments of other names or types."""
+    return _checked(key, arguments)
+
+
+def _checked(key: str, arguments: Mapping[str, Argument]) -> Message:
+    wanted = slots(key)
+    if arguments.keys() != wanted.keys():
+        raise TypeError(f"message {key}: expected the arguments {', '.join(wanted)}, found {', '.join(arguments)}")
+    return Message(key, {name: _plain(key, name, kind, arguments[name]) for name, kind in wanted.items()})
+
+
+def _plain(key: str, name: str, kind: Kind, value: Argument) -> Argument:
+    """Return an argument as JSON can hold it: numpy's numbers as Python's, long texts cut."""
+    match kind:
+        case "name" if isinstance(value, str | Message):
+            return shortened(value) if isinstance(value, str) else value
+        case "number" if isinstance(value, int | float):
+            return round(float(value), DECIMALS) + 0.0
+        case "whole" if hasattr(value, "__index__"):
+            return int(value)
+        case "stops" if isinstance(value, Sequence) and not isinstance(value, str):
+            return tuple(int(item) for item in value)  # type: ignore[arg-type]
+        case "list" | "each" | "or" | "and" if isinstance(value, Sequence) and not isinstance(value, str):
+            return tuple(shortened(item) if isinstance(item, str) else item for item in value)
+    raise TypeError(f"message {key}: {name}: expected a {kind}, found {type(value).__name__}")
+
+
+def rendered(said: Said, language: Language) -> str:
+    """Return a message in words of a language; a text as it stands, or translated where the program of before composed it."""
+    if isinstance(said, str):
+        return translated(said, language)
+    known = sentences().get(said.key)
+    if known is None:  # of a log of another version, without its text
+        return said.key
+    filled = ("" if slot is None else _filled(slot, said.arguments[slot.name], language) for _, slot in known[language])
+    return "".join(part for (literal, _), words in zip(known[language], filled, strict=True) for part in (literal, words))
+
+
+def _filled(slot: Slot, value: Any, language: Language) -> str:
+    match slot.kind:
+        case "name":
+            return rendered(value, language)
+        case "whole" | "number":
+            text = format(value, slot.form)
+            return text.replace(".", ",") if language == "de" else text
+        case "stops":
+            return ranges(value)
+        case kind:
+            return _BETWEEN[kind][language].join(rendered(item, language) for item in value)
+
+
+def at(place: Place, said: Said, stops: Sequence[int] = ()) -> Said:
+    """Return what is said with its pass and stop before it; ``stops`` are several stops of the pass, without them that of the place."""
+    if not place.way:
+        return said
+    run: dict[str, Argument] = {"setup": place.setup, "way": message("way-out" if place.way == "out" else "way-back"), "what": said}
+    if stops:
+        return message("at-stop" if len(stops) == 1 else "at-stops", stops=stops, **run)
+    if place.stop is None:
+        return message("in-pass", **run)
+    return message("at-stop-of", stop=place.stop, last=place.last or 0, **run)
+
+
+def message_json(said: Message) -> dict[str, Any]:
+    """Return a message as JSON: key and arguments, messages within it likewise."""
+    return {"key": said.key, "arguments": {name: _json(value) for name, value in said.arguments.items()}}
+
+
+def _json(value: Argument | Item) -> Any:
+    if isinstance(value, Message):
+        return message_json(value)
+    return [_json(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else value
+
+
+def message_of(tree: object) -> Message | None:
+    """Return the message of JSON; None where it is none of this program's: its text is shown as it stands."""
+    try:
+        return _message_of(tree)
+    except (KeyError, TypeError, AttributeError):
+        return None
+
+
+def _message_of(tree: Any) -> Message:
+    arguments: Mapping[str, Any] = tree["arguments"]
+    return _checked(tree["key"], {name: _argument_of(value) for name, value in arguments.items()})
+
+
+def _argument_of(value: Any) -> Any:
+    if isinstance(value, dict):
+        return _message_of(value)
+    return [_argument_of(item) for item in value] if isinstance(value, list) else value

@@ -1,0 +1,63 @@
+"""A plugin of mypy: every `message("key", ...)` has a key of the catalogue, and arguments of its names and types."""
+
+from collections.abc import Callable
+
+from mypy.nodes import ARG_STAR2
+from mypy.plugin import FunctionContext, Plugin, ReportConfigContext
+from mypy.subtypes import is_subtype
+from mypy.types import Instance, LiteralType, Type, UnionType, get_proper_type
+
+from stepdiag.texts.patterns import sentences, slots
+
+
+class Messages(Plugin):
+    """Look at the calls of one function."""
+
+    def get_function_hook(self, fullname: str) -> Callable[[FunctionContext], Type] | None:
+        """Return what looks at a call."""
+        return _check if fullname == "stepdiag.base.messages.message" else None
+
+    def report_config_data(self, ctx: ReportConfigContext) -> object:
+        """Return what a checked file hangs on beside its own text: the catalogue."""
+        return {key: sorted(slots(key).items()) for key in sorted(sentences())} if ctx.id.startswith("stepdiag") else None
+
+
+def _check(call: FunctionContext) -> Type:
+    types = _expected(call)
+    given = dict(zip(call.arg_names[1], call.arg_types[1], strict=True))
+    keys = _keys(call.arg_types[0][0])
+    if not keys:
+        call.api.fail("The key of a message is written out", call.context)
+    for key in keys:
+        try:
+            wanted = slots(key)
+        except KeyError:
+            call.api.fail(f'No message has the key "{key}"', call.context)
+            continue
+        if ARG_STAR2 not in call.arg_kinds[1] and given.keys() != wanted.keys():
+            call.api.fail(f"Message {key} has the arguments {', '.join(sorted(wanted)) or 'none'}", call.context)
+        for name, kind in wanted.items():
+            if name in given and not is_subtype(given[name], types[kind]):
+                call.api.fail(f"Message {key}: {name} is a {kind}, not {given[name]}", call.context)
+    return call.default_return_type
+
+
+def _expected(call: FunctionContext) -> dict[str, Type]:
+    of = call.api.named_generic_type
+    name, whole = UnionType([of("builtins.str", []), call.default_return_type]), of("builtins.int", [])
+    many = dict.fromkeys(("list", "each", "or", "and", "stops"), of("typing.Sequence", [UnionType([name, whole])]))
+    return {"name": name, "whole": whole, "number": of("builtins.float", []), **many}
+
+
+def _keys(given: Type) -> list[str]:
+    kind = get_proper_type(given)
+    if isinstance(kind, UnionType):
+        return [key for item in kind.items for key in _keys(item)]
+    if isinstance(kind, Instance) and kind.last_known_value is not None:
+        kind = kind.last_known_value
+    return [kind.value] if isinstance(kind, LiteralType) and isinstance(kind.value, str) else []
+
+
+def plugin(version: str) -> type[Plugin]:
+    """Return the plugin, whatever mypy's version."""
+    return Messages
