@@ -25,6 +25,7 @@ from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.solver.result.members import SetupReport
 from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import MACHINES, profile_of
@@ -59,7 +60,7 @@ def refusal_of(result, profile, tmp_path, **options) -> SafetyError:
 
 def noisy(result: Result, repeatability_um: float) -> Result:
     """The result of a survey whose stops repeat only to this."""
-    return replace(result, setups={"ppp": {"passes": [1, 2], "repeatability_um": repeatability_um}})
+    return replace(result, setups={"ppp": SetupReport(passes=(1, 2), repeatability_um=repeatability_um)})
 
 
 def test_a_stretch_in_which_the_tables_harm_is_told_by_the_export_as_by_verify(tmp_path):

@@ -83,8 +83,8 @@ def test_every_line_gives_the_straightness_of_the_head():
     report = surveyed(replace(MACHINE, seed=1, increments=4), PITCH_YAW).head_straightness
     assert set(report) == set(STRAIGHT)
     for facts in report.values():
-        assert facts["passes"] == 2
-        assert 0 < facts["minimum_zone_um"] <= min(facts["end_point_um"], facts["least_squares_um"]) + 1e-9
+        assert facts.passes == 2
+        assert 0 < facts.minimum_zone_um <= min(facts.end_point_um, facts.least_squares_um) + 1e-9
 
 
 def test_a_head_that_contradicts_the_diagonals_is_not_averaged_away():

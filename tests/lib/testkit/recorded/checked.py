@@ -23,7 +23,7 @@ from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 from stepdiag.solver.result.result import Quantity, Result
-from testkit.exact.members import members
+from testkit.exact.members import members, setups
 from testkit.recorded import plain
 from testkit.recorded.exported import own_of, said
 from testkit.recorded.profiles import profile_of
@@ -272,7 +272,7 @@ def _quality() -> Any:
     tables = [table_of((0, 4, 2, 0))]
 
     def of(stated: Any, curves: Sequence[Curve] = (), findings: tuple[Finding, ...] = ()) -> list[str]:
-        return checked(tables, result=replace(PLAIN, setups=stated, findings=findings), curves=curves, whole=bool(findings))
+        return checked(tables, result=replace(PLAIN, setups=setups(**stated), findings=findings), curves=curves, whole=bool(findings))
 
     found = {f"repeats to {um:g} um": of({"ppp": {"passes": [1, 2], "repeatability_um": um}}) for um in (0, 1, 2, 2.25, 3, -1)}
     found["the worst of two"] = of(
