@@ -13,9 +13,6 @@ from numpy.typing import NDArray
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import Route
 
-REALIGN_MRAD = 2.0
-"""Beyond this the spot wanders and second-order terms grow to micrometres: realign (theory.md 6.5)."""
-
 
 def mirror_tilt_mrad(route: Route, stops: Sequence[CapturedStop]) -> tuple[float, float] | None:
     """Return the tilt of the mirror against the diagonal about two axes, in mrad: sideways and upwards as seen along the beam.

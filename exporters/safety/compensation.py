@@ -13,12 +13,12 @@ from typing import Literal
 
 from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.base.findings import Finding
+from stepdiag.base.settings import UNANSWERED
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.result.members import ActiveFile, Facts
 from stepdiag.solver.result.result import Result
 
 State = Literal["off", "on"]
-UNANSWERED: Literal["?"] = "?"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

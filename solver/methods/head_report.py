@@ -26,7 +26,7 @@ from stepdiag.solver.result.members import Difference, HeadStraightness
 from stepdiag.solver.result.result import DISPLACEMENTS, POSITIONING, Function
 from stepdiag.solver.standards.straightness import residuals_um, straightness_um
 
-LEAST_FREEDOM = 2
+LEAST_CHECKED = 2
 NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
 """Where the diagonals and other passes check less than two of the head's values, nothing is said about agreement."""
 LIKELY = 0.8
@@ -183,7 +183,7 @@ def _chi_square_limit(freedom: int) -> float:
 
 
 def _over_chance(chi_square: float, freedom: int) -> float | None:
-    return chi_square / _chi_square_limit(freedom) if freedom >= LEAST_FREEDOM else None
+    return chi_square / _chi_square_limit(freedom) if freedom >= LEAST_CHECKED else None
 
 
 def _sign_hidden(checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit) -> bool:

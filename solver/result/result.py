@@ -11,6 +11,7 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.kinematics import abbe_mask
+from stepdiag.base.messages import DECIMALS
 from stepdiag.base.volume import AXES, MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.finding import parse_finding
 from stepdiag.solver.result.interval import Predicted
@@ -55,8 +56,6 @@ _MOST_PASSES = 1000
 _NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
 """A list of numbers: it stands in one line."""
 _NUMBER = ("value", "u", "u_readings")
-DECIMALS = 6
-"""Numbers are written to this many decimals: a picometre, a picoradian, a nanometre of position."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

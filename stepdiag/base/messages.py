@@ -22,7 +22,7 @@ LONGEST_PART = 2000
 """Characters of a text in a message: a foreign file may put megabytes where a word should be."""
 LONGEST_QUOTE = 60
 DECIMALS = 6
-"""Of a number in a message, as a result's JSON has them."""
+"""Of a number in a message and in a result: a picometre, a picoradian, a nanometre of position."""
 _BETWEEN: dict[Kind, dict[Language, str]] = {
     "list": {"en": ", ", "de": ", "},
     "each": {"en": "; ", "de": "; "},

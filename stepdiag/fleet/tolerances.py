@@ -13,12 +13,12 @@ from typing import Annotated
 from msgspec import Meta, Struct, field
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.files import LARGEST_SETTINGS_BYTES
 from stepdiag.base.settings import convert, read_toml
 from stepdiag.fleet.history import Series
 from stepdiag.fleet.store import Store
 
 FILE = "tolerances.toml"
-LARGEST_BYTES = 1_000_000
 
 Largest = Annotated[float, Meta(gt=0, le=1e6)]
 
@@ -44,8 +44,8 @@ def tolerances_in(store: Store) -> Tolerances:
     if not store.exists(FILE):
         return Tolerances()
     data = store.read(FILE)
-    if len(data) > LARGEST_BYTES:
-        raise UsageError(FILE, expected=f"at most {LARGEST_BYTES} bytes", found=str(len(data)))
+    if len(data) > LARGEST_SETTINGS_BYTES:
+        raise UsageError(FILE, expected=f"at most {LARGEST_SETTINGS_BYTES} bytes", found=str(len(data)))
     try:
         text = data.decode("utf-8")
     except UnicodeDecodeError as error:

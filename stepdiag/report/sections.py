@@ -13,10 +13,10 @@ from stepdiag.solver.result.interval import decimals_of
 from stepdiag.solver.result.members import Drift, Lengths, StandardFigures
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.solver.result.typed import written
+from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts.texts import Language, finding_advice
 
 Standards = Mapping[str, Sequence[StandardFigures]]
-COVERAGE = 2.0
 SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
 POSITIONING_FIGURES = {"E_up": "E↑", "R_up": "R↑", "A_up": "A↑", "E": "E", "B": "B", "M": "M", "R": "R", "A": "A"}
 """The figures of ISO 230-2 by their names in `solver.standards.iso230`, as the standard writes them."""

@@ -11,10 +11,9 @@ from rich.text import Text
 from stepdiag.base.findings import Finding
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
+from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.terminal.printable import printable
 
-COVERAGE = 2.0
-"""Uncertainties are shown expanded, k = 2."""
 MARKS = {"error": "ERROR", "warning": "WARNING", "info": "note"}
 
 
