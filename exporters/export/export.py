@@ -14,6 +14,7 @@ import msgspec
 
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.export.report import report_text
 from stepdiag.exporters.export.volume import export_etalon, export_kinematics, export_lattice
@@ -101,13 +102,13 @@ def _may_refuse(finding: Finding, profile: Profile) -> bool:
 def _require_something(plan: Plan, profile: Profile) -> None:
     """Raise ``SafetyError`` where the control has no table for anything that is asked: an export of nothing is no export."""
     if not plan.tables and not plan.listed:
-        said = "; ".join(finding.text for finding in plan.findings)
+        functions, whys = profile.machine.functions, [one.said for one in plan.findings]
         raise SafetyError(
             f"{profile.source}: machine.functions",
             code="nothing-to-write",
-            expected="a function that this control has a table for",
-            found=", ".join(profile.machine.functions) + (f" ({said})" if said else ""),
-            remedy="ask for others, or keep these as curves (--controller neutral)",
+            expected=message("has-table"),
+            found=message("nothing-for", functions=functions, whys=whys) if whys else ", ".join(functions),
+            remedy=message("ask-others"),
         )
 
 
@@ -135,7 +136,7 @@ def _step(step_mm: float | None, profile: Profile | None) -> float:
     if step_mm is None:
         raise UsageError("export", expected="--profile FILE or --step-mm S", found="neither")
     if not 0 < step_mm < float("inf"):
-        raise UsageError("--step-mm", expected="a number of mm above 0", found=f"{step_mm:g}")
+        raise UsageError("--step-mm", expected=message("step-positive"), found=f"{step_mm:g}")
     return step_mm
 
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.written import REPORT, ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
@@ -106,13 +107,9 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     largest = float(np.max(np.abs(held.vectors_um)))
     most = limits.at(max(float(np.ptp(at)) for at in held.axes_mm))
     if largest > most.value_um:
-        yield Finding(code="value-beyond-limit", severity="error", text=f"lattice: {largest:.1f} um, the limit is {most.value_um:g} um")
+        yield finding("error", message("value-beyond-limit", label="lattice", um=largest, limit_um=most.value_um))
     elif largest > most.warn_value_um:
-        yield Finding(
-            code="value-large",
-            severity="warning",
-            text=f"lattice: {largest:.1f} um, above {most.warn_value_um:g} um: is the machine sound?",
-        )
+        yield finding("warning", message("value-large", label="lattice", um=largest, limit_um=most.warn_value_um))
     slopes = [
         float(np.max(np.abs(np.diff(held.vectors_um, axis=axis)) / np.diff(at).reshape([-1 if n == axis else 1 for n in range(4)])))
         for axis, at in enumerate(held.axes_mm)
@@ -120,10 +117,10 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     allowed = [limits.slope_um_mm or plausible_slope_um_mm(size_mm / result.volume.increments) for size_mm in result.volume.size_mm]
     steepest, steep = max(zip(slopes, allowed, strict=True), key=lambda pair: pair[0] / pair[1])
     if steepest > steep:
-        yield Finding(code="slope-steep", severity="warning", text=f"lattice: {steepest:.3f} um/mm, above {steep:g} um/mm")
-    for finding in result.findings:
-        if finding.severity == "error":
-            yield Finding(code="data-quality", severity="error", text=f"{finding.code}: {finding.text}")
+        yield finding("warning", message("slope-steep", label="lattice", steep_um_mm=steepest, limit_um_mm=steep))
+    for one in result.findings:
+        if one.severity == "error":
+            yield finding("error", message("data-quality", code=one.code, said=one.said))
 
 
 def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
@@ -88,7 +89,7 @@ class LinuxCnc:
         """
         if profile.options_as(LinuxCncOptions).way == "kinematics":
             remedy = 'the sense of the component stands in its source; tables are planned with way = "screw"'
-            raise UsageError(f"{profile.source}: linuxcnc.way", expected='"screw" for tables', found='"kinematics"', remedy=remedy)
+            raise UsageError(f"{profile.source}: linuxcnc.way", expected=message("screw"), found='"kinematics"', remedy=remedy)
         active = self._active(profile)
         quantum_um = 1000.0 * unit_mm(profile) * 10.0 ** -profile.options_as(LinuxCncOptions).decimals
         tables: list[Table] = []
@@ -182,9 +183,9 @@ def _lattice_in_control(file: ControlFile, profile: Profile) -> SafetyError:
     return SafetyError(
         f"{profile.source}: machine.existing",
         code="active-not-tables",
-        expected='COMP_FILEs and coefficients of matrixkins, or way = "kinematics"',
-        found=f"{file.name}, a lattice, which COMP_FILEs would act beside",
-        remedy="put the old KINEMATICS line back, measure with no compensation, and leave the lattice out of machine.existing",
+        expected=message("comp-or"),
+        found=message("a-lattice", name=file.name),
+        remedy=message("old-kinematics"),
     )
 
 
@@ -203,7 +204,7 @@ def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple
         raise SafetyError(
             f"{profile.source}: axes.{letter}.backlash_um",
             code="backlash-unasked",
-            expected=f"[JOINT_n]BACKLASH of {letter} in um, 0 where there is none: a COMP_FILE switches it off",
+            expected=message("joint-backlash", letter=letter),
             found="nothing",
             remedy="state it as it was while measuring; half of it goes into each column",
         )
@@ -276,9 +277,9 @@ def _screw_file(tables: Sequence[Table], profile: Profile) -> bytes:
 def _read_screw(file: ControlFile, profile: Profile) -> list[Table]:
     letter = axis_in(file.name)
     if letter is None:
-        raise DataError(file.name, expected="an axis in the name, such as screw_x.comp", found=file.name)
+        raise DataError(file.name, expected=message("screw-name"), found=file.name)
     if not file.data.endswith(b"\n"):
-        raise DataError(file.name, expected="a line end after the last row", found="none", remedy="the file may be cut off: take it again")
+        raise DataError(file.name, expected=message("line-end"), found="none", remedy=message("maybe-cut"))
     rows = np.array(list(_rows(file)))
     if not 2 <= len(rows) <= MOST_ROWS:
         raise DataError(file.name, expected=f"2 to {MOST_ROWS} rows", found=str(len(rows)))
@@ -308,9 +309,9 @@ def _rows(file: ControlFile) -> Iterator[tuple[float, float, float]]:
     for where, line in read_lines(file):
         row = _three_numbers(line)
         if row is None:
-            raise DataError(where, expected="three numbers", found=repr(line), remedy="the control silently stops reading here")
+            raise DataError(where, expected="three numbers", found=repr(line), remedy=message("stops-reading"))
         if row[0] <= last:
-            raise DataError(where, expected=f"a nominal position above {last:g}", found=f"{row[0]:g}")
+            raise DataError(where, expected=message("nominal-above", place=last), found=f"{row[0]:g}")
         last = row[0]
         yield row
 
@@ -331,7 +332,7 @@ def _read_matrix(file: ControlFile) -> list[Table]:
             continue
         match = _SETP.match(line)
         if match is None:
-            raise DataError(where, expected="setp matrixkins.C_.. and a number", found=repr(line))
+            raise DataError(where, expected=message("setp"), found=repr(line))
         gain = finite(match["value"], where) - (1.0 if match["row"] == match["column"] else 0.0)
         tables.append(_coefficient_table(match["row"].upper(), match["column"].upper(), gain, np.array([-1000.0, 1000.0])))
     return tables

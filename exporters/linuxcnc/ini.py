@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.files.naming import plain_name
@@ -51,7 +52,7 @@ def coordinates(joints: Joints, source: str) -> str:
     if numbers != list(range(len(numbers))) or not all(joints.get(letter) for letter in "XYZ"):
         raise UsageError(
             f"{source}: linuxcnc.joints",
-            expected="all joints of the machine, each once, from 0, such as X = [0], Y = [1, 2], Z = [3], A = [4]",
+            expected=message("joints-all"),
             found=str({letter: list(each) for letter, each in joints.items()}),
         )
     return "".join(letters[number] for number in numbers)
@@ -74,7 +75,7 @@ def named_by(files: Iterable[ControlFile], joints: Joints, *, inch: bool, source
             named = Naming(comp=named.comp, kinematics="matrixkins", hal=name)
         elif (letter := axis_in(name)) is not None:
             if letter not in joints:
-                raise UsageError(f"{source}: linuxcnc.joints", expected=f"the joints of {letter}", found=str(dict(joints)))
+                raise UsageError(f"{source}: linuxcnc.joints", expected=message("joints-of", letter=letter), found=str(dict(joints)))
             named = Naming(comp={**named.comp, **dict.fromkeys(joints[letter], name)}, kinematics=named.kinematics, hal=named.hal)
     return named
 

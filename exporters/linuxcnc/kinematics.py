@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
@@ -36,9 +37,9 @@ def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
         raise SafetyError(
             f"{profile.source}: axes",
             code="points-beyond-limit",
-            expected=f"at most {MOST_VERTICES} vertices",
+            expected=message("vertices", count=MOST_VERTICES),
             found=str(vertices),
-            remedy="take larger steps: three or four to each measured section are plenty",
+            remedy=message("larger-steps"),
         )
 
 

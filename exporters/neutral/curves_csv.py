@@ -11,6 +11,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import fixed, shortest
@@ -96,9 +97,9 @@ class Neutral:
 def _tables(file: ControlFile, profile: Profile) -> list[Table]:
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != HEADER:
-        raise DataError(file.name, expected=f"the header {HEADER}", found=lines[0][1] if lines else "an empty file")
+        raise DataError(file.name, expected=message("header", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
     if lines[-1][1] != "end,,,":
-        raise DataError(file.name, expected="the last row end,,,", found=lines[-1][1], remedy="the file is truncated: take it again")
+        raise DataError(file.name, expected="the last row end,,,", found=lines[-1][1], remedy=message("truncated"))
     groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for where, line in lines[1:-1]:
         name, direction, at, value = _row(where, line)

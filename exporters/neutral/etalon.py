@@ -13,7 +13,7 @@ import numpy as np
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
-from stepdiag.base.messages import excerpt
+from stepdiag.base.messages import excerpt, message
 from stepdiag.base.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
@@ -148,7 +148,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
             rows = []
         elif rows is not None and line == "}":
             if len(rows) < 2 or np.any(np.diff(np.array(rows)[:, 0]) <= 0):
-                raise DataError(where, expected="two or more rising positions", found=f"{len(rows)} rows")
+                raise DataError(where, expected=message("two-rising"), found=message("count-rows", count=len(rows)))
             functions[name] = np.array(rows)
             rows = None
         elif rows is not None and len(line.split()) == 2:
@@ -156,7 +156,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
         else:
             raise DataError(where, expected="a block of the Etalon Exchange format", found=excerpt(line))
     if rows is not None or not functions:
-        raise DataError(file.name, expected="whole blocks", found="no end", remedy="the file is truncated: take it again")
+        raise DataError(file.name, expected="whole blocks", found=message("no-end"), remedy=message("truncated"))
     return values, functions
 
 

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import AXES, BODY_DIAGONALS, SETUP_NUMBERS, Vector, Volume, diagonal_stops_mm, linear_stops_mm
 
@@ -118,7 +119,7 @@ def check(sequence: Sequence) -> None:
         ("overrun_mm", sequence.overrun_mm, "of 0 or above"),
     ):
         if not np.isfinite(number) or number < 0 or (number == 0 and least == "above 0"):
-            raise UsageError(f"plan.{field}", expected=f"a number {least}", found=repr(number))
+            raise UsageError(f"plan.{field}", expected=message("number-limits", limits=least), found=repr(number))
     if sequence.repeats < 1:
         raise UsageError("plan.repeats", expected="1 or more", found=repr(sequence.repeats))
     if sorted(sequence.axis_order) != list(AXES):

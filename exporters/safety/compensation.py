@@ -12,7 +12,8 @@ from datetime import date
 from typing import Literal
 
 from stepdiag.base.errors import DataError, SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.settings import UNANSWERED
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.result.members import ActiveFile, Facts
@@ -58,8 +59,8 @@ def stated_in(result: Result) -> Statement:
     if facts.compensation is None:
         return Statement(state=UNANSWERED)
     if (facts.compensation == "on") != bool(facts.active_files):
-        where, found = f"{result.source}: survey.compensation", f'"{facts.compensation}" with {len(facts.active_files)} active files'
-        raise DataError(where, expected='"off", or "on" with active_files', found=found)
+        where, found = f"{result.source}: survey.compensation", f"{facts.compensation!r} with {len(facts.active_files)} active_files"
+        raise DataError(where, expected=message("off-on-files"), found=found)
     return Statement(state=facts.compensation, files=facts.active_files)
 
 
@@ -77,9 +78,9 @@ def require_agreement(result: Result, profile: Profile) -> None:
         raise SafetyError(
             f"{profile.source}: machine.measured_with",
             code="compensation-differs",
-            expected=f'"{statement.state}", as the survey says',
+            expected=message("as-survey", state=statement.state),
             found=f'"{profile.machine.measured_with}"' + (" (assumed)" if profile.assumed else ""),
-            remedy="a profile of this survey, with the files that were active in machine.existing" if statement.state == "on" else "",
+            remedy=message("profile-of") if statement.state == "on" else "",
         )
     if statement.state == "on":
         _require_same_files(statement, profile)
@@ -92,8 +93,8 @@ def require_answer(result: Result) -> Statement:
         raise SafetyError(
             f"{result.source}: survey.compensation",
             code="compensation-unanswered",
-            expected='"off" or "on": whether a compensation was active while measuring',
-            found="a survey that does not say it",
+            expected=message("off-or-on"),
+            found=message("says-not"),
             remedy="say it before the first pass (machine.compensation of the survey file); whoever knows it for certain can say it "
             "afterwards: --compensation off, or on with the files that were active (--active)",
         )
@@ -103,8 +104,7 @@ def require_answer(result: Result) -> Statement:
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
     """Yield ``compensation-unstated`` where nothing but the profile says what was active."""
     if stated_in(result).state is None and not profile.assumed:
-        text = f"only the profile says that the compensation was {profile.machine.measured_with} while measuring: the readings do not"
-        yield Finding(code="compensation-unstated", severity="warning", text=text)
+        yield finding("warning", message("compensation-unstated", state=profile.machine.measured_with))
 
 
 def _require_same_files(statement: Statement, profile: Profile) -> None:
@@ -132,8 +132,8 @@ def _differs(profile: Profile, expected: str, missing: Iterable[str], other: Ite
         f"{profile.source}: machine.existing",
         code="active-table-differs",
         expected=expected,
-        found=", ".join(found) or "other files",
-        remedy="give the very tables that were active while measuring, or measure again with the compensation off",
+        found=", ".join(found) or message("other-files"),
+        remedy=message("very-tables"),
     )
 
 

@@ -8,7 +8,8 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.checks import Case, limit_findings
 from stepdiag.exporters.safety.standing import Standing
@@ -38,7 +39,7 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
             raise SafetyError(
                 file.name,
                 code="text-not-clean",
-                expected=f"plain numbers of at most {_DIGITS} digits and {_DECIMALS} decimals",
+                expected=message("plain-numbers", digits=_DIGITS, decimals=_DECIMALS),
                 found="; ".join(found),
                 remedy="report it; nothing was written",
             )
@@ -57,8 +58,7 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
         step = float(table.position_mm[1] - table.position_mm[0])
         if table.position_mm[0] < travel[0] - step or table.position_mm[-1] > travel[1] + step:
             first, last = table.position_mm[[0, -1]]
-            text = f"{table.label}: {first:g} to {last:g} mm, the axis travels {travel[0]:g} to {travel[1]:g} mm"
-            yield Finding(code="beyond-travel", severity="error", text=text)
+            yield finding("error", message("beyond-travel", label=table.label, first=first, last_mm=last, low=travel[0], high_mm=travel[1]))
 
 
 def _suspicious(file: ControlFile, known: Collection[bytes]) -> Iterator[str]:

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.tables import lattice
@@ -48,7 +49,7 @@ def require_levers(result: Result, profile: Profile) -> None:
         raise SafetyError(
             f"{result.source}: errors.{known[0]}",
             code="angles-beside-lattice",
-            expected="a result without measured angles: their levers were compensated while measuring",
-            found=f"{', '.join(known)}, and {', '.join(names)} active",
-            remedy="solve without the angles file, or measure with the compensation off",
+            expected=message("without-angles"),
+            found=message("and-active", names=known, files=names),
+            remedy=message("solve-without"),
         )

@@ -4,7 +4,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, untested_kinds
@@ -20,7 +21,7 @@ _COARSE_UM = 0.5
 def remarks(case: Case) -> tuple[Finding, ...]:
     """Return the remarks for the report and the terminal."""
     makers = (_assumptions, _shape_only, _sign, _coarse, _ends, _state, _reversal, _runs, _data)
-    return tuple(finding for maker in makers for finding in maker(case))
+    return tuple(one for maker in makers for one in maker(case))
 
 
 def _assumptions(case: Case) -> Iterator[Finding]:
@@ -78,8 +79,7 @@ def _ends(case: Case) -> Iterator[Finding]:
         if table.law.ends == "held" and np.any(np.abs(table.absolute_um[[0, -1]]) > table.quantum_um / 2):
             low, high = (fixed(um, 2) for um in table.absolute_um[[0, -1]])
             first, last = table.position_mm[[0, -1]]
-            text = f"{table.label}: {low} um below {first:g} mm and {high} um above {last:g} mm are held"
-            yield _note("ends-held", text)
+            yield finding("info", message("ends-held", label=table.label, low=low, first_mm=first, high=high, last_mm=last))
 
 
 def _state(case: Case) -> Iterator[Finding]:
@@ -102,10 +102,7 @@ def _reversal(case: Case) -> Iterator[Finding]:
             ends = any(case.controller.limits(table, case.profile).ends_backlash for table in own)
             yield from backlash_offered(case.result, curve.input_axis, ends_backlash=ends)
         elif curve.reverse_um is None and case.profile.machine.direction == "both":
-            text = (
-                f"{curve.name}: no significant reversal, or passes that share no zero of the count: the mean of both directions is written"
-            )
-            yield _note("reversal-insignificant", text)
+            yield finding("info", message("reversal-insignificant", name=curve.name))
 
 
 def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Iterator[Finding]:
@@ -133,9 +130,9 @@ def _runs(case: Case) -> Iterator[Finding]:
 
 
 def _data(case: Case) -> Iterator[Finding]:
-    for finding in case.result.findings:
-        if finding.severity == "warning":
-            yield _note("data-remark", f"the result says {finding.code}: {finding.text}")
+    for one in case.result.findings:
+        if one.severity == "warning":
+            yield finding("info", message("data-remark", code=one.code, said=one.said))
 
 
 def _note(code: str, text: str) -> Finding:

@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.restore import restore_files
@@ -109,7 +110,7 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
         shape = HEIGHT_UM * (grid - reference) / (end - reference)
         plan = controller.plan([_curve(function, grid, shape, *_squareness_of(function))], one_way)
     if not plan.tables:
-        expected = "a function that this control has a table for"
+        expected = message("has-table")
         raise UsageError("--function", expected=expected, found=function, remedy="straightness stays in its report")
     settled = replace(one_way, options=plan.options or profile.options)
     tested = tuple(table for table in plan.tables if not by or table.name == function)

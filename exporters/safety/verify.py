@@ -7,11 +7,13 @@ is a matter of where the workpiece lies.
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from typing import Final
 
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
@@ -41,7 +43,7 @@ from stepdiag.solver.result.stretches import harmed
 
 Correction = Callable[[Vector], Vector]
 """Commanded points (N, 3) in mm to what is added there in um."""
-STRETCH = "stretch-worse"
+STRETCH: Final = "stretch-worse"
 CLEARLY = 1.02
 ROUNDING_UM = 0.3
 """What the rounding of tables in units of 1 um may add to the rms of an error."""
@@ -272,18 +274,18 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
     if not prediction.clearly_worse:
         beside = effect.before_um - error_field_um(result, effect.points_mm)
         for one in harmed(result, effect.points_mm, effect.after_um - effect.before_um, beside):
-            text = (
-                f"{one.axis} {one.low_mm:g} to {one.high_mm:g} mm: there the machine would err by {one.after.words()} um rms with these "
-                f"files, without them by {one.before.words()}; measure this stretch finer, or take its points out of the tables"
+            text = message(
+                STRETCH,
+                axis=one.axis,
+                low_mm=one.low_mm,
+                high_mm=one.high_mm,
+                after=one.after.words(),
+                before=one.before.words(),
             )
-            yield Finding(code=STRETCH, severity="warning", text=text)
+            yield finding("warning", text)
     names = sorted({*coarse_functions(result.errors), *hiding_functions(result.errors)}, key=DISPLACEMENTS.index)
     if names:
-        text = (
-            f"{', '.join(names)}: waves hardly longer than two increments, or shorter; between its targets a table of these could make the "
-            "machine worse anywhere along the axis, and no figure here knows it: drive the survey again with twice as many increments"
-        )
-        yield Finding(code="between-unknown", severity="warning", text=text)
+        yield finding("warning", message("between-unknown", names=names))
 
 
 def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:
@@ -320,6 +322,6 @@ def controller_of(files: Sequence[ControlFile]) -> Controller:
             raise DataError(file.name, expected="a compensation file of a known controller", found=" or ".join(names) or "none of them")
         named.setdefault(names[0], file.name)
     if len(named) != 1:
-        found = ", ".join(f"{file} of {name}" for name, file in named.items()) or "no file"
+        found = ", ".join(f"{file} of {name}" for name, file in named.items()) or message("no-file")
         raise DataError("files", expected="files of one controller", found=found)
     return CONTROLLERS[next(iter(named))]

@@ -13,6 +13,7 @@ import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, restore
 from stepdiag.exporters.siemens.ini import data_file, is_program, require_full_effect
@@ -143,12 +144,12 @@ class Siemens:
         for file in files:
             tables = self._numbered_in(file, profile)
             if not tables:
-                raise DataError(file.name, expected="an EEC or CEC table", found="none", remedy="give the data files of the control")
+                raise DataError(file.name, expected=message("eec-or-cec"), found="none", remedy=message("data-files"))
             for table in tables:
                 _require_full_effect(file, table, profile)
                 key = (table.kind, str(sorted(table.place.items())))
                 if key in found and not _same(found[key][0], table):
-                    raise DataError(file.name, expected=f"the same {table.label} as in {found[key][1]}", found="another")
+                    raise DataError(file.name, expected=message("same-as-in", label=table.label, file=found[key][1]), found="another")
                 found.setdefault(key, (table, file.name))
         return joined([table for table, _ in found.values()], ", ".join(file.name for file in files))
 
@@ -285,7 +286,7 @@ def _numbered(planned: Sequence[Table], options: SiemensOptions, free: Iterator[
     if given is not None and len(given) != len(planned):
         raise UsageError(
             f"{profile.source}: siemens.cec_tables.{planned[0].name}",
-            expected=f"{len(planned)} table numbers, one for each direction that has its own",
+            expected=message("table-numbers", count=len(planned)),
             found=str(given),
         )
     return [replace(table, place={"table": given[index] if given is not None else next(free)}) for index, table in enumerate(planned)]

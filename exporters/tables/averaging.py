@@ -5,7 +5,8 @@ from dataclasses import replace
 
 import msgspec
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
@@ -21,8 +22,7 @@ def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Find
     """Yield ``direction-averaged`` for every curve whose two directions go into one table although the profile asks for both."""
     for curve in curves:
         if is_directional(curve, profile):
-            text = f"{curve.name}: the mean of both directions is written, the reversal is left to the backlash parameter"
-            yield Finding(code="direction-averaged", severity="warning", text=text)
+            yield finding("warning", message("direction-averaged", name=curve.name))
 
 
 def straightness_remark(curves: Sequence[Curve], control: str) -> Iterator[Finding]:

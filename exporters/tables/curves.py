@@ -13,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.result.result import POSITIONING, Function, Result
 
@@ -91,7 +92,7 @@ def curves_of(result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[st
     name that is no function of a three-axis machine or a fold into a function of another pair.
     """
     if len(set(names)) != len(names):
-        raise UsageError("functions", expected="each function once", found=", ".join(names))
+        raise UsageError("functions", expected=message("function-once"), found=", ".join(names))
     slopes = _folded_slopes(result, names, fold)
     return tuple(_curve(result, name, slopes.get(name, {})) for name in names)
 
@@ -113,9 +114,9 @@ def _squareness_urad(result: Result, name: str) -> float:
     if quantity is None or quantity.value is None:
         raise DataError(
             f"{result.source}: squareness.{name}",
-            expected="an identified squareness",
+            expected=message("known-squareness"),
             found="null",
-            remedy="measure all four body diagonals, or leave the straightness it folds into out of the export",
+            remedy=message("four-or-out"),
         )
     return float(quantity.value)
 
@@ -127,9 +128,9 @@ def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
     if function is None or function.value is None:
         raise DataError(
             f"{result.source}: errors.{name}",
-            expected="an identified function",
+            expected=message("known-function"),
             found="null",
-            remedy=f"the measurement does not identify {name}: see the findings of the result, or export without it",
+            remedy=message("not-identified", name=name),
         )
     position = function.position_mm
     mean = function.value + sum(slopes.values()) * (position - position[0])

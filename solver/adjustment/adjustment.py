@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import counts
 from stepdiag.solver.adjustment.robustness import (
@@ -311,9 +312,9 @@ class _Task:
             setup = self.layout.setups[int(np.argmax(np.where(np.isnan(size), np.inf, size)))].name
             raise DataError(
                 f"{self.layout.source}: setup {setup}",
-                expected=f"readings that a mirror leaning by at most {MOST_TILT_MRAD:g} mrad explains",
+                expected=message("mirror-explains", most_mrad=MOST_TILT_MRAD),
                 found=f"{np.max(size):.3g} mrad",
-                remedy="readings or angles are not those of this machine: look at their positions and units",
+                remedy=message("not-of-this"),
             )
 
     def _weight(self) -> Vector:

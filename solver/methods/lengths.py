@@ -42,7 +42,7 @@ def at_their_temperature(readings: Readings, assumed: Assumptions | None, source
     if readings.at_20_c.any() and not readings.at_20_c.all():
         row = int(np.argmin(readings.at_20_c))
         place = f"{source}: setup {readings.setup[row]}, pass {readings.pass_number[row]}, stop {readings.stop[row]}"
-        raise DataError(place, expected="at_20_c = 1 as at other readings", found="0", remedy="bring all readings to 20 C, or none")
+        raise DataError(place, expected=message("at-20"), found="0", remedy=message("all-or-none"))
     known = readings.temperature_c[np.isfinite(readings.temperature_c)]
     if len(known):
         mean = float(np.mean(known))

@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.solver.methods.closed_form import solve_least_squares, solve_wang2000
 from stepdiag.solver.methods.estimate import solve_estimate
 from stepdiag.solver.model.angles import Angles
@@ -43,8 +44,8 @@ def _estimate(layout: Layout, options: Options) -> Result:
 def _without_angles(name: str, solve: Callable[[Layout, str], Result]) -> Method:
     def method(layout: Layout, options: Options) -> Result:
         if options.angles or options.straightness or options.trials:
-            expected = "estimate, which can use angles, the head's straightness and Monte Carlo"
-            raise UsageError("method", expected=expected, found=repr(name), remedy="leave them out")
+            expected = message("estimate")
+            raise UsageError("method", expected=expected, found=repr(name), remedy=message("leave-out"))
         return solve(layout, options.chain)
 
     return method
@@ -62,6 +63,6 @@ def method_of(name: str) -> Method:
     """Return a method. Raises ``UsageError`` for a name nobody knows, with the nearest known one."""
     if name not in METHODS:
         near = difflib.get_close_matches(name, METHODS)
-        remedy = f"did you mean {near[0]!r}?" if near else ""
-        raise UsageError("method", expected="one of " + ", ".join(METHODS), found=repr(name), remedy=remedy)
+        remedy = message("did-you-mean", name=repr(near[0])) if near else ""
+        raise UsageError("method", expected=message("expects-one-of", names=list(METHODS)), found=repr(name), remedy=remedy)
     return METHODS[name]

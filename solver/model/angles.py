@@ -8,6 +8,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import number_in, read_table
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, POSITION_TOLERANCE_MM, Vector, Volume
 from stepdiag.solver.result.result import ROTATIONS
 
@@ -65,10 +66,10 @@ def _row(source: str, number: int, fields: dict[str, str]) -> _Row:
 def _function(where: str, rows: list[_Row], component: int) -> KnownAngle:
     position = np.array([row.position_mm for row in rows])
     if len(rows) < 2:
-        raise DataError(where, expected="values at two positions at least", found="one", remedy="leave the column empty if it is unknown")
+        raise DataError(where, expected=message("two-positions"), found="one", remedy=message("leave-empty"))
     if np.any(np.diff(position) <= 0):
         at = position[int(np.argmin(np.diff(position)))]
-        raise DataError(where, expected="every position once", found=f"{at:g} mm twice", remedy="average repeated runs first")
+        raise DataError(where, expected=message("position-once"), found=message("twice-mm", place_mm=at), remedy=message("average"))
     return KnownAngle(
         position_mm=position,
         value_urad=np.array([row.urad[component] for row in rows]),
@@ -105,9 +106,9 @@ def angle_at_nodes(known: KnownAngle, name: str, volume: Volume) -> tuple[Vector
     if low > nodes[0] + POSITION_TOLERANCE_MM or high < nodes[-1] - POSITION_TOLERANCE_MM:
         raise DataError(
             f"angles: {name}",
-            expected=f"positions from {nodes[0]:g} to {nodes[-1]:g} mm, the whole volume",
-            found=f"{low:g} to {high:g} mm",
-            remedy="measure the angles over the whole travel of the diagonals",
+            expected=message("positions-whole", low=nodes[0], high_mm=nodes[-1]),
+            found=message("mm-to", low=low, high_mm=high),
+            remedy=message("angles-whole"),
         )
     value = np.interp(nodes, known.position_mm, known.value_urad)
     return value[1:] - value[0], np.interp(nodes, known.position_mm, known.u_urad)[1:]

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.messages import message
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector, Volume
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles
@@ -135,7 +136,7 @@ def nodes_of(volume: Volume, axis: int, one: MeasuredStraightness) -> tuple[NDAr
     outside = (one.position_mm < low - POSITION_TOLERANCE_MM) | (one.position_mm > low + size + POSITION_TOLERANCE_MM)
     if outside.any():
         found = f"{one.position_mm[int(np.argmax(outside))]:g} mm"
-        raise DataError(f"4-DOF head: {one.name}", expected=f"positions from {low:g} to {low + size:g} mm, the volume", found=found)
+        raise DataError(f"4-DOF head: {one.name}", expected=message("positions-volume", low=low, high_mm=low + size), found=found)
     points = np.tile(np.asarray(volume.origin_mm, dtype=np.float64), (len(one.position_mm), 1))
     points[:, axis] = one.position_mm
     points = snapped_mm(volume, points)

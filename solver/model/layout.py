@@ -116,10 +116,10 @@ def lay_out(readings: Readings, source: str = "readings", volume: Volume | None 
     """
     passes = readings.passes()
     if not passes:
-        raise DataError(source, expected="readings", found="none")
+        raise DataError(source, expected=message("readings"), found=message("none"))
     setups = {name: setup_of(name) for name in dict.fromkeys(key.setup for key in passes)}
     if len(setups) > MOST_SETUPS:
-        raise DataError(source, expected=f"at most {MOST_SETUPS} setups", found=str(len(setups)))
+        raise DataError(source, expected=message("setups-most", count=MOST_SETUPS), found=str(len(setups)))
     volume = volume or infer_volume(readings, setups.values(), source)
     for key, rows in passes.items():
         check_route(readings, setups[key.setup], key, rows, volume, source)
@@ -193,8 +193,8 @@ def _check_box(setup: Setup, points: Vector, low: Vector, high: Vector, incremen
         axis = int(np.argmax(off))
         raise DataError(
             f"{source}: setup {setup.name}",
-            expected=f"{'XYZ'[axis]} from {low[axis]:g} to {high[axis]:g} mm as in the other diagonals",
-            found=f"{points[:, axis].min():g} to {points[:, axis].max():g} mm",
+            expected=message("as-others", axis="XYZ"[axis], low=low[axis], high_mm=high[axis]),
+            found=message("mm-to", low=points[:, axis].min(), high_mm=points[:, axis].max()),
             remedy="all diagonals of a survey span one box; a stop may be missing",
         )
 
@@ -204,7 +204,7 @@ def _increments(readings: Readings, names: Sequence[str], kind: Kind, source: st
     longest = max(int(readings.stop[rows[-1]]) for key, rows in readings.passes().items() if key.setup in names)
     increments = max(longest // MOVES[kind], 1)
     if increments > MOST_INCREMENTS:
-        raise DataError(source, expected=f"at most {MOST_INCREMENTS} increments", found=str(increments))
+        raise DataError(source, expected=message("increments-most", count=MOST_INCREMENTS), found=str(increments))
     return increments
 
 

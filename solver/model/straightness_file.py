@@ -11,6 +11,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import number_in, read_table
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.result.result import DISPLACEMENTS
 
@@ -32,7 +33,7 @@ def parse_straightness(text: str, source: str = "straightness.csv") -> tuple[Mea
         ways = sorted({row[0] for row in rows}, reverse=True)
         known += [_function(name, way, sorted(row[1:] for row in rows if row[0] == way), f"{source}: {name}") for way in ways]
     if not known:
-        raise DataError(source, expected="a value of a straightness function", found="empty fields only")
+        raise DataError(source, expected=message("value-straightness"), found=message("empty-only"))
     return tuple(known)
 
 
@@ -40,12 +41,12 @@ def _functions(columns: list[str], source: str) -> list[str]:
     names = [column.removesuffix("_um") for column in columns if column not in ("position_mm", "approach") and not column.startswith("u_")]
     unknown = [name for name in names if name not in STRAIGHTNESS]
     if unknown or not names:
-        expected = "columns such as EYX_um with u_EYX_um: " + ", ".join(STRAIGHTNESS)
+        expected = message("columns-such", names=STRAIGHTNESS)
         raise DataError(f"{source}: header", expected=expected, found=unknown[0] if unknown else ",".join(columns))
     alone = [name for name in names if f"u_{name}_um" not in columns]
     if alone:
-        remedy = "state the standard uncertainty of the instrument: it is what weighs it against the diagonals"
-        raise DataError(f"{source}: header", expected=f"a column u_{alone[0]}_um", found="none", remedy=remedy)
+        remedy = message("state-u")
+        raise DataError(f"{source}: header", expected=f"a column u_{alone[0]}_um", found=message("none"), remedy=remedy)
     return names
 
 
@@ -58,7 +59,7 @@ def _row(fields: dict[str, str], name: str, where: str) -> tuple[int, float, flo
         return None
     u = number_in(fields, f"u_{name}_um", where, least=0.0)
     if u == 0.0:
-        raise DataError(f"{where}: u_{name}_um", expected="a standard uncertainty above 0", found="0")
+        raise DataError(f"{where}: u_{name}_um", expected=message("u-above"), found="0")
     if not math.isnan(approach) and approach not in (-1.0, 0.0, 1.0):
         raise DataError(f"{where}: approach", expected="1, -1 or 0", found=f"{approach:g}")
     return (0 if math.isnan(approach) else int(approach), position, value, u)
@@ -66,11 +67,11 @@ def _row(fields: dict[str, str], name: str, where: str) -> tuple[int, float, flo
 
 def _function(name: str, approach: int, rows: Sequence[tuple[float, float, float]], where: str) -> MeasuredStraightness:
     if len(rows) < LEAST_POSITIONS:
-        raise DataError(where, expected=f"values at {LEAST_POSITIONS} positions at least", found=str(len(rows)))
+        raise DataError(where, expected=message("values-at", count=LEAST_POSITIONS), found=str(len(rows)))
     position, value, u = (np.array(column) for column in zip(*rows, strict=True))
     if np.any(np.diff(position) == 0):
         at = position[int(np.argmin(np.diff(position)))]
-        raise DataError(where, expected="every position once a direction", found=f"{at:g} mm twice", remedy="average repeated runs first")
+        raise DataError(where, expected=message("position-once-way"), found=message("twice-mm", place_mm=at), remedy=message("average"))
     return MeasuredStraightness(name=name, position_mm=position, value_um=value, u_um=u, approach=approach)
 
 

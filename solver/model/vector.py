@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import BODY_DIAGONALS, Vector, Volume
 from stepdiag.solver.model.design import between_nodes
 from stepdiag.solver.model.layout import Layout
@@ -64,9 +65,9 @@ def diagonal_data(layout: Layout) -> DiagonalData:
     if missing:
         raise DataError(
             f"{layout.source}: setups",
-            expected="the four body step diagonals " + ", ".join(BODY_DIAGONALS),
+            expected=message("four-body", names=BODY_DIAGONALS),
             found="no " + ", ".join(missing),
-            remedy="measure them, or use the method `estimate`, which takes what is there",
+            remedy=message("use-estimate-takes"),
         )
     parts = [[_one_pass(layout, index) for index, key in enumerate(layout.passes) if key.setup == diagonal] for diagonal in BODY_DIAGONALS]
     return DiagonalData(
@@ -82,14 +83,12 @@ def _one_pass(layout: Layout, index: int) -> tuple[Vector, float]:
     rows = np.flatnonzero(layout.pass_index == index)
     n = layout.volume.increments
     if len(rows) != 3 * n + 1:
-        raise DataError(
-            f"{layout.source}: {layout.passes[index]}", expected=f"{3 * n + 1} stops as in the other diagonals", found=f"{len(rows)}"
-        )
+        raise DataError(f"{layout.source}: {layout.passes[index]}", expected=message("stops-as", count=3 * n + 1), found=f"{len(rows)}")
     if np.any(np.diff(layout.zero_index[rows])):
         lost = int(layout.stop[rows][int(np.argmax(np.diff(layout.zero_index[rows]) != 0)) + 1])
-        found = f"the count lost before stop {lost}"
+        found = message("count-lost", stop=lost)
         where = f"{layout.source}: {layout.passes[index]}"
-        raise DataError(where, expected="one unbroken count", found=found, remedy="use the method `estimate`, or repeat the pass")
+        raise DataError(where, expected=message("unbroken"), found=found, remedy=message("estimate-or"))
     lower, fraction = between_nodes(layout.volume, layout.position_mm[rows])
     node = lower + np.round(fraction).astype(np.int64)
     step = np.diff(node, axis=0)

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.setups import Setup, setup_of
 from stepdiag.base.volume import AXES, Vector, Volume, nodes_to_mm
 from stepdiag.solver.readings.readings import Readings, make_readings
@@ -116,7 +117,7 @@ def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
     """
     laser = [run for run in plan.runs if not run.is_fourdof]
     if not laser:
-        raise UsageError("plan: setups", expected="at least one run of the laser", found="none")
+        raise UsageError("plan: setups", expected="at least one run of the laser", found=message("none"))
     parts = [part for run in laser for part in _passes(plan, run)]
     count = sum(len(stops) for _, _, stops, _ in parts)
     return make_readings(

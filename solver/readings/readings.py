@@ -192,8 +192,8 @@ def in_mm(readings: Readings, source: str) -> Readings:
     size_mm = np.ptp(readings.position_mm, axis=0)
     if reads_like_metres(size_mm.tolist()):
         found = " x ".join(f"{each:g}" for each in size_mm)
-        remedy = "this reads like metres: times 1000"
-        raise DataError(f"{source}: x_mm, y_mm, z_mm", expected="positions in mm", found=f"a volume of {found}", remedy=remedy)
+        remedy = message("metres")
+        raise DataError(f"{source}: x_mm, y_mm, z_mm", expected=message("in-mm"), found=message("volume-of", size=found), remedy=remedy)
     return readings
 
 
@@ -215,7 +215,7 @@ class _Row(NamedTuple):
     def parse(cls, where: str, fields: dict[str, str]) -> "_Row":
         beam_mm = [number_in(fields, name, where, optional=True) for name in BEAM]
         if 0 < sum(map(math.isnan, beam_mm)) < 3:
-            raise DataError(f"{where}: beam", expected="all of " + ", ".join(BEAM), found="some of them empty")
+            raise DataError(f"{where}: beam", expected=message("all-of", names=BEAM), found=message("some-empty"))
         return cls(
             setup=_setup_name(fields["setup"], where),
             pass_number=whole_number_in(fields, "pass", where, least=1) if "pass" in fields else 1,
@@ -251,16 +251,16 @@ def _refuse_gaps(readings: Readings, passes: Mapping[PassKey, NDArray[np.int64]]
         where = f"{source}: {key}"
         twice = np.flatnonzero(np.diff(stops) == 0)
         if len(twice):
-            remedy = "a repeated pass has its own pass number"
-            raise DataError(where, expected=f"stop {stops[twice[0]]} once", found="it twice", remedy=remedy)
+            remedy = message("own-number")
+            raise DataError(where, expected=message("stop-once", stop=stops[twice[0]]), found=message("it-twice"), remedy=remedy)
         if stops[0] != 0:
-            raise DataError(where, expected="stop 0", found=f"stop {stops[0]} in its place", remedy="all others are relative to the first")
+            raise DataError(where, expected="stop 0", found=message("in-place", stop=stops[0]), remedy=message("relative"))
         missing = int(stops[-1]) + 1 - len(stops)
         if missing > max(1, int(MOST_MISSING * len(stops))):
             first = int(stops[int(np.argmax(np.diff(stops) > 1))]) + 1
-            found = f"{missing} of {int(stops[-1]) + 1} stops missing, the first is stop {first}"
-            expected = f"at most one stop in {round(1 / MOST_MISSING)} missing within a pass"
-            raise DataError(where, expected=expected, found=found, remedy="drive the pass again")
+            found = message("of-missing", count=missing, all=int(stops[-1]) + 1, stop=first)
+            expected = message("one-in", count=round(1 / MOST_MISSING))
+            raise DataError(where, expected=expected, found=found, remedy=message("drive-again"))
 
 
 def missing_stops(stops: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -274,9 +274,9 @@ def _refuse_half_zeros(readings: Readings, passes: Mapping[PassKey, NDArray[np.i
         without = readings.zero[rows] == NO_ZERO
         if without.any() and not without.all():
             where = f"{source}: {key}, stop {int(readings.stop[rows[int(np.argmax(without))]])}"
-            remedy = "number the stretches of unbroken count of the whole pass, or leave the column empty in it"
-            expected = f"a number in the column {ZERO}, as at the other stops of the pass"
-            raise DataError(where, expected=expected, found="none", remedy=remedy)
+            remedy = message("number-stretches")
+            expected = message("in-column", name=ZERO)
+            raise DataError(where, expected=expected, found=message("none"), remedy=remedy)
 
 
 def render_readings(readings: Readings) -> str:

@@ -13,7 +13,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.messages import excerpt
+from stepdiag.base.messages import excerpt, message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.readings.readings import PassKey, Readings
 
@@ -93,7 +93,7 @@ def _sections(text: str, source: str) -> dict[str, list[str]]:
             found_names = ", ".join(each for each in sections if each) or "none"
             raise DataError(source, expected=f"a section {needed}:: of an .rtl file", found=f"the sections {found_names}")
     if "EOF" not in sections:
-        raise DataError(source, expected="EOF:: at the end", found="none", remedy="the file was cut off: copy it again")
+        raise DataError(source, expected="EOF:: at the end", found=message("none"), remedy="the file was cut off: copy it again")
     return sections
 
 
@@ -109,7 +109,7 @@ def _refuse_other_kinds(texts: Mapping[str, str], source: str) -> None:
 def _count(texts: Mapping[str, str], key: str, most: int, source: str) -> int:
     said = texts.get(key, "")
     if not said.isascii() or not said.isdecimal() or not 1 <= int(said[:9]) <= most:
-        raise DataError(f"{source}: {key}", expected=f"a whole number from 1 to {most}", found=repr(said) if said else "nothing")
+        raise DataError(f"{source}: {key}", expected=f"a whole number from 1 to {most}", found=repr(said) if said else message("nothing"))
     return int(said)
 
 
@@ -118,7 +118,7 @@ def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source
     lines = sections["TARGET DATA"]
     begin = next((number for number, line in enumerate(lines) if line.strip().lower().startswith("targets")), None)
     if begin is None:
-        raise DataError(f"{source}: TARGET DATA", expected="the line Targets :", found="none")
+        raise DataError(f"{source}: TARGET DATA", expected="the line Targets :", found=message("none"))
     end = next((number for number, line in enumerate(lines[begin + 1 :], begin + 1) if ":" in line), len(lines))
     words = [word for line in (lines[begin].partition(":")[2], *lines[begin + 1 : end]) for word in line.split()]
     targets = [_number(word, f"{source}: target {number}") for number, word in enumerate(words, 1)]
@@ -127,7 +127,7 @@ def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source
     found = np.array(targets)
     steps = np.diff(found)
     if not ((steps > 0).all() or (steps < 0).all()):
-        raise DataError(f"{source}: Targets", expected="targets that rise or fall all along", found="others")
+        raise DataError(f"{source}: Targets", expected="targets that rise or fall all along", found=message("others"))
     return found
 
 
@@ -173,7 +173,7 @@ def rtl_readings(file: Rtl, setup: str, at_mm: Sequence[float], source: str) -> 
     """
     axis = setup.removeprefix("linear-") if setup else file.axis
     if not axis or (file.axis and file.axis != axis):
-        found = f"axis {file.texts.get('axis', '')!r}"
+        found = message("spot-axis", number=repr(file.texts.get("axis", "")))
         raise UsageError(source, expected="an axis x, y or z", found=found, remedy="name it: linear-x=FILE.rtl")
     index = "xyz".index(axis)
     last = len(file.targets_mm) - 1
@@ -228,7 +228,7 @@ def render_rtl(readings: Readings, setup: str, texts: Mapping[str, str]) -> str:
         at, off = readings.position_mm[rows, index], readings.reading_mm[rows]
         outward = PassKey(setup, number).outward
         if len(at) != len(targets) or np.abs((at if outward else at[::-1]) - targets).max() > 1e-3:
-            raise DataError(f"{setup}, pass {number}", expected="the targets of the first pass", found="others")
+            raise DataError(f"{setup}, pass {number}", expected="the targets of the first pass", found=message("others"))
         run = (off - off[0] - (at - at[0])) * 1e3
         deviations.append(run if outward else run[::-1])
     return _written(setup[-1].upper(), targets, deviations, both_ways=len(passes) > 1, texts=texts)

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.readings.readings import PassKey, Readings
@@ -21,7 +22,7 @@ def check_route(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np
     where = f"{source}: {key}"
     position = readings.position_mm[rows]
     if len(rows) < 2:
-        raise DataError(where, expected="at least 2 stops", found=f"{len(rows)}", remedy="a pass needs its first stop and what follows")
+        raise DataError(where, expected=message("two-stops"), found=f"{len(rows)}", remedy=message("first-and"))
     signs = np.array(setup.signs) * (1 if key.outward else -1)
     if setup.kind == "linear":
         signs = signs * int(np.sign(np.sum((position[-1] - position[0]) * signs)) or 1)
@@ -46,11 +47,13 @@ def _check_each_move(
     most = np.count_nonzero(signs) if setup.kind in ("step", "face") else 1
     crowded = moving.sum(axis=1) != (np.minimum(steps, most) if setup.kind != "body" else 3)
     for index in np.flatnonzero(wrong_way.any(axis=1) | crowded).tolist():
-        found = ", ".join(f"{'XYZ'[axis]} by {moves[index, axis]:g} mm" for axis in range(3) if moving[index, axis]) or "no move"
+        found = ", ".join(f"{'XYZ'[axis]} by {moves[index, axis]:g} mm" for axis in range(3) if moving[index, axis]) or message("no-move")
         allowed = " or ".join(f"{'XYZ'[axis]}{'+' if signs[axis] > 0 else '-'}" for axis in range(3) if signs[axis])
         one = "a move of all axes" if setup.kind == "body" else f"a move of one axis, {allowed},"
-        remedy = "a stop is missing, out of order, or the pass belongs to another setup"
-        raise DataError(f"{where}, stop {stop[index + 1]}", expected=f"{one} from stop {stop[index]}", found=found, remedy=remedy)
+        remedy = message("order")
+        raise DataError(
+            message("place-stop", run=where, stop=stop[index + 1]), expected=f"{one} from stop {stop[index]}", found=found, remedy=remedy
+        )
 
 
 def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume: Volume, where: str) -> None:
@@ -61,9 +64,7 @@ def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume
     steps, left = divmod(int(stop[-1]), len(moved))
     if left:
         found = f"{int(stop[-1]) + 1} stops"
-        raise DataError(
-            where, expected=f"{len(moved)} moves in each step", found=found, remedy="the pass was cut off, or a stop is missing"
-        )
+        raise DataError(where, expected=message("moves-each", count=len(moved)), found=found, remedy=message("was-cut"))
     corner = np.flatnonzero(stop % len(moved) == 0)
     ideal = np.array(volume.size_mm) * (stop[corner] // len(moved))[:, None] / steps
     off = np.abs(np.abs(position[corner] - position[0]) - ideal)[:, moved]
@@ -71,11 +72,10 @@ def _check_steps(setup: Setup, position: Vector, stop: NDArray[np.int64], volume
     if np.any(off > 3.0 * volume.tolerance_mm[moved]):
         worst = int(corner[np.argmax(off.max(axis=1))])
         raise DataError(
-            f"{where}, stop {stop[worst]}",
-            expected=f"one increment of every axis in each of {steps} equal steps from end to end of the box",
-            found="the axes at " + ", ".join(f"{value:g}" for value in position[worst]) + " mm",
-            remedy="a stop is missing, the pass stops short of the corner, or a G91 program with rounded steps ends beside the corner: "
-            "write positions absolute or with more decimals",
+            message("place-stop", run=where, stop=stop[worst]),
+            expected=message("equal-steps", steps=steps),
+            found=message("axes-at", places=[f"{value:g}" for value in position[worst]]),
+            remedy=message("short"),
         )
 
 
@@ -85,8 +85,8 @@ def _check_ends(setup: Setup, position: Vector, signs: NDArray[np.int64], volume
         return
     travel = position[-1] - position[0]
     if np.any(np.abs(travel - signs * np.array(volume.size_mm)) > 3.0 * volume.tolerance_mm):
-        found = "X, Y, Z by " + ", ".join(f"{value:g}" for value in travel) + " mm"
-        raise DataError(where, expected="travel from corner to corner of the box", found=found)
+        found = message("all-by", sizes=[f"{value:g}" for value in travel])
+        raise DataError(where, expected=message("corner"), found=found)
 
 
 def laser_sense(readings: Readings, setup: Setup, passes: Mapping[PassKey, NDArray[np.int64]]) -> int:
@@ -115,7 +115,6 @@ def check_laser(readings: Readings, setup: Setup, key: PassKey, rows: NDArray[np
         return
     where = f"{source}: {key}"
     if abs(ratio + 1) <= LASER_TOLERANCE:
-        remedy = "set the sign of the laser (sign = -1), or negate the readings"
-        raise DataError(where, expected="readings that grow along the outward travel", found="the opposite sign", remedy=remedy)
+        raise DataError(where, expected=message("growing"), found=message("opposite"), remedy=message("sign"))
     remedy = "readings are in mm, from the pass's first stop; check setup, unit and scale"
-    raise DataError(where, expected="steps of the laser that agree with the commanded steps", found=f"{ratio:.4g} of them", remedy=remedy)
+    raise DataError(where, expected=message("agree"), found=message("ratio", ratio=ratio), remedy=remedy)

@@ -7,6 +7,7 @@ import numpy as np
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, BODY_DIAGONALS, Vector, Volume, diagonal_direction, travel_signs
 from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
 
@@ -171,11 +172,11 @@ def along_diagonal_um(result: Result, diagonal: str, distance_mm: Vector) -> Vec
     Raises UsageError for a name that is no diagonal, or distances that leave the measured volume.
     """
     if diagonal not in BODY_DIAGONALS:
-        raise UsageError("diagonal", expected=f"one of {', '.join(BODY_DIAGONALS)}", found=repr(diagonal))
+        raise UsageError("diagonal", expected=message("expects-one-of", names=BODY_DIAGONALS), found=repr(diagonal))
     size, origin = np.asarray(result.volume.size_mm), np.asarray(result.volume.origin_mm)
     length = float(np.linalg.norm(size))
     if distance_mm.min() < -BEYOND_MM or distance_mm.max() > length + BEYOND_MM:
-        found = f"{distance_mm.min():g} to {distance_mm.max():g} mm"
+        found = message("mm-to", low=distance_mm.min(), high_mm=distance_mm.max())
         remedy = "targets of a straight body diagonal count from the corner where it starts"
         raise UsageError(diagonal, expected=f"targets from 0 to {length:.3f} mm", found=found, remedy=remedy)
     along = diagonal_direction(result.volume, diagonal)

@@ -3,7 +3,7 @@
 from typing import get_args
 
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import message_of
+from stepdiag.base.messages import message, message_of
 from stepdiag.solver.result.json_tree import Node
 from stepdiag.texts.texts import Action
 
@@ -37,5 +37,5 @@ def _whole_if_there(node: Node, name: str) -> int | None:
         return None
     value = node.child(name).number()
     if not value.is_integer():
-        node.child(name).refuse("a whole number")
+        node.child(name).refuse(message("whole"))
     return int(value)

@@ -10,7 +10,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError
-from stepdiag.base.messages import Said, excerpt
+from stepdiag.base.messages import Said, excerpt, message
 from stepdiag.base.volume import Vector
 
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
@@ -62,7 +62,7 @@ class Node:
         path = f"{self.path}.{name}" if self.path else name
         if name not in inside:
             raise DataError(
-                f"{self.source}: {path}", expected="this entry", found="nothing", remedy="this is no complete result of stepdiag"
+                f"{self.source}: {path}", expected="this entry", found=message("nothing"), remedy="this is no complete result of stepdiag"
             )
         return Node(inside[name], self.source, path, self.strict)
 
@@ -89,7 +89,7 @@ class Node:
 
     def word(self) -> str:
         if not isinstance(self.value, str):
-            self.refuse("a text")
+            self.refuse(message("text"))
         return self.value
 
     def texts(self) -> tuple[str, ...]:
@@ -97,17 +97,17 @@ class Node:
 
     def whole(self) -> int:
         if type(self.value) is not int or abs(self.value) > LARGEST:
-            self.refuse("a whole number")
+            self.refuse(message("whole"))
         return self.value
 
     def number(self) -> float:
         if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not abs(self.value) <= LARGEST:
-            self.refuse("a finite number")
+            self.refuse(message("finite"))
         return float(self.value)
 
     def truth(self) -> bool:
         if not isinstance(self.value, bool):
-            self.refuse("true or false")
+            self.refuse(message("bool"))
         return self.value
 
     def numbers(self) -> Vector:

@@ -11,7 +11,7 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.kinematics import abbe_mask
-from stepdiag.base.messages import DECIMALS
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.finding import parse_finding
 from stepdiag.solver.result.interval import Predicted
@@ -56,6 +56,8 @@ _MOST_PASSES = 1000
 _NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
 """A list of numbers: it stands in one line."""
 _NUMBER = ("value", "u", "u_readings")
+DECIMALS = 6
+"""Numbers are written to this many decimals: a picometre, a picoradian, a nanometre of position."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -283,7 +285,7 @@ def _volume(node: Node) -> Volume:
     origin, size = node.child("origin_mm"), node.child("size_mm")
     increments = node.child("increments")
     if len(origin.numbers()) != 3:
-        origin.refuse("three numbers")
+        origin.refuse(message("three-numbers"))
     if len(size.numbers()) != 3 or min(size.numbers()) < 0 or max(size.numbers()) == 0:
         size.refuse("three numbers, 0 for an axis without travel")
     if type(increments.value) is not int or not 1 <= increments.value <= MOST_INCREMENTS:

@@ -53,7 +53,7 @@ class PositioningRuns:
         """Refuse tables that are not complete."""
         for name, table in (("up_um", self.up_um), ("down_um", self.down_um)):
             if table is not None and (table.ndim != 2 or len(table) != len(self.target_mm) or table.shape[1] < 1):
-                raise DataError(name, expected=f"{len(self.target_mm)} targets by runs", found=f"shape {table.shape}")
+                raise DataError(name, expected=f"{len(self.target_mm)} targets by runs", found=message("shape", name=str(table.shape)))
             if table is not None and not np.isfinite(table).all():
                 raise DataError(name, expected="a deviation for every target and run", found="a missing one")
 

@@ -21,8 +21,6 @@ Way = Literal["", "out", "back"]
 LONGEST_PART = 2000
 """Characters of a text in a message: a foreign file may put megabytes where a word should be."""
 LONGEST_QUOTE = 60
-DECIMALS = 6
-"""Of a number in a message and in a result: a picometre, a picoradian, a nanometre of position."""
 _BETWEEN: dict[Kind, dict[Language, str]] = {
     "list": {"en": ", ", "de": ", "},
     "each": {"en": "; ", "de": "; "},
@@ -92,10 +90,10 @@ def _checked(key: str, arguments: Mapping[str, Argument]) -> Message:
 def _plain(key: str, name: str, kind: Kind, value: Argument) -> Argument:
     """Return an argument as JSON can hold it: numpy's numbers as Python's, long texts cut."""
     match kind:
-        case "name" if isinstance(value, str | Message):
-            return shortened(value) if isinstance(value, str) else value
+        case "name":  # mypy sees to its type; a refusal is no place to break at what it could not see
+            return value if isinstance(value, Message) else shortened(str(value))
         case "number" if isinstance(value, int | float):
-            return round(float(value), DECIMALS) + 0.0
+            return float(value)
         case "whole" if hasattr(value, "__index__"):
             return int(value)
         case "stops" if isinstance(value, Sequence) and not isinstance(value, str):

@@ -1,11 +1,13 @@
 """The result and its JSON (contract 4)."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import rendered
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import MEMBERS, parse_result
@@ -33,7 +35,8 @@ def test_reading_back_gives_the_same_bytes_and_values():
     again = parse_result(TEXT)
     assert again.to_json() == TEXT
     assert np.allclose(again.errors["EYZ"].value, RESULT.errors["EYZ"].value, atol=1e-6)
-    assert again.findings == RESULT.findings
+    assert [replace(one, message=None) for one in again.findings] == [replace(one, message=None) for one in RESULT.findings]
+    assert [rendered(one.said, "en") for one in again.findings] == [one.text for one in RESULT.findings], "figures as they are written"
     assert [getattr(again, name) is None for name in MEMBERS] == [getattr(RESULT, name) is None for name in MEMBERS]
 
 

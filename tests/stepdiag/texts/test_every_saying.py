@@ -12,6 +12,7 @@ import pytest
 from stepdiag.base.errors import UsageError
 from stepdiag.texts import LANGUAGES, catalogue
 from stepdiag.texts.findings import told
+from stepdiag.texts.patterns import FLOORS, tables
 from stepdiag.texts.sentences import is_known, translated
 
 ROOT = Path(__file__).parents[3]
@@ -29,7 +30,8 @@ OF_A_ROOM = frozenset({"exporters/programs"})
 WORDY = re.compile(r"[a-z]{2,} [a-z]{2,}")
 FIELD = re.compile(r"\{:\w+\}")
 """A number in a text that is filled in later."""
-ENGLISH = "\n".join(catalogue("sentence", "en").values())
+MESSAGES = [words["en"] for floor in FLOORS for table in tables(floor).values() for words in table.values()]
+ENGLISH = "\n".join([*catalogue("sentence", "en").values(), *MESSAGES])
 
 
 def name_of(function: ast.expr) -> str:
