@@ -14,9 +14,6 @@ from numpy.typing import NDArray
 from stepdiag.daq.capture.place.route import Route
 from stepdiag.daq.passes.stretches import OnZero
 
-REALIGN_MRAD = 2.0
-"""Beyond this the spot wanders and second-order terms grow to micrometres: realign (theory.md 6.5)."""
-
 POSSIBLE_MRAD = 20.0
 """No beam comes back into a head from a mirror that is tilted by more: such a slope is not the mirror's (CHOSEN)."""
 

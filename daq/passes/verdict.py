@@ -3,10 +3,9 @@
 A finding belongs to the stop it was made at and leaves with it: what was cured by driving again is history, and hinders nobody.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from typing import Any
 
 from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.conditions import COURSES
@@ -102,8 +101,3 @@ def assumed_findings(survey: Survey, stops: int, unsaid: Iterable[Held]) -> Iter
             f'u = {one.u:.2g} {unit}: it is in the uncertainty; set it and source = "fixed" there, or solve with --environment FILE'
         )
         yield Finding(code="conditions-assumed", severity="warning", text=text)
-
-
-def history(findings: Sequence[Finding]) -> list[dict[str, Any]]:
-    """Return what happened while recording, in order and each remark once, for the annex of the report."""
-    return [found.as_json() for found in dict.fromkeys(findings)]

@@ -29,7 +29,6 @@ from stepdiag.exporters.tables.controller import plausible_slope_um_mm
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import LimitsSection, Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
-from stepdiag.solver.result.interval import interval_of
 from stepdiag.solver.result.result import DISPLACEMENTS, Result
 
 
@@ -185,6 +184,5 @@ def _report(result: Result, profile: Profile, findings: Collection[Finding], pre
 
 def _effect(prediction: Prediction) -> Iterator[str]:
     """Yield the figures before and after, as intervals where they are."""
-    for when, found in prediction.predicted()["without_rigid_motion"].items():
-        rms, largest = interval_of(found["rms_um"]), interval_of(found["largest_um"])
-        yield f"{when}: rms {rms.words() if rms else '-'}, largest {largest.bound() if largest else '-'}"
+    for when, found in prediction.predicted.without_rigid_motion.items():
+        yield f"{when}: rms {found.rms_um.words()}, largest {found.largest_um.bound()}"

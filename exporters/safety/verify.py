@@ -37,7 +37,8 @@ from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, joined, mean_correction_um
 from stepdiag.solver.methods.volumetric import coarse_functions, hiding_functions
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.prediction import Predicted, predicted
+from stepdiag.solver.result.interval import Predicted
+from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS, Result
 from stepdiag.solver.result.stretches import harmed
 
@@ -91,7 +92,8 @@ class Prediction:
 
     anywhere: Effect
     drawn: Effect
-    told: Predicted
+    predicted: Predicted
+    """The figures of contract 4, as intervals."""
 
     @property
     def volume(self) -> Volume:
@@ -102,10 +104,6 @@ class Prediction:
         """Return the figures before and after, with or without the rigid motion of the whole volume."""
         before, after = self.anywhere.errors_um(rigid_motion=rigid_motion)
         return Figures.of(before), Figures.of(after)
-
-    def predicted(self) -> dict[str, dict[str, dict[str, dict[str, float | None]]]]:
-        """Return the figures of contract 4: ``without_rigid_motion`` and ``as_it_is``, each ``before`` and ``after``, as intervals."""
-        return self.told.as_json()
 
     @property
     def worse(self) -> bool:
@@ -208,7 +206,7 @@ def predict_moved(
 
     anywhere, drawn = at(anywhere_mm(result.volume)), at(grid_points_mm(result.volume, nodes))
     told = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um, beside(anywhere.points_mm))
-    return Prediction(anywhere=anywhere, drawn=drawn, told=told)
+    return Prediction(anywhere=anywhere, drawn=drawn, predicted=told)
 
 
 def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:

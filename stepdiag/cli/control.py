@@ -118,13 +118,14 @@ def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
 
 def _export_json(written: "ExportReport") -> dict[str, object]:
     from stepdiag.exporters.files.sets import read_set
+    from stepdiag.solver.result.typed import written as json_of
 
     return {
         "controller": written.controller,
         "out": str(written.out_dir),
         "files": [_file_json(file) for file in read_set(written.out_dir)],
         "findings": [finding.as_json() for finding in written.findings],
-        "predicted": None if written.prediction is None else written.prediction.predicted(),
+        "predicted": None if written.prediction is None else json_of(written.prediction.predicted),
     }
 
 
@@ -269,6 +270,8 @@ def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[st
 
 
 def _verification_json(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]") -> dict[str, object]:
+    from stepdiag.solver.result.typed import written as json_of
+
     return {
         "controller": found.controller,
         "files": [_file_json(file) for file in given],
@@ -276,7 +279,7 @@ def _verification_json(found: "Verification", given: "Sequence[ControlFile]", as
         "verdict": "right" if found.right else "wrong",
         "tables": [each.as_json() for each in found.judgements],
         "findings": [finding.as_json() for finding in found.findings],
-        "predicted": found.prediction.predicted(),
+        "predicted": json_of(found.prediction.predicted),
     }
 
 
@@ -289,8 +292,7 @@ def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
     suffix = out.suffix.lower()
     if suffix not in SUFFIXES:
         raise UsageError("--out", expected="a file named *" + " or *".join(SUFFIXES), found=out.name)
-    reach = reach_of(found.prediction.predicted())
-    assert reach is not None, "a prediction made here has its figures"
+    reach = reach_of(found.prediction.predicted)
     drawing = effect_drawing(drawn, reach)
     write_atomically(out, effect_file(drawing, suffix).encode("utf-8"))
 

@@ -124,13 +124,15 @@ def _advice_json(advice: "Advice") -> dict[str, Any]:
 
 
 def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
+    from stepdiag.solver.result.typed import written
+
     return {
         "increments": forecast.plan.volume.increments,
         "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm}
                  for run in forecast.plan.runs],
         "minutes": forecast.minutes,
         "volumetric_u_um": forecast.volumetric_um,
-        "left_um": forecast.left_um.as_json(),
+        "left_um": written(forecast.left_um),
         **_unseen_json(forecast.ahead),
         "angles": forecast.angles,
         "u": forecast.u,
@@ -178,4 +180,4 @@ def _print(advice: "Advice", *, asked: bool) -> None:
         console.print(forecast_table(advice.best))
     elif asked:
         console.print("No survey fits what was asked: four diagonals alone take longer, or nothing reaches the target.", highlight=False)
-    say_assumed(advice.forecast.assumed.as_json())
+    say_assumed(advice.forecast.assumed.stated())

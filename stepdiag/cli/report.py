@@ -137,6 +137,7 @@ def compare(
     from stepdiag.comparing import compare as comparing
     from stepdiag.comparing.tables import which
     from stepdiag.report.exported import exported_in
+    from stepdiag.solver.result.typed import written
 
     if len(results) < 2:
         raise UsageError("compare", expected="at least two results", found=str(len(results)))
@@ -157,8 +158,8 @@ def compare(
         volumetric = {
             "before_um": comparison.rms_before_um,
             "after_um": comparison.rms_after_um,
-            "before": comparison.before.as_json(),
-            "after": comparison.after.as_json(),
+            "before": written(comparison.before),
+            "after": written(comparison.after),
         }
         told = {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
         document = {

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from stepdiag.base.errors import DeviceError, UsageError
+from stepdiag.cli.check import NOT_REACHED
 from stepdiag.cli.questions import Feedback, MachineClassName, Pitch, asked, machine_class_asked, on_terminal
 
 if TYPE_CHECKING:
@@ -14,7 +15,6 @@ if TYPE_CHECKING:
     from stepdiag.daq.survey.composed import Answers
 
 T = TypeVar("T")
-NOT_REACHED = 4
 SHOWN_BYTES = 24
 _FORMATS = ("umd", "nd", "ids3010", "lasertex", "qudis")
 

@@ -53,4 +53,4 @@ def with_compensation(result: "Result", state: str | None, files: dict[str, byte
     if state == "on" and (day is None or not source.strip()):
         raise UsageError("--active-date, --active-source", expected="when and how the files were read out of the control", found="nothing")
     statement = stated(state, files, None if day is None else day.date(), source)  # type: ignore[arg-type]  # checked above
-    return replace(result, extra={**result.extra, "survey": {**result.extra.get("survey", {}), **statement.as_json()}})
+    return replace(result, survey=statement.facts(result.survey))

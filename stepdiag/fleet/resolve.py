@@ -27,7 +27,8 @@ from stepdiag.daq.survey.file import parse_survey
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import LARGEST_LOG_BYTES, Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.solver.result.result import parse_result, software
+from stepdiag.solver.result.members import software
+from stepdiag.solver.result.result import parse_result
 
 IN_FLIGHT = 200
 """Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
@@ -55,7 +56,7 @@ class Solved:
 def open_surveys(store: Store, machine: str = "") -> list[Place]:
     """Return the archived surveys that this version of the software has not solved yet."""
     known = store.tables()
-    done = {(each.machine, each.survey) for each in known if each.software == software()["version"]}
+    done = {(each.machine, each.survey) for each in known if each.software == software().version}
     archived = (each for each in known if not each.software and machine in ("", each.machine))
     return [each for each in archived if (each.machine, each.survey) not in done]
 
@@ -136,7 +137,7 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
 def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
     """Write the new result and its numbers; return what changed by more than its U."""
     after = parse_result(new, RESULT)
-    here = place._replace(software=after.software["version"])
+    here = place._replace(software=after.software.version)
     store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
     store.write_checked(here.table, to_parquet(table_of(about(after, place.survey), list(rows_of(after)))))
     found = compare(parse_result(old, RESULT), after).changes

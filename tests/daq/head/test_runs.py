@@ -143,6 +143,19 @@ def test_a_quadrant_detector_alone_gives_straightness_with_its_drift_and_says_so
         assert value == pytest.approx(truth.errors[name], abs=0.3), name
 
 
+def test_an_angle_whose_ends_read_a_little_short_reaches_over_the_volume():
+    """Registers of one decimal are off by 0.05 mm: the solver takes such an angle, and it was left out for 0.01 mm."""
+    wanted = survey()
+    book = PassBook(wanted)
+    for stop in (stop for each in captured(wanted)[0] for stop, _ in each.chosen().values()):
+        at_end = stop.setup == "fourdof-x" and stop.position_mm[0] == 0.0
+        book.add(msgspec.structs.replace(stop, position_mm=(0.05, *stop.position_mm[1:])) if at_end else stop)
+    found = evaluate_head(wanted, book.passes, FILES, {})
+    assert {"EBX", "ECX"} <= set(found.angles)
+    assert found.angles["EBX"].position_mm[0] == 0.05
+    assert "fourdof-incomplete" not in {finding.code for finding in found.findings}
+
+
 def test_an_angle_without_its_end_is_not_used_while_straightness_is():
     """The stop at the low end was out of the head's range in both passes of X."""
     wanted = survey()

@@ -74,7 +74,7 @@ def measured(folder, *, program=Program, signals="", setups=SETUPS, faults=()):
 
 
 def backlash(session):
-    return solve(tabulate(session.survey, session.book.passes), chain="FXYZ").extra["backlash"]
+    return solve(tabulate(session.survey, session.book.passes), chain="FXYZ").backlash
 
 
 @pytest.mark.parametrize("signals", [COUNTED, STOPPED], ids=["counted", "stopped"])
@@ -84,8 +84,9 @@ def test_who_turns_round_at_a_stop_has_each_axis_on_its_side_until_it_moves(tmp_
     session, codes = measured(tmp_path, program=program, signals=signals)
     assert session.book.complete(), session.book.doubts()
     assert codes - {"position-unchecked", "setup-unchecked"} == {"turned-round"}
-    for axis, told in backlash(session).items():
-        assert abs(told["value"] - PLAY_UM[f"E{axis}{axis}"]) < 2.0 * told["u"] < 1.5
+    found = backlash(session)
+    for axis, told in (("X", found.X), ("Y", found.Y), ("Z", found.Z)):
+        assert abs(told.value - PLAY_UM[f"E{axis}{axis}"]) < 2.0 * told.u < 1.5
 
 
 def test_who_goes_beyond_the_stop_and_comes_back_says_nothing(tmp_path):

@@ -27,6 +27,7 @@ from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.result.members import SetupReport
 from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.beside import Beside
@@ -64,7 +65,7 @@ def refusal_of(result, profile, tmp_path, **options) -> SafetyError:
 
 def noisy(result: Result, repeatability_um: float) -> Result:
     """The result of a survey whose stops repeat only to this."""
-    return replace(result, setups={"ppp": {"passes": [1, 2], "repeatability_um": repeatability_um}})
+    return replace(result, setups={"ppp": SetupReport(passes=(1, 2), repeatability_um=repeatability_um)})
 
 
 def test_a_stretch_in_which_the_tables_harm_is_told_by_the_export_as_by_verify(tmp_path):
@@ -363,7 +364,7 @@ def left_um(old: bytes, folder: Path) -> float:
 def measured_with(result: Result, active: Sequence[ControlFile]) -> Result:
     """The result of a survey that says what was active in the control."""
     statement = stated("on", {file.name: file.data for file in active}, date(2026, 5, 30), "archive")
-    return replace(result, extra={"survey": statement.as_json()})
+    return replace(result, survey=statement.facts())
 
 
 class TestActiveTables:

@@ -338,10 +338,10 @@ class TestLattice:
         known = replace(profile, machine=machine, existing=(half,))
         plain = lattice.lattice_of(left, 50.0)
         held = replace(plain, vectors_um=plain.vectors_um + whole.vectors_um / 2)
-        codes, found = self.told(lambda v: v, held, replace(left, extra={"survey": said.as_json()}), known)
+        codes, found = self.told(lambda v: v, held, replace(left, survey=said.facts()), known)
         assert {codes[name] for name in FUNCTIONS} == {"right"}
         assert found.right
-        codes, found = self.told(lambda v: v, plain, replace(left, extra={"survey": said.as_json()}), known)
+        codes, found = self.told(lambda v: v, plain, replace(left, survey=said.facts()), known)
         assert not found.right
 
 

@@ -235,4 +235,4 @@ def test_a_direction_that_is_barely_seen_is_not_identified():
     text = next(finding.text for finding in result.findings if finding.code == "scale-unidentified")
     assert "the scale of X, Y, Z" in text
     assert "about 0 min" not in text
-    assert result.extra["volumetric_u_um"] < 50.0
+    assert result.volumetric_u_um < 50.0

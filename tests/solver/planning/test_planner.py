@@ -155,10 +155,10 @@ def test_the_forecast_is_what_the_result_will_predict():
     survey = bare_survey(Plan(volume=replace(BOX, increments=10), runs=())).with_runs(*LINEAR)
     ahead = forecast(survey, USUAL)
     result = solve(Bench(angle_urad=10.0).survey())
-    told = result.extra["predicted"]["without_rigid_motion"]["after"]["rms_um"]
-    assert ahead.left_um.value_um == pytest.approx(told["value"], rel=0.25)
-    assert ahead.left_um.low_um < told["value"] < ahead.left_um.high_um
-    assert ahead.volumetric_um == pytest.approx(result.extra["volumetric_u_um"], rel=0.25)
+    told = result.predicted.without_rigid_motion["after"].rms_um
+    assert ahead.left_um.value_um == pytest.approx(told.value_um, rel=0.25)
+    assert ahead.left_um.low_um < told.value_um < ahead.left_um.high_um
+    assert ahead.volumetric_um == pytest.approx(result.volumetric_u_um, rel=0.25)
 
 
 @pytest.mark.parametrize(("increments", "left_um"), [(3, (6.1, 9.6)), (4, (4.6, 7.5)), (6, (2.5, 3.2)), (10, (1.2, 1.7))])
