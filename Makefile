@@ -76,12 +76,13 @@ release: $(VENV)/.ready ## wheel, locked requirements, SBOM, licences and hashes
 	$(UV) export --frozen --quiet --no-dev --preview-features sbom-export --format cyclonedx1.5 --output-file $(RELEASE)/sbom.cdx.json
 	$(VENV)/bin/python tools/licences uv.lock > $(RELEASE)/LICENCES.md
 	cp LICENSE $(RELEASE)/
-	cd $(RELEASE) && sha256sum * > SHA256SUMS
+	tools/sums $(RELEASE)
 
-deb: $(VENV)/.ready ## packages for Debian 12 on amd64 and arm64, into release/
+deb: $(VENV)/.ready ## packages for Debian 12 on amd64 and arm64, into release/, listed in its SHA256SUMS
 	rm -rf $(RELEASE)/wheel && mkdir -p $(RELEASE)/wheel
 	$(UV) build $(BUILD) --out-dir $(RELEASE)/wheel
 	for architecture in amd64 arm64; do tools/deb $(RELEASE)/wheel/*.whl $$architecture $(RELEASE) || exit 1; done
+	rm -r $(RELEASE)/wheel
 
 docs: $(VENV)/.ready ## the documentation as a site, into .setup/site/; a link that leads nowhere ends it
 	tools/docs .setup/docs

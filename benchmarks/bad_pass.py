@@ -19,6 +19,7 @@ from stepdiag.solver.readings.readings import Readings
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.typed import written
 from stepdiag.virtual.physics.machine import Machine
 
 DIAGONALS = SETUPS[:4]
@@ -112,8 +113,8 @@ def judge(case: Case, seed: int, spoil: Callable[[Readings, np.random.Generator]
 def _after(result: Result, machine: Machine) -> Told:
     points = np.asarray(BOX.origin_mm) + np.random.default_rng(5).uniform(size=(POINTS, 3)) * np.asarray(BOX.size_mm)
     found = error_field_um(result, points)
-    said = predicted(result, points, -found).as_json()["without_rigid_motion"]["after"]["rms_um"]
-    return Told(left_um(points, machine.error_at(points) - found), **said)
+    said = predicted(result, points, -found).without_rigid_motion["after"].rms_um
+    return Told(left_um(points, machine.error_at(points) - found), **written(said))
 
 
 def row(name: str, seen: Sequence[Seen]) -> str:

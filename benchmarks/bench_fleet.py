@@ -21,7 +21,7 @@ from stepdiag.fleet.archive import add, refresh_index
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.resolve import open_surveys, resolve
 from stepdiag.fleet.store import Place, Store
-from stepdiag.fleet.tables import from_parquet, to_parquet
+from stepdiag.fleet.tables import read_table, to_parquet
 from stepdiag.solver.result.result import DISPLACEMENTS
 
 RESULTS, SURVEYS, NAMES = 8000, 40, 10
@@ -35,7 +35,7 @@ def rows(results: int = RESULTS) -> list[Row]:
         store = Store(f"{name}/store", create=True)
         sum(generate(store.root, max(results // SURVEYS // NAMES, 1), SURVEYS, 2))
         for place in store.tables():
-            table = from_parquet(store.read(place.table), place.table)
+            table = read_table(store, place)
             for number in range(1, NAMES):
                 _written(store, Place(f"{place.machine}-{number}", place.year, place.survey), table)
         refresh_index(store, most_loose=0)

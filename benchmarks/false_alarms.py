@@ -38,6 +38,7 @@ from stepdiag.solver.readings.readings import Readings, make_readings
 from stepdiag.solver.result.field import error_field_um
 from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted
 from stepdiag.solver.result.result import Result
+from stepdiag.solver.result.typed import written
 from stepdiag.virtual.drive.arrivals import Scatter
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.shop import Beam, DrivenSurvey, Shop, draw_shop, drive_survey
@@ -227,8 +228,10 @@ def told_of(result: Result, truth: Machine, box: Box) -> tuple[Told, Told]:
     """Return true volumetric rms errors with their intervals: as it is, and after an ideal compensation of all that was found."""
     points = np.asarray(box.origin_mm) + np.random.default_rng(5).uniform(size=(POINTS, 3)) * np.asarray(box.size_mm)
     true, found = truth.error_at(points), error_field_um(result, points)
-    stated = predicted(result, points, -found).as_json()["without_rigid_motion"]
-    return Told(left_um(points, true), **stated["before"]["rms_um"]), Told(left_um(points, true - found), **stated["after"]["rms_um"])
+    stated = predicted(result, points, -found).without_rigid_motion
+    return Told(left_um(points, true), **written(stated["before"].rms_um)), Told(
+        left_um(points, true - found), **written(stated["after"].rms_um)
+    )
 
 
 def _codes(result: Result, severity: str) -> tuple[str, ...]:

@@ -15,6 +15,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy.typing import NDArray
 
 from benchmarks import false_alarms
 from benchmarks.exact import ExactModel, left_um
@@ -22,8 +23,10 @@ from benchmarks.told import Told, within
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.readings.readings import Readings, make_readings
 from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.interval import When
 from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS
+from stepdiag.solver.result.typed import written
 from stepdiag.virtual.drive.arrivals import Scatter
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
@@ -170,8 +173,9 @@ def judge(case: Case, seed: int, exact: ExactModel | None) -> Verdict:
     result = solve(readings, chain=case.chain)
     points = np.asarray(BOX.origin_mm) + np.random.default_rng(5).uniform(size=(POINTS, 3)) * np.asarray(BOX.size_mm)
     true, found = machine.error_at(points), error_field_um(result, points)
-    said = predicted(result, points, -found).as_json()["without_rigid_motion"]
-    before, after = (Told(left_um(points, field), **said[when]["rms_um"]) for when, field in (("before", true), ("after", true - found)))
+    said = predicted(result, points, -found).without_rigid_motion
+    fields: dict[When, NDArray[np.float64]] = {"before": true, "after": true - found}
+    before, after = (Told(left_um(points, field), **written(said[when].rms_um)) for when, field in fields.items())
     best = exact.solve(readings.reading_mm * 1e3) if exact else None
     bound = left_um(points, true - best.error_at(points)) if best else float("nan")
     return Verdict(within=within(result, machine, case.increments), before=before, after=after, bound_um=bound)

@@ -100,8 +100,9 @@ def export(
 ) -> ExportReport:
     """Write the compensation files of a result for a control and return what was written and what it will do.
 
-    ``profile`` is the machine's profile (``stepdiag profile`` writes one); without it ``step_mm`` alone is a quick look. ``accept`` names
-    the warnings that may pass. Raises ``SafetyError`` for a failed check, ``DataError`` for what is not identified.
+    ``profile`` is the machine's profile (``stepdiag profile`` writes one); without it this is a quick look, with the
+    tables at the measured positions or in steps of ``step_mm``. ``accept`` names the warnings that may pass.
+    Raises ``SafetyError`` for a failed check, ``DataError`` for what is not identified.
     """
     found = load_profile(Path(profile), controller_named(controller), result.volume) if profile is not None else None
     return export_files(result, controller, found, step_mm=step_mm, accept=accept, out_dir=Path(out_dir))

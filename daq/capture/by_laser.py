@@ -14,7 +14,7 @@ from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.log_start import CaptureStart
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.place.route import Route, agrees, make_route
-from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.standing.dwell import STILL_MM, Dwell
 from stepdiag.daq.capture.standing.window import find_plateaus
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.models import Survey
@@ -23,8 +23,6 @@ from stepdiag.daq.timing.stream import Span, StreamBuffer
 LOOK_NS = 200_000_000
 REACH_NS = 60_000_000_000
 """How far back a standstill is looked for."""
-STILL_MM = 0.02
-"""A machine that stands still does so within this; the shortest step is many times that."""
 PAUSE_NS = 500_000_000
 """Two plateaus at one level with less between them are one standstill, shaken."""
 ENDING_NS = 1_000_000_000

@@ -14,6 +14,7 @@ from stepdiag.daq.capture.by_laser import ByLaser
 from stepdiag.daq.capture.conditions import Conditions, with_air
 from stepdiag.daq.capture.head_stop import AngleView, QdView
 from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.outages import Outages
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.capture.place.pass_start import PassFinder
 from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
@@ -29,7 +30,7 @@ from stepdiag.daq.formats.signals import SignalDecoder, Signals
 from stepdiag.daq.records.events import LOST, Chunk, Event, LinkEvent, Loss, ModbusBlock, Stream
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
-from stepdiag.daq.timing.stream import Break, StreamBuffer
+from stepdiag.daq.timing.stream import NOT_RECORDED, Break, StreamBuffer
 
 SAMPLES_WAIT_NS = 500_000_000
 """How long the samples of a closed dwell may take to arrive before it is judged without them."""
@@ -60,7 +61,8 @@ class Capture:
         self._wall_offset_ns = start.wall_offset_ns
         self._remarks = StreamRemarks(self._streams)
         self._finder = PassFinder(survey, start)
-        self._taker = StopTaker(survey, self.laser, self.head, start)
+        self._outages = Outages(start.down)
+        self._taker = StopTaker(survey, self.laser, self.head, start, self._outages)
         self._pending = Standstills()
         self._by_laser = ByLaser(survey, start, self.laser) if survey.plc.silent else None
         self._skip_open = start.skip_open_dwell
@@ -107,6 +109,8 @@ class Capture:
             self._take_block(event, outcomes)
             now_ns = event.recv_ns
         else:
+            if isinstance(event, LinkEvent):
+                self._outages.take(event)
             self._take_remark(event, outcomes)
             now_ns = event.time_ns
         self._settle(now_ns, outcomes)
@@ -159,11 +163,13 @@ class Capture:
             self._remarks.listen(outcomes)
             text = message("recording-gap", events=event.events, bytes=event.bytes, why=event.reason)
             outcomes.append(finding("error", text))
+            for stream in self._streams.values():
+                stream.interrupted(event.time_ns, NOT_RECORDED)
         elif event.link == "machine":
             if event.state in ("silent", "lost"):
                 self.tracker.silent()
         elif event.interrupts and event.link in self._streams:
-            self._streams[event.link].interrupted()
+            self._streams[event.link].interrupted(event.time_ns)
         elif LOST in event.detail:
             self._remarks.lost(event.link, event.detail.partition(LOST)[2], outcomes)
 

@@ -7,6 +7,7 @@ import msgspec
 from stepdiag.base.errors import DataError
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import Credible
+from stepdiag.daq.records.events import Link
 from stepdiag.daq.timing.stream import Break
 
 
@@ -34,7 +35,7 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
     ``wall_offset_ns`` added to the host's clock gives the time of day of the stops: as it was when the recording began, so that all stops
     lie on one axis of time whoever sets the clock meanwhile. ``breaks`` are the losses of count since the last stop of the log before,
     ``credible`` the last values of air and material that were believed. ``beyond`` tells whether the log before has seen the machine go
-    beyond its last stop; None where nobody can say, and in logs of versions that did not.
+    beyond its last stop; None where nobody can say, and in logs of versions that did not. ``down`` are the links that are down.
     """
 
     hints: dict[str, PassHint]
@@ -44,6 +45,7 @@ class CaptureStart(msgspec.Struct, frozen=True, kw_only=True):
     breaks: tuple[Break, ...] = ()
     credible: dict[str, Credible] = {}
     beyond: bool | None = None
+    down: tuple[Link, ...] = ()
 
 
 def start_of(run: Mapping[str, str], source: str) -> CaptureStart:

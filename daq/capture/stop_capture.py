@@ -6,10 +6,11 @@ from dataclasses import replace
 import msgspec
 
 from stepdiag.base.findings import Finding, Severity
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
+from stepdiag.daq.capture.outages import LINK_DOWN, Outages
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.capture.place.turn import last_beyond_ns, watched_closely
 from stepdiag.daq.capture.place.walk import ANEW, BREAKS_COUNT, Walk, begun_anew
@@ -17,6 +18,7 @@ from stepdiag.daq.capture.standing.certain_window import Placing, Taken, came_al
 from stepdiag.daq.capture.standing.dwell import Dwell
 from stepdiag.daq.capture.stop import make_head_stop, make_stop, plateau_window
 from stepdiag.daq.formats.signals import SignalMap, Signals, resolution
+from stepdiag.daq.records.events import Link
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import Break, StreamBuffer
 
@@ -38,12 +40,13 @@ TURNED = (
 class StopTaker:
     """Takes the stops of one log."""
 
-    def __init__(self, survey: Survey, laser: StreamBuffer, head: StreamBuffer | None, start: CaptureStart) -> None:
+    def __init__(self, survey: Survey, laser: StreamBuffer, head: StreamBuffer | None, start: CaptureStart, outages: Outages) -> None:
         self._rules = survey.stop
         self._both_ways = survey.plan.return_pass
         self._positions = PositionCheck(survey.plc.signals)
         self._laser = laser
         self._head = head
+        self._outages = outages
         self._wall_offset_ns = start.wall_offset_ns
         self._before = start.breaks
         self._beyond = start.beyond
@@ -129,14 +132,19 @@ class StopTaker:
             seen = plateau_window(self._laser, begin, self._laser.newest_ns(), expected, self._rules)
             taken = [seen] if seen is not None else []
         if not taken:
-            text = message("stop-without-reading")
-            outcomes.append(walk.finding("stop-without-reading", "error", index, text))
+            outcomes += self._without_reading(walk, index, dwell, "laser", message("stop-without-reading"))
             walk.skip(index, dwell.signals.stop_count)
         for number, window in enumerate(taken):
             stop = make_stop(walk.route, index, dwell.signals, window, self._head, self._wall_offset_ns)
             if words := self._from_beyond(walk, index, dwell, taken[0]):
                 stop = marked(stop, "other-side", words)
             self._commit(walk, stop, outcomes, again=number > 0)
+
+    def _without_reading(self, walk: Walk, index: int, dwell: Dwell, link: Link, symptom: Message) -> list[Finding]:
+        """Return why a stop has no reading: that the link was down, once an outage, else the symptom."""
+        if not self._outages.covers(link, dwell.from_ns, dwell.to_ns):
+            return [walk.finding(symptom.code, "error", index, symptom)]
+        return [walk.finding(f"{link}-gap", "error", index, LINK_DOWN[link])] if self._outages.news(link) else []
 
     def _from_beyond(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> str:
         """Return why a stop may have been come to in the direction of the other pass; empty where it was not.
@@ -170,8 +178,7 @@ class StopTaker:
         """Take a stop of the 4-DOF head. It does not count: a beam that was cut in between costs nothing, and no step can judge it."""
         outcomes += [walk.finding(code, "warning", index, words) for code, words in troubles(head, dwell)]
         if taken is None:
-            text = message("stop-without-reading.no-head-sample")
-            outcomes.append(walk.finding("stop-without-reading", "error", index, text))
+            outcomes += self._without_reading(walk, index, dwell, "head", message("stop-without-reading.no-head-sample"))
             walk.skip(index, dwell.signals.stop_count)
             return
         stop = make_head_stop(walk.route, index, dwell.signals, taken, head, self._laser, self._wall_offset_ns)
@@ -185,8 +192,7 @@ class StopTaker:
         end = float(dwell.from_ns)
         taken = plateau_window(self._laser, self._looked_until_ns, end, expected, self._rules) if expected is not None else None
         if taken is None:
-            text = message("stop-lost")
-            outcomes.append(walk.finding("stop-lost", "error", index, text))
+            outcomes += self._without_reading(walk, index, dwell, "laser", message("stop-lost"))
             return
         elsewhere = replace(dwell.signals, x_mm=None, y_mm=None, z_mm=None)
         stop = make_stop(walk.route, index, elsewhere, taken, self._head, self._wall_offset_ns)

@@ -21,7 +21,7 @@ def turns_of(section: Head, each: Pass) -> Turns:
     """
     axis = each.route.travel.axis
     turns, run = section.angles.turns(axis), section.run_along(axis)
-    stops = [stop for stop, _ in each.chosen().values()]
+    stops = list(each.chosen().values())
     position = np.array([stop.position_mm[AXES.index(axis)] for stop in stops])
     values, u_values = _columns(stops, len(turns), f"{each.route.setup} pass {each.number}")
     order = np.argsort(position)

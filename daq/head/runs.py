@@ -9,7 +9,7 @@ import numpy as np
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, Vector
+from stepdiag.base.volume import AXES, POSITION_TOLERANCE_MM, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.head.angular import turns_of
 from stepdiag.daq.passes.driven import Pass
@@ -30,8 +30,6 @@ SHIFT_SHARE = float(0.5 / np.sqrt(6.0))
 that is 1 / sqrt(6) in the rms over the pass."""
 QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
 """The channels of each detector."""
-END_MM = 0.01
-"""As near to the end of the volume counts as its end."""
 LEAST_STOPS = 3
 """Two stops make a straight line of any guideway."""
 
@@ -80,7 +78,7 @@ def _whole(angles: dict[str, KnownAngle], survey: Survey) -> tuple[dict[str, Kno
     whole, findings = {}, []
     for name, known in angles.items():
         nodes = survey.volume.nodes_mm(AXES.index(name[2].lower()))
-        if known.position_mm[0] <= nodes[0] + END_MM and known.position_mm[-1] >= nodes[-1] - END_MM:
+        if known.position_mm[0] <= nodes[0] + POSITION_TOLERANCE_MM and known.position_mm[-1] >= nodes[-1] - POSITION_TOLERANCE_MM:
             whole[name] = known
             continue
         reach = f"{known.position_mm[0]:g} to {known.position_mm[-1]:g} mm"
@@ -104,7 +102,7 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
     name = f"{each.route.setup} pass {each.number}"
     axis = AXES.index(each.route.travel.axis)
     run = section.run_along(AXES[axis])
-    stops = [stop for stop, _ in each.chosen().values()]
+    stops = list(each.chosen().values())
     position = np.array([stop.position_mm[axis] for stop in stops])
     channels, u_channels = _channels(stops, name)
     distance = _distance_mm(section, run, stops, position, name)

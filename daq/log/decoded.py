@@ -12,10 +12,10 @@ from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_text
 from stepdiag.daq.log.contents import Log
 from stepdiag.daq.log.reader import stored_bytes
-from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
+from stepdiag.daq.records.events import Chunk, LinkEvent, Loss, Stream
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.formats import decoders
-from stepdiag.daq.timing.stream import StreamBuffer
+from stepdiag.daq.timing.stream import NOT_RECORDED, StreamBuffer
 
 AT_ONCE_NS = 30_000_000_000
 """Samples are handed out in blocks of so long a time: enough for the clock under them, little in memory."""
@@ -74,7 +74,9 @@ def decoded(log: Log, stream: Stream = "laser", survey_file: Path | None = None)
                     yield from (found := _blocks(buffer, log))
                     any_yet = any_yet or bool(found)
             case LinkEvent() if event.link == stream and event.interrupts:
-                buffer.interrupted()
+                buffer.interrupted(event.time_ns)
+            case Loss():
+                buffer.interrupted(event.time_ns, NOT_RECORDED)
             case _:
                 pass
     yield from (found := _blocks(buffer, log))

@@ -4,30 +4,31 @@ With the mirror normal off the diagonal by ``nu``, every step of axis a reads wr
 (theory.md 4.2; the machine's own slopes, tens of microradians, are taken for tilt as well).
 """
 
+import math
 from collections.abc import Sequence
 from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import Route
+from stepdiag.daq.passes.stretches import OnZero
 
-REALIGN_MRAD = 2.0
-"""Beyond this the spot wanders and second-order terms grow to micrometres: realign (theory.md 6.5)."""
+POSSIBLE_MRAD = 20.0
+"""No beam comes back into a head from a mirror that is tilted by more: such a slope is not the mirror's (CHOSEN)."""
 
 
-def mirror_tilt_mrad(route: Route, stops: Sequence[CapturedStop]) -> tuple[float, float] | None:
+def mirror_tilt_mrad(route: Route, stops: Sequence[OnZero]) -> tuple[float, float] | None:
     """Return the tilt of the mirror against the diagonal about two axes, in mrad: sideways and upwards as seen along the beam.
 
-    None for a run along one axis, and before every axis has made a step between two good stops.
+    None for a run along one axis, before every axis has made a step between two good stops, and where it comes out above `POSSIBLE_MRAD`.
     """
     if not route.travel.is_diagonal or len(stops) < 4:
         return None
     sideways, upwards = _across(route)
     rows, wrong = [], []
     for before, after in pairwise(stops):
-        if after.stop != before.stop + 1 or after.broken or after.refused or after.reading_mm is None or before.reading_mm is None:
+        if after.stop != before.stop + 1 or after.refused or math.isnan(after.reading_mm - before.reading_mm):
             continue
         step = np.subtract(after.position_mm, before.position_mm)
         rows.append([step @ sideways, step @ upwards])
@@ -37,7 +38,7 @@ def mirror_tilt_mrad(route: Route, stops: Sequence[CapturedStop]) -> tuple[float
     if len(moved) < 3 or len(rows) < 3:
         return None
     tilt = np.linalg.lstsq(np.array(rows), np.array(wrong), rcond=None)[0] * 1e3
-    return float(tilt[0]), float(tilt[1])
+    return None if np.max(np.abs(tilt)) > POSSIBLE_MRAD else (float(tilt[0]), float(tilt[1]))
 
 
 def tilt_effect_um(route: Route, tilt_mrad: tuple[float, float], stops: Sequence[int]) -> NDArray[np.float64]:

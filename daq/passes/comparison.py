@@ -62,7 +62,7 @@ def _one_sided(each: Pass) -> int:
     There the reversal comes in axis by axis; it is not the count's.
     """
     axes = [each.route.axis_to(index) for index in range(len(each.route))]
-    return max(axes.index(axis) for axis in set(axes[1:])) if each.chosen()[0][0].turned else 0
+    return max(axes.index(axis) for axis in set(axes[1:])) if each.chosen()[0].turned else 0
 
 
 class _Readings:
@@ -73,13 +73,13 @@ class _Readings:
 
     def __init__(self, each: Pass, one_sided: int) -> None:
         chosen = [each.chosen()[index] for index in range(len(each.route))]
-        raw = np.array([(stop.reading_mm or 0.0) + offset for stop, offset in chosen])
+        readings = np.array([stop.reading_mm for stop in chosen])
         along = 1 if each.route.outward else -1
         self.outward = each.route.outward
         self.low, self.high = (one_sided, len(each.route)) if self.outward else (0, len(each.route) - one_sided)
-        nominal = np.array([each.route.nominal_at_mm(stop.position_mm) for stop, _ in chosen])
-        self.off_um: Vector = ((raw - nominal) * 1e3)[::along]
-        self.u_um: Vector = np.array([stop.u_um for stop, _ in chosen])[::along]
+        nominal = np.array([each.route.nominal_at_mm(stop.position_mm) for stop in chosen])
+        self.off_um: Vector = ((readings - nominal) * 1e3)[::along]
+        self.u_um: Vector = np.array([stop.u_um for stop in chosen])[::along]
         axes = [each.route.axis_to(index) for index in range(1, len(each.route))]
         self.axes = axes[::along]
         self.nominal_mm: Vector = np.diff(nominal[::along])
@@ -147,6 +147,6 @@ def _doubt(each: Pass, step: Step, other: Pass | None) -> Doubt:
         stop=step.stop,
         code="count-slip",
         text=text,
-        taken_ns=each.chosen()[step.stop][0].window_from_ns,
+        taken_ns=each.chosen()[step.stop].window_from_ns,
         size_um=round(step.size_um, 3),
     )

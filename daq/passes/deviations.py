@@ -3,16 +3,14 @@
 Both ways of a setup share one zero, one sign and one numbering.
 """
 
-import math
-
 import numpy as np
 
 from stepdiag.base.volume import Vector
-from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad, tilt_effect_um
 from stepdiag.daq.passes.counts import on_one_count
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.passes.stretches import OnZero
 from stepdiag.daq.passes.tabulate import in_this_air
 from stepdiag.daq.records.status import StopStatus
 from stepdiag.daq.survey.models import Survey
@@ -62,13 +60,13 @@ def _own_um(survey: Survey, each: Pass) -> dict[int, float]:
     stops = sorted(chosen)
     if not stops:
         return {}
-    raw = np.array([_raw_mm(chosen[stop]) for stop in stops])
-    readings: Vector = raw - raw[0]
+    counts = np.array([chosen[stop].reading_mm for stop in stops])
+    readings: Vector = counts - counts[0]
     if not survey.laser.compensated and not each.route.travel.is_fourdof:
-        readings = in_this_air(survey, each, [chosen[stop][0] for stop in stops], readings)
-    nominal = np.array([each.route.nominal_at_mm(chosen[stop][0].position_mm) for stop in stops])
+        readings = in_this_air(survey, each, [chosen[stop] for stop in stops], readings)
+    nominal = np.array([each.route.nominal_at_mm(chosen[stop].position_mm) for stop in stops])
     deviations = (readings - (nominal - nominal[0])) * 1e3
-    tilt = mirror_tilt_mrad(each.route, [chosen[stop][0] for stop in stops])
+    tilt = mirror_tilt_mrad(each.route, [chosen[stop] for stop in stops])
     if tilt is not None:
         effect = tilt_effect_um(each.route, tilt, stops)
         deviations = deviations - (effect - effect[0])
@@ -80,28 +78,23 @@ def _pass_stops(each: Pass, deviations_um: dict[int, float]) -> list[StopStatus]
     if not chosen:
         return []
     first = chosen[min(chosen)]
-    zero = _raw_mm(first) - each.route.nominal_at_mm(first[0].position_mm)
+    zero = _beside_mm(each, first)
     return [
         StopStatus(
             setup=each.route.setup,
             pass_number=each.number,
             stop=stop,
             place=stop if each.route.outward else len(each.route) - 1 - stop,
-            position_mm=chosen[stop][0].position_mm,
-            reading_mm=_raw_mm(chosen[stop]) - zero,
+            position_mm=chosen[stop].position_mm,
+            reading_mm=chosen[stop].reading_mm - zero,
             deviation_um=deviation,
-            u_um=chosen[stop][0].u_um,
-            doubtful=chosen[stop][0].refused or each.doubt(stop),
+            u_um=chosen[stop].u_um,
+            doubtful=chosen[stop].refused or each.doubt(stop),
         )
         for stop, deviation in deviations_um.items()
     ]
 
 
-def _beside_mm(each: Pass, entry: tuple[CapturedStop, float]) -> float:
+def _beside_mm(each: Pass, stop: OnZero) -> float:
     """Return the reading minus the nominal one of the pass where the machine stood."""
-    return _raw_mm(entry) - each.route.nominal_at_mm(entry[0].position_mm)
-
-
-def _raw_mm(entry: tuple[CapturedStop, float]) -> float:
-    stop, offset = entry
-    return (math.nan if stop.reading_mm is None else stop.reading_mm) + offset
+    return stop.reading_mm - each.route.nominal_at_mm(stop.position_mm)

@@ -1,5 +1,7 @@
 """What may be wrong with a reading that is in use, and a person's word that it is right all the same."""
 
+from collections.abc import Iterable
+
 import msgspec
 
 
@@ -24,6 +26,11 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
         return f"{self.setup}/{self.pass_number}" + ("" if self.stop is None else f"/{self.stop}")
 
 
+def places_of(doubts: Iterable[Doubt]) -> list[str]:
+    """Return the places of doubts, each once, in order: two findings at one stop are one place to look at."""
+    return list(dict.fromkeys(doubt.place for doubt in doubts))
+
+
 def says_what_to_do(text: str) -> bool:
     """Tell whether words end with what is to be driven again: nobody needs to be told twice."""
     return "again" in text.rpartition(": ")[2].replace(",", " ").split()
@@ -45,6 +52,15 @@ class Acceptance(msgspec.Struct, frozen=True, kw_only=True):
         """Tell whether this is about a doubt: the same trouble of the same measurement."""
         mine = (self.setup, self.pass_number, self.stop, self.code, self.taken_ns)
         return mine == (doubt.setup, doubt.pass_number, doubt.stop, doubt.code, doubt.taken_ns)
+
+
+class TimeStated(msgspec.Struct, frozen=True, kw_only=True):
+    """A person's word for the time of the first stop, in seconds since 1970: who, when by the clock, and why."""
+
+    begun_s: float
+    name: str
+    reason: str
+    time_s: float
 
 
 def acceptance_of(doubt: Doubt, *, reason: str, name: str, time_s: float) -> Acceptance:

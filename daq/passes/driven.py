@@ -6,9 +6,9 @@ from dataclasses import InitVar, dataclass, field
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import Route
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, says_what_to_do
-from stepdiag.daq.passes.stretches import SAME_UM, Measured, Slip, Stretches, Zero, Zeros
+from stepdiag.daq.passes.stretches import SAME_UM, Measured, OnZero, Slip, Stretches, Zero, Zeros, on_zero
 
-Chosen = dict[int, tuple[CapturedStop, float]]
+Chosen = dict[int, OnZero]
 
 
 @dataclass(slots=True)
@@ -34,6 +34,7 @@ class Pass:
     _visit: int = 0
     _zeros: Zeros | None = None
     _chosen: Chosen | None = None
+    _used: dict[int, Measured] = field(default_factory=dict)
 
     def __post_init__(self, same_um: float) -> None:
         self._stretches.same_um = same_um
@@ -81,14 +82,18 @@ class Pass:
         return self._zeros
 
     def chosen(self) -> Chosen:
-        """Return the measurement that counts of every stop with its offset in mm, by stop number.
+        """Return the measurement that counts of every stop, by stop number, its reading on the zero of the pass.
 
         It is the latest usable one; of several at one standstill the one without doubt and with the most samples: the longest steady part.
         """
         if self._chosen is None:
-            best = {index: each for index, entries in sorted(self.measured.items()) if (each := self._best(entries)) is not None}
-            self._chosen = {index: (entry.stop, self.zeros()[entry.stretch].offset_mm) for index, entry in best.items()}
+            self._used = {index: each for index, entries in sorted(self.measured.items()) if (each := self._best(entries)) is not None}
+            self._chosen = {index: on_zero(entry.stop, self.zeros()[entry.stretch].offset_mm) for index, entry in self._used.items()}
         return self._chosen
+
+    def uses(self, stop: CapturedStop) -> bool:
+        """Tell whether a captured stop is the measurement that counts of its place."""
+        return stop.stop in self.chosen() and self._used[stop.stop].stop is stop
 
     def _best(self, entries: list[Measured]) -> Measured | None:
         usable = [entry for entry in entries if entry.stretch in self.zeros()]
@@ -119,17 +124,17 @@ class Pass:
 
     def doubts(self) -> tuple[Doubt, ...]:
         """Return whatever may be off in the readings in use, accepted or not, in the order of the stops."""
-        of_stops = [self._doubt(stop, code, stop.doubtful) for stop, _ in self.chosen().values() if stop.doubtful for code in _codes(stop)]
+        of_stops = [self._doubt(stop, code, stop.doubtful) for stop in self.chosen().values() if stop.doubtful for code in _codes(stop)]
         of_zeros: dict[str, Doubt] = {}
-        for stop, _ in self.chosen().values():
-            zero = self._zero_of(stop)
+        for stop in self.chosen().values():
+            zero = self._zero_at(stop.stop)
             if zero is not None and zero.doubt and zero.doubt not in of_zeros:
                 of_zeros[zero.doubt] = self._doubt(
                     stop, zero.code, f"from this stop on the readings may be off: {zero.doubt}", zero.size_um
                 )
         said = {(each.stop, each.code) for each in of_stops}
         of_stops += [each for each in of_zeros.values() if (each.stop, each.code) not in said]
-        taken_ns = {index: stop.window_from_ns for index, (stop, _) in self.chosen().items()}
+        taken_ns = {index: stop.window_from_ns for index, stop in self.chosen().items()}
         newest_ns = max(taken_ns.values(), default=0)
         held = [each for each in self.suspected if each.taken_ns == (newest_ns if each.stop is None else taken_ns.get(each.stop))]
         return (*sorted(of_stops, key=lambda each: each.stop or 0), *self.against, *held)
@@ -150,16 +155,15 @@ class Pass:
             size_um=size_um,
         )
 
-    def _zero_of(self, stop: CapturedStop) -> Zero | None:
-        entry = next((each for each in self.measured.get(stop.stop, ()) if each.stop is stop), None)
-        return self.zeros().get(entry.stretch) if entry is not None else None
+    def _zero_at(self, index: int) -> Zero | None:
+        return self.zeros().get(self._used[index].stretch) if index in self.chosen() else None
 
     def doubt(self, index: int) -> str:
         """Return why the reading in use at a stop may be off; empty where it is not doubted."""
         if index not in self.chosen():
             return ""
-        stop = self.chosen()[index][0]
-        zero = self._zero_of(stop)
+        stop = self.chosen()[index]
+        zero = self._zero_at(index)
         against = next((each.text for each in self.against if each.stop in (None, index) or index >= (each.stop or 0)), "")
         return stop.doubtful or (zero.doubt if zero is not None else "") or against
 
@@ -171,12 +175,8 @@ class Pass:
         if still[0] in (*self.against, *self.suspected):
             remedy = "" if says_what_to_do(still[0].text) else ": drive the pass again"
             return f"{still[0].text}{remedy}, or accept it"
-        named = {each.stop for each in still}
-        doubted = [
-            index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index][0].doubtful)
-        ]
-        again = max(doubted[0] - (2 if still[0].code == "reading-differs" else 1), 0)
-        from_there = f"drive again from stop {again} on" if self._may_go_on() else "drive the whole pass again"
+        doubted = self._doubted(still)
+        from_there = f"drive again from stop {self.again_from()} on" if self._may_go_on() else "drive the whole pass again"
         return f"stops {_listed(doubted)} may be off ({self.doubt(doubted[0])}): to make sure, {from_there}, or accept it"
 
     def why_incomplete(self) -> str:
@@ -185,7 +185,7 @@ class Pass:
         if not missing:
             return self.why_doubtful()
         listed = _listed(missing)
-        from_there = f"drive again from stop {max(missing[0] - 1, 0)} on, or the whole pass"
+        from_there = f"drive again from stop {self.again_from()} on, or the whole pass"
         again = from_there if self._may_go_on() else "drive the whole pass again"
         if (misfit_um := self._stretches.misfit_um(self.zeros())) is not None:
             return (
@@ -201,8 +201,17 @@ class Pass:
 
     def again_from(self) -> int:
         """Return the stop from which to drive again; 0: the whole pass."""
-        off = self.missing or [each.stop or 0 for each in self.open_doubts()]
-        return max(min(off) - 1, 0) if off and self._may_go_on() else 0
+        missing, still = self.missing, self.open_doubts()
+        if not self._may_go_on() or (not missing and (not still or still[0] in (*self.against, *self.suspected))):
+            return 0
+        if missing:
+            return 0 if self._stretches.misfit_um(self.zeros()) is not None else max(missing[0] - 1, 0)
+        return max(self._doubted(still)[0] - (2 if still[0].code == "reading-differs" else 1), 0)
+
+    def _doubted(self, still: Sequence[Doubt]) -> list[int]:
+        """Return the stops that are in use and may be off by some doubts."""
+        named = {each.stop for each in still}
+        return [index for index in sorted(self.chosen()) if self.doubt(index) and (index in named or not self.chosen()[index].doubtful)]
 
     def _may_go_on(self) -> bool:
         """Tell whether the machine may go on in the middle: its position, or the laser's unbroken count, says where it stands."""

@@ -70,8 +70,7 @@ def assumed_conditions(book: PassBook, survey: Survey, stated: Iterable[str] = (
 
 def _in_use(book: PassBook) -> Iterator[CapturedStop]:
     for each in book.passes:
-        for stop, _ in each.chosen().values():
-            yield stop
+        yield from each.chosen().values()
 
 
 def _u_by_name(stops: Iterable[CapturedStop]) -> dict[str, list[float]]:

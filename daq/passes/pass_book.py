@@ -10,7 +10,7 @@ from stepdiag.daq.capture.place.route import Route, make_route
 from stepdiag.daq.capture.remarks.machine_remarks import credible_of
 from stepdiag.daq.capture.remarks.unchecked import places_known
 from stepdiag.daq.passes.comparison import compare
-from stepdiag.daq.passes.doubt import Acceptance, Doubt
+from stepdiag.daq.passes.doubt import Acceptance, Doubt, TimeStated
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.stretches import same_um
 from stepdiag.daq.survey.assumed import assumptions_of
@@ -31,6 +31,7 @@ class PassBook:
         self.passes: list[Pass] = []
         self.stops = 0
         """How many were taken, whatever became of them."""
+        self.time_stated: TimeStated | None = None
         self._credible: dict[str, Credible] = {}
         self._known: dict[int, float] = {}
         self._believed: tuple[float, ...] = ()
@@ -122,12 +123,12 @@ class PassBook:
         None where it reads nothing, or its count does not reach back to the first stop.
         """
         passes = [each for each in self.of(stop.setup) if each.route.outward == stop.outward]
-        each = next((each for each in reversed(passes) if any(found is stop for found, _ in each.chosen().values())), None)
+        each = next((each for each in reversed(passes) if each.uses(stop)), None)
         if each is None or stop.reading_mm is None:
             return None, None
         chosen = each.chosen()
-        first, first_offset = chosen[min(chosen)]
-        reading = stop.reading_mm + chosen[stop.stop][1] - ((first.reading_mm or 0.0) + first_offset)
+        first = chosen[min(chosen)]
+        reading = chosen[stop.stop].reading_mm - first.reading_mm
         nominal = float(each.route.nominal_mm[stop.stop] - each.route.nominal_mm[first.stop])
         return round(reading, 6), round((reading - nominal) * 1e3, 3)
 

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.daq.capture.standing.window import MAD_TO_SIGMA
+
 Vector = NDArray[np.float64]
 
-MAD_TO_SIGMA = 1.4826
 TIMES_NOISE = 6.0
 """A step is one where it stands out of its neighbours by so many robust standard deviations, more where there are few neighbours."""
 FEW = 6.0

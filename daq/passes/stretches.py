@@ -4,6 +4,7 @@ A laser that loses its count goes on from another zero. A stop that was measured
 everything else stayed as they were: then all stops measured in both stretches say the same.
 """
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 
@@ -20,6 +21,22 @@ SURE = 3.0
 def same_um(repeatability_um: float) -> float:
     """Return how far one stop measured twice within one count may differ on a machine that repeats to this (k = 1)."""
     return max(SAME_UM, SURE * float(np.sqrt(2.0)) * repeatability_um)
+
+
+class OnZero(CapturedStop, frozen=True, kw_only=True):
+    """A stop whose ``reading_mm`` counts from the zero of its pass; NaN where the laser reads nothing.
+
+    Whatever shows or compares readings takes this type: the count as the laser gives it has another zero after every loss.
+    """
+
+    reading_mm: float
+
+
+def on_zero(stop: CapturedStop, offset_mm: float) -> OnZero:
+    """Return a stop with its reading on the zero of its pass: the count plus the offset of its stretch in mm."""
+    values = {name: getattr(stop, name) for name in stop.__struct_fields__}
+    counted_mm = math.nan if stop.reading_mm is None else stop.reading_mm
+    return OnZero(**{**values, "reading_mm": counted_mm + offset_mm})
 
 
 @dataclass(frozen=True, slots=True)

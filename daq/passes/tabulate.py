@@ -1,6 +1,6 @@
 """From passes to the solver's table of readings: on one zero while the count is unbroken, air and material put right, once."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import msgspec
 import numpy as np
@@ -9,6 +9,7 @@ from stepdiag.base.volume import Vector, diagonal_direction
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.counts import Counted, on_one_count
 from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.passes.stretches import OnZero
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Environment, Survey
 from stepdiag.solver.readings.readings import Readings, make_readings
@@ -30,7 +31,7 @@ def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float
     counted = on_one_count(used)
     first = {(one.driven.route.setup, one.zero): one for one in sorted(counted, key=lambda one: -one.driven.number)}
     tables = [_rows(survey, one, first[one.driven.route.setup, one.zero], stated) for one in counted]
-    begin = min((stop.time_s for each in used for stop, _ in each.chosen().values()), default=0.0)
+    begin = min((stop.time_s for each in used for stop in each.chosen().values()), default=0.0)
     return make_readings(
         setup=[each.route.setup for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
         pass_number=[each.number for each, rows in zip(used, tables, strict=True) for _ in rows[0]],
@@ -47,17 +48,16 @@ def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float
     )
 
 
-def _rows(survey: Survey, one: Counted, first: Counted, stated: dict[str, float]) -> tuple[Vector, list[CapturedStop]]:
+def _rows(survey: Survey, one: Counted, first: Counted, stated: dict[str, float]) -> tuple[Vector, list[OnZero]]:
     """Return the corrected readings of a pass, relative to the first stop of the ``first`` on its count, and the stops they come from.
 
     The stops have the conditions that were ``stated`` afterwards.
     """
     chosen = one.driven.chosen()
-    stops = [msgspec.structs.replace(chosen[index][0], **stated) for index in range(len(one.driven.route))]
-    counts = np.array([_count_mm(*chosen[index]) for index in range(len(stops))]) + one.offset_mm
-    origin, offset_mm = first.driven.chosen()[0]
-    origin = msgspec.structs.replace(origin, **stated)
-    readings = counts - (_count_mm(origin, offset_mm) + first.offset_mm)
+    stops = [msgspec.structs.replace(chosen[index], **stated) for index in range(len(one.driven.route))]
+    counts = np.array([stop.reading_mm for stop in stops]) + one.offset_mm
+    origin = msgspec.structs.replace(first.driven.chosen()[0], **stated)
+    readings = counts - (origin.reading_mm + first.offset_mm)
     if not survey.laser.compensated:
         readings = in_this_air(survey, first.driven, [origin, *stops], np.concatenate([[0.0], readings]))[1:]
     if survey.machine.apply_expansion:
@@ -65,11 +65,7 @@ def _rows(survey: Survey, one: Counted, first: Counted, stated: dict[str, float]
     return readings, stops
 
 
-def _count_mm(stop: CapturedStop, offset_mm: float) -> float:
-    return (stop.reading_mm or 0.0) + offset_mm
-
-
-def in_this_air(survey: Survey, first: Pass, stops: list[CapturedStop], readings: Vector) -> Vector:
+def in_this_air(survey: Survey, first: Pass, stops: Sequence[CapturedStop], readings: Vector) -> Vector:
     """Return true displacements since the first of the stops, where the dead path begins."""
     values = {name: np.array([_environment(survey.environment, stop, name) for stop in stops]) for name in AIR}
     air = Air(
@@ -83,7 +79,7 @@ def in_this_air(survey: Survey, first: Pass, stops: list[CapturedStop], readings
     return displacement_mm(readings, index, zero_index=float(index[0]), dead_path_mm=dead_path, done=Done(0))
 
 
-def _at_20_c(survey: Survey, each: Pass, origin: CapturedStop, stops: list[CapturedStop], readings: Vector) -> Vector:
+def _at_20_c(survey: Survey, each: Pass, origin: CapturedStop, stops: Sequence[CapturedStop], readings: Vector) -> Vector:
     travel_of = each.route.travel
     along = diagonal_direction(survey.volume, travel_of.base) if travel_of.is_diagonal else np.eye(3)["xyz".index(travel_of.axis)]
     temperature = np.array([[_material_c(survey.environment, stop)] * 3 for stop in stops])

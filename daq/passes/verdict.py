@@ -3,10 +3,9 @@
 A finding belongs to the stop it was made at and leaves with it: what was cured by driving again is history, and hinders nobody.
 """
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import replace
 from datetime import UTC, datetime
-from typing import Any
 
 from stepdiag.base.findings import Finding
 from stepdiag.daq.capture.conditions import COURSES
@@ -38,7 +37,7 @@ def suspected(book: PassBook, findings: Iterable[Finding]) -> list[Doubt]:
 
 
 def _suspect(each: Pass, found: Finding) -> Doubt | None:
-    taken_ns = {index: stop.window_from_ns for index, (stop, _) in each.chosen().items()}
+    taken_ns = {index: stop.window_from_ns for index, stop in each.chosen().items()}
     if not taken_ns or (found.stop is not None and found.stop not in taken_ns):
         return None
     return Doubt(
@@ -102,8 +101,3 @@ def assumed_findings(survey: Survey, stops: int, unsaid: Iterable[Held]) -> Iter
             f'u = {one.u:.2g} {unit}: it is in the uncertainty; set it and source = "fixed" there, or solve with --environment FILE'
         )
         yield Finding(code="conditions-assumed", severity="warning", text=text)
-
-
-def history(findings: Sequence[Finding]) -> list[dict[str, Any]]:
-    """Return what happened while recording, in order and each remark once, for the annex of the report."""
-    return [found.as_json() for found in dict.fromkeys(findings)]

@@ -8,6 +8,7 @@
 import errno
 import fcntl
 import os
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,6 +21,7 @@ from mcap.records import Channel, Message
 from stepdiag.base.errors import DataError, DeviceError, UsageError
 from stepdiag.base.findings import Finding, Severity
 from stepdiag.base.messages import message
+from stepdiag.base.volume import SETUP_NUMBERS
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX
@@ -32,6 +34,9 @@ from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.replay import begun_logs
 
 LOCK = ".lock"
+LATEST_S = 4_102_444_800.0
+"""The year 2100: a time beyond is none of a recorder."""
+_SETUP = re.compile(rf"(?:{'|'.join(SETUP_NUMBERS.values())})(?:\+[1-9][0-9]{{0,3}})?")
 
 _log = structlog.get_logger("rounds")
 
@@ -215,9 +220,19 @@ def _stop_of(note: bytes, log: Path) -> CapturedStop:
             fields.pop(name, None)
         for name in ("stop_count", "reading_mm", "beam"):
             fields.setdefault(name, None)
-        return msgspec.convert(fields, CapturedStop)
+        stop = msgspec.convert(fields, CapturedStop)
+        _require_possible(stop)
+        return stop
     except (*DAMAGE, KeyError) as error:
         raise DataError(str(log), expected=message("stops-noted"), found=f"{error!r}") from error
+
+
+def _require_possible(stop: CapturedStop) -> None:
+    """Raise ValueError for a stop that no pass can have: without a setup, before the first stop, at a time that no calendar has."""
+    if not _SETUP.fullmatch(stop.setup):
+        raise ValueError(f"a stop of the setup {stop.setup[:40]!r}")
+    if stop.stop < 0 or not 0.0 <= stop.time_s < LATEST_S:
+        raise ValueError(f"stop {stop.stop} at {stop.time_s:g} s")
 
 
 def _last_stop(logs: Sequence[Path]) -> CapturedStop | None:

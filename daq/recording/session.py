@@ -29,7 +29,7 @@ from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.listening import Listening
 from stepdiag.daq.recording.verdicts import Verdicts
-from stepdiag.daq.records.events import Chunk, Event, LinkEvent, ModbusBlock, Stream
+from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, ModbusBlock, Stream
 from stepdiag.daq.survey.formats import decoders
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.host_clock import now_ns
@@ -119,6 +119,7 @@ class Session:
         self._noted_sample_ns = self._noted_signals_ns = 0
         self._idle = _idle_streams(survey)
         self._listening = Listening(survey)
+        self._down: set[Link] = set()
         self.capture: Capture | None = None
         self._samples = 0
         self.strip = Strip()
@@ -180,6 +181,7 @@ class Session:
     def _take(self, event: Event) -> None:
         if isinstance(event, LinkEvent):
             self._listening.take_link(event)
+            (self._down.discard if event.state == "connected" else self._down.add)(event.link)
         if self.capture is None:
             self._wait(event)
             return
@@ -266,7 +268,7 @@ class Session:
         if isinstance(event, Chunk):
             self._hear(event)
         elif isinstance(event, LinkEvent) and event.interrupts and event.link in self._idle:
-            self._idle[event.link].interrupted()
+            self._idle[event.link].interrupted(event.time_ns)
         if isinstance(event, ModbusBlock):
             signals = self._decode(event)
             if self._standing is not None and not (signals.stopped and same_stop(self._standing, signals)):
@@ -329,7 +331,12 @@ class Session:
         breaks = _last_of_each((*self._breaks, *self._idle["laser"].breaks))
         start = self.book.start(skip_open_dwell=self._skip_dwell, wall_offset_ns=self._stops_offset_ns, breaks=breaks, beyond=self._beyond)
         believed = believed_before(self.survey, self._idle_air(), now_ns, self._stops_offset_ns, start.credible)
-        start = msgspec.structs.replace(start, credible=believed, last_count=self.owed if start.last_count is None else start.last_count)
+        start = msgspec.structs.replace(
+            start,
+            credible=believed,
+            last_count=self.owed if start.last_count is None else start.last_count,
+            down=tuple(sorted(self._down)),
+        )
         setup = self.book.next_setup() or "more"
         header = LogHeader(
             survey_text=self._text,

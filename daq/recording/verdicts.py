@@ -1,7 +1,7 @@
-"""What is said of a survey beside its logs: by persons who accept a doubt, and by the solver that could not come to a result.
+"""What is said of a survey beside its logs: by persons who accept a doubt or state the time, and by the solver without a result.
 
-Two files of one JSON object a line, only ever appended to: ``accepted.jsonl`` and ``judged.jsonl``. A line that a power failure tore is
-passed over: what was accepted in it is then open again.
+Three files of one JSON object a line, only ever appended to: ``accepted.jsonl``, ``dated.jsonl`` and ``judged.jsonl``. A line that a power
+failure tore is passed over: what was accepted in it is then open again.
 """
 
 import os
@@ -16,14 +16,17 @@ import structlog
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes
 from stepdiag.base.messages import message
-from stepdiag.daq.passes.doubt import Acceptance, Doubt, acceptance_of
+from stepdiag.daq.passes.doubt import Acceptance, Doubt, TimeStated, acceptance_of
 from stepdiag.daq.passes.pass_book import PassBook
 
 ACCEPTED = "accepted.jsonl"
+DATED = "dated.jsonl"
 JUDGED = "judged.jsonl"
+WORDS = (ACCEPTED, DATED, JUDGED)
+"""What belongs to the logs of a survey wherever they are taken."""
 LARGEST_BYTES = 4_000_000
 """More is none that persons write."""
-Line = TypeVar("Line", Acceptance, "Judgement")
+Line = TypeVar("Line", Acceptance, TimeStated, "Judgement")
 
 _log = structlog.get_logger("verdicts")
 
@@ -47,6 +50,8 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
     accepted: tuple[Acceptance, ...] = ()
     judgements: tuple[Judgement, ...] = ()
     """All that the solver said, in order: the last counts."""
+    dated: tuple[TimeStated, ...] = ()
+    """The times that persons stated, in order: the last counts."""
 
     @property
     def suspicions(self) -> tuple[tuple[int, tuple[Doubt, ...]], ...]:
@@ -57,6 +62,7 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
         """Tell the passes of a survey; return why it cannot be solved although every pass is in, empty where that is not so."""
         for word in self.accepted:
             book.accept(word)
+        book.time_stated = self.dated[-1] if self.dated else None
         judged = self.judgements[-1] if self.judgements else None
         book.suspect(judged.doubts if judged is not None else ())
         return judged.reason if judged is not None and not judged.doubts and judged.stops == book.stops else ""
@@ -64,7 +70,11 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
 
 def verdicts_in(folder: Path) -> Verdicts:
     """Return what is said of the survey whose logs are in a folder; nothing where nothing is."""
-    return Verdicts(accepted=tuple(_lines(folder / ACCEPTED, Acceptance)), judgements=tuple(_lines(folder / JUDGED, Judgement)))
+    return Verdicts(
+        accepted=tuple(_lines(folder / ACCEPTED, Acceptance)),
+        judgements=tuple(_lines(folder / JUDGED, Judgement)),
+        dated=tuple(_lines(folder / DATED, TimeStated)),
+    )
 
 
 def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, time_s: float) -> None:
@@ -72,11 +82,22 @@ def accept(doubts: Sequence[Doubt], folder: Path, *, reason: str, name: str, tim
 
     Raises UsageError where the reason or the name is empty, or the file cannot be written.
     """
-    for field, said in (("reason", reason), ("name", name)):
-        if not said.strip():
-            raise UsageError(f"accept: {field}", expected=message("expects-words"), found="nothing")
+    _require_words(reason=reason, name=name)
     words = [acceptance_of(doubt, reason=reason.strip(), name=name.strip(), time_s=time_s) for doubt in doubts]
     append_line(folder / ACCEPTED, b"\n".join(map(msgspec.json.encode, words)))
+
+
+def state_time(folder: Path, begun_s: float, *, reason: str, name: str, time_s: float) -> None:
+    """Add a person's word for the time of the first stop, in seconds since 1970, on disk when this returns. Raises as `accept`."""
+    _require_words(reason=reason, name=name)
+    word = TimeStated(begun_s=begun_s, name=name.strip(), reason=reason.strip(), time_s=time_s)
+    append_line(folder / DATED, msgspec.json.encode(word))
+
+
+def _require_words(**given: str) -> None:
+    for field, said in given.items():
+        if not said.strip():
+            raise UsageError(f"accept: {field}", expected=message("expects-words"), found="nothing")
 
 
 def doubts_at(still: Sequence[Doubt], place: str) -> list[Doubt]:
@@ -104,7 +125,7 @@ def note_judgement(folder: Path, judged: Judgement) -> None:
 
 def mark_of(folder: Path) -> tuple[int, ...]:
     """Return what changes when somebody adds a line."""
-    return tuple(path.stat().st_size if path.exists() else 0 for path in (folder / ACCEPTED, folder / JUDGED))
+    return tuple(path.stat().st_size if path.exists() else 0 for path in (folder / name for name in WORDS))
 
 
 def append_line(path: Path, line: bytes) -> None:

@@ -38,9 +38,20 @@ class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
     reason: str = ""
     doubt: str = ""
     """Which stops are kept although they may be off, and why."""
-    again_pass: int = 1
-    again_from: int = 0
-    """Where the state is ``again``: the pass to repeat, and the stop from which to repeat it (0: all of it)."""
+
+
+class DriveStatus(msgspec.Struct, frozen=True, kw_only=True):
+    """A pass that is still to be driven: from which stop (0: all of it), how many stops, and how long with setting up where it has to be.
+
+    ``again``: it was driven, and misses stops or is doubted.
+    """
+
+    setup: str
+    pass_number: int
+    from_stop: int = 0
+    stops: int
+    again: bool = False
+    minutes: float = 0.0
 
 
 class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -167,6 +178,8 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """The stops of the running pass and of the pass before it in the same setup."""
     findings: tuple[FindingStatus, ...]
     seconds_left: float | None
+    to_drive: tuple[DriveStatus, ...] = ()
+    """What is still to be driven, in order; ``seconds_left`` is its sum."""
     origin_mm: tuple[float, float, float]
     size_mm: tuple[float, float, float]
     increments: int

@@ -10,7 +10,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from datetime import UTC, date, datetime
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
+
+import msgspec
 
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
 from stepdiag.base.files import as_text, holds, write_atomically, write_once
@@ -19,15 +21,15 @@ from stepdiag.daq.capture.remarks.unchecked import unchecked
 from stepdiag.daq.head.runs import HeadMeasured, evaluate_head, merge_angles
 from stepdiag.daq.passes.doubt import says_what_to_do
 from stepdiag.daq.passes.held import Held, assumed_conditions, held_conditions, with_held
+from stepdiag.daq.passes.survey_time import clock_findings, span_s
 from stepdiag.daq.passes.tabulate import tabulate
-from stepdiag.daq.passes.verdict import assumed_findings, history, settled_findings, suspected
+from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, note_judgement, verdicts_in
 from stepdiag.daq.records.survey_folder import EXPORTS, READINGS, REFUSED, RESULT
 from stepdiag.daq.replay import Replayed, find_logs, replay
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.bundle import active_in, compensation_findings, compensation_of, tables_for
 from stepdiag.daq.survey.environment import NAMES
-from stepdiag.daq.survey.models import Survey
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.profiles.file import parse_profile
@@ -36,6 +38,7 @@ from stepdiag.exporters.safety.levers import left_out
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import Angles, parse_angles
 from stepdiag.solver.readings.readings import Readings, render_readings
+from stepdiag.solver.result.members import AssumedConditions, Conditions, Facts
 from stepdiag.solver.result.result import Result, parse_result
 
 
@@ -128,18 +131,20 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
     )
     solved = (*head.findings, *twice, *result.findings, *assumed_findings(survey, len(readings), unsaid))
     replayed.book.suspect(suspected(replayed.book, solved))
-    told = {*(one.name for one in unsaid), *(environment or {})}
     findings = (
         *compensation_findings(survey),
-        *unchecked(survey, told),
+        *unchecked(survey, {*(one.name for one in unsaid), *(environment or {})}),
+        *clock_findings(replayed.book),
         *settled_findings(replayed.book, solved, stated=environment or {}),
     )
-    about = {
-        "survey": _facts(replayed),
-        "conditions": _conditions(replayed) | _stated(environment) | _assumed(survey, unsaid),
-        "history": history(replayed.findings),
-    }
-    return replace(result, findings=findings, extra={**about, **result.extra}), render_readings(readings)
+    described = replace(
+        result,
+        findings=findings,
+        survey=_facts(replayed),
+        conditions=_conditions(replayed, environment or {}, unsaid),
+        history=tuple(dict.fromkeys(replayed.findings)),
+    )
+    return described, render_readings(readings)
 
 
 def readings_of(replayed: Replayed, environment: Mapping[str, float] | None = None) -> Readings:
@@ -175,45 +180,41 @@ def _require_settled(replayed: Replayed, out: Path) -> None:
     raise DataError(str(_folder(replayed)), expected=message("undoubted"), found=named, remedy=remedy)
 
 
-def _stated(environment: Mapping[str, float] | None) -> dict[str, list[float]]:
-    return {name: [value, value] for name, value in (environment or {}).items()}
+def _facts(replayed: Replayed) -> Facts:
+    """Return who measured what, when and with what, as the survey file and the logs state it."""
+    survey, run = replayed.survey, replayed.run
+    identity = survey.identity
+    begun, ended = (datetime.fromtimestamp(edge_s, UTC).strftime("%Y-%m-%d %H:%M UTC") for edge_s in span_s(replayed.book))
+    facts = Facts(
+        machine=identity.machine,
+        survey=identity.name,
+        operator=run.get("operator", identity.operator),
+        workpiece=run.get("workpiece", identity.workpiece),
+        date=survey_date(replayed).isoformat(),
+        begun=begun,
+        ended=ended,
+        temperature_note=identity.temperature_note,
+        event=identity.event,
+        **msgspec.structs.asdict(survey.report),
+        wavelength_nm=None if survey.laser.compensated else survey.laser.wavelength_nm,
+        at_20_c=survey.machine.apply_expansion,
+    )
+    return compensation_of(survey, replayed.files).facts(facts)
 
 
-def _assumed(survey: Survey, unsaid: Sequence[Held]) -> dict[str, dict[str, float]]:
-    """Return the conditions that nobody told, as the survey file has them."""
-    return {"assumed": {one.name: getattr(survey.environment, one.name) for one in unsaid}} if unsaid else {}
+def _conditions(replayed: Replayed, environment: Mapping[str, float], unsaid: Sequence[Held]) -> Conditions:
+    """Return the least and the largest value of each sensor over the stops used, and the conditions that no sensor measured.
 
-
-def _facts(replayed: Replayed) -> dict[str, Any]:
-    """Return who measured what, as the survey file and the logs say."""
-    identity, run = replayed.survey.identity, replayed.run
-    return {
-        "machine": identity.machine,
-        "survey": identity.name,
-        "operator": run.get("operator", identity.operator),
-        "workpiece": run.get("workpiece", identity.workpiece),
-        "date": survey_date(replayed).isoformat(),
-        **_certificate(replayed),
-        **compensation_of(replayed.survey, replayed.files).as_json(),
-    }
-
-
-def _certificate(replayed: Replayed) -> dict[str, Any]:
-    """Return what a certificate says beside the figures: when, with what, by which convention; empty entries are left out."""
-    survey = replayed.survey
-    times = [stop.time_s for each in replayed.book.passes for stop, _ in each.chosen().values()]
-    begun, ended = (datetime.fromtimestamp(edge(times), UTC).strftime("%Y-%m-%d %H:%M UTC") for edge in (min, max))
-    said = {name: getattr(survey.report, name) for name in survey.report.__struct_fields__}
-    about = {"begun": begun, "ended": ended, "temperature_note": survey.identity.temperature_note, "event": survey.identity.event, **said}
-    wavelength = {} if survey.laser.compensated else {"wavelength_nm": survey.laser.wavelength_nm}
-    return {**{name: text for name, text in about.items() if text}, **wavelength, "at_20_c": survey.machine.apply_expansion}
-
-
-def _conditions(replayed: Replayed) -> dict[str, list[float]]:
-    """Return the least and the largest value of each sensor over the stops used; a sensor that was not there is left out."""
-    stops = [stop for each in replayed.book.passes for stop, _ in each.chosen().values()]
+    A value of ``environment`` stands for a sensor's; a condition ``unsaid`` is as the survey file has it.
+    """
+    stops = [stop for each in replayed.book.passes for stop in each.chosen().values()]
     seen = {name: [value for stop in stops if (value := getattr(stop, name)) is not None] for name in NAMES}
-    return {name: [min(values), max(values)] for name, values in seen.items() if values}
+    ranges = {name: (min(values), max(values)) for name, values in seen.items() if values}
+    assumed = {one.name: getattr(replayed.survey.environment, one.name) for one in unsaid}
+    return Conditions(
+        **{**ranges, **{name: (value, value) for name, value in environment.items()}},
+        assumed=AssumedConditions(**assumed) if assumed else None,
+    )
 
 
 def head_of_logs(replayed: Replayed) -> HeadMeasured:
@@ -223,8 +224,7 @@ def head_of_logs(replayed: Replayed) -> HeadMeasured:
 
 def survey_date(replayed: Replayed) -> date:
     """Return the day on which the last stop was captured (UTC)."""
-    last = max(stop.time_s for each in replayed.book.passes for stop, _ in each.chosen().values())
-    return datetime.fromtimestamp(last, UTC).date()
+    return datetime.fromtimestamp(span_s(replayed.book)[1], UTC).date()
 
 
 def _require_all(replayed: Replayed) -> None:

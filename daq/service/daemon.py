@@ -20,7 +20,7 @@ from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.log.recorder import Recorder, RecorderHealth
 from stepdiag.daq.log.topics import log_note
-from stepdiag.daq.passes.doubt import Doubt
+from stepdiag.daq.passes.doubt import Doubt, places_of
 from stepdiag.daq.recording.begun import BegunWords
 from stepdiag.daq.recording.handshake import Handshake
 from stepdiag.daq.recording.rounds import FolderLock, latest_round, next_round
@@ -71,6 +71,7 @@ class Daemon:
         self._blocked = False
         self._working: Working
         self._lock: FolderLock
+        self._taken = False
         self._handshake: Handshake | None = None
         self._settled = Settled()
         self._live_s = 0.0
@@ -83,7 +84,7 @@ class Daemon:
         Raises UsageError where another daemon holds the folder, RuntimeError where a worker died, DeviceError where the disk refused to the
         end.
         """
-        lock = self._lock = FolderLock.take(self._folder)
+        self.take_folder()
         loop = self._loop = asyncio.get_running_loop()
         for number in (signal.SIGTERM, signal.SIGINT):
             loop.add_signal_handler(number, self.stop)
@@ -95,9 +96,14 @@ class Daemon:
                 loop.remove_signal_handler(number)
             self._notifier.stopping()
             whole = recorder.stop()
-            lock.release()
+            self._lock.release()
         if not whole:
             raise _unwritten(recorder.health)
+
+    def take_folder(self) -> None:
+        """Take the folder for this process, before anything else is opened. Raises UsageError where another daemon holds it."""
+        if not self._taken:
+            self._lock, self._taken = FolderLock.take(self._folder), True
 
     def stop(self) -> None:
         """Ask the daemon to end."""
@@ -258,7 +264,7 @@ class Daemon:
         """Say what is doubted, where it is still so: somebody may have accepted it meanwhile, or driven it again."""
         if session is not self._working.session or session.book.doubts() != still:
             return
-        places, reason = [doubt.place for doubt in still], "; ".join(doubt.text for doubt in still)
+        places, reason = places_of(still), "; ".join(dict.fromkeys(doubt.text for doubt in still))
         said = {"folder": str(session.folder), "doubted": places, "reason": reason}
         self._write_live(lambda: _log.warning("survey-open", **said))
 

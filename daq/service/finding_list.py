@@ -6,20 +6,22 @@ from datetime import UTC, datetime
 from stepdiag.base.findings import Finding
 from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.passes.survey_time import clock_findings
 from stepdiag.daq.records.status import FindingStatus
 
 SHOWN = 50
 """The latest of those that are past."""
 
 
-def finding_list(book: PassBook, history: Sequence[Finding]) -> tuple[FindingStatus, ...]:
-    """Return what was found: past first, then what a person accepted, then what is open."""
+def finding_list(book: PassBook, history: Sequence[Finding], now_s: float | None = None) -> tuple[FindingStatus, ...]:
+    """Return what was found: past first, then what a person accepted, then what is open; ``now_s`` is the time of day, where it counts."""
     doubts, accepted = book.doubts(), book.accepted()
     settled = {_key(doubt) for doubt in (*doubts, *(doubt for doubt, _ in accepted))}
     past = [each for each in dict.fromkeys(history) if _key(each) not in settled]
     still = [each for each in past if _is_missing(book, each)]
     return (
         *(_past(each) for each in past[-SHOWN:] if each not in still),
+        *(_past(each) for each in clock_findings(book, now_s)),
         *(_accepted(doubt, word) for doubt, word in accepted),
         *(_past(each, open_=True) for each in still),
         *(_open(doubt) for doubt in doubts),

@@ -2,7 +2,7 @@
 
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
 from stepdiag.daq.capture.place.route import make_route
@@ -11,10 +11,10 @@ from stepdiag.daq.passes.alignment import mirror_tilt_mrad
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.recording.survey_links import Statuses
-from stepdiag.daq.records.status import Phase, SetupStatus, Snapshot, StripStatus
+from stepdiag.daq.records.status import DriveStatus, Phase, SetupStatus, Snapshot, StripStatus
 from stepdiag.daq.service.finding_list import finding_list
 from stepdiag.daq.service.geometry import geometry
-from stepdiag.daq.service.time_left import seconds_left
+from stepdiag.daq.service.remaining import to_drive
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import CONTINUITY
 from stepdiag.daq.timing.strip import BIN_S, KEEP_BINS
@@ -36,7 +36,9 @@ def snapshot(
     survey, signals = session.survey, session.signals or Signals()
     setup, stop, count, axis = expected_stop(session)
     reading, beam, lost = _reading(session)
-    setups = tuple(setup_status(survey, session.book, name, running=_runs(session, name)) for name in survey.plan.all_setups)
+    running = _running(session)
+    drives = to_drive(survey, session.book, running)
+    setups = setup_statuses(survey, session.book, drives, running)
     return Snapshot(
         sequence=sequence,
         wall_time=datetime.fromtimestamp(time.time(), UTC).isoformat(timespec="seconds"),
@@ -69,11 +71,12 @@ def snapshot(
         material_temperature_c=signals.material_temperature_c,
         tilt_mrad=_tilt(session),
         tilt_setup=session.book.driven.route.setup if session.book.driven is not None else "",
-        tilt_live=session.book.driven is not None and _runs(session, session.book.driven.route.setup),
+        tilt_live=session.book.driven is not None and running == session.book.driven.route.setup,
         setups=setups,
         stops=session.recent.of(survey, session.book),
-        findings=finding_list(session.book, session.findings),
-        seconds_left=seconds_left(survey, session.book),
+        findings=finding_list(session.book, session.findings, time.time()),
+        seconds_left=60.0 * sum(drive.minutes for drive in drives),
+        to_drive=drives,
         origin_mm=survey.volume.origin_mm,
         size_mm=survey.volume.size_mm,
         increments=survey.volume.increments,
@@ -109,23 +112,25 @@ def expected_stop(session: Session) -> tuple[str, int, int, str]:
     return setup, 0, len(make_route(session.survey.volume, setup, session.survey.axis_order, outward=True)), ""
 
 
-def setup_status(survey: Survey, book: PassBook, setup: str, *, running: bool = False) -> SetupStatus:
-    """Return how far a setup is, and why it must be driven again where it must; the pass that runs may still become whole."""
-    route = make_route(survey.volume, setup, survey.axis_order, outward=True)
+def setup_statuses(survey: Survey, book: PassBook, drives: Sequence[DriveStatus], running: str = "") -> tuple[SetupStatus, ...]:
+    """Return how far each setup of the plan is, by what is still to be driven of it, and why a pass must be driven again."""
+    names = survey.plan.all_setups
+    return tuple(_setup_status(survey, book, name, [each for each in drives if each.setup == name], name == running) for name in names)
+
+
+def _setup_status(survey: Survey, book: PassBook, setup: str, drives: Sequence[DriveStatus], running: bool) -> SetupStatus:
+    stops_wanted = len(make_route(survey.volume, setup, survey.axis_order, outward=True)) * len(book.wanted())
     passes = [each for each in book.of(setup) if each.number in book.wanted()]
-    open_passes = book.open_passes(setup)
-    broken = [each for each in passes if each.number in open_passes and each.why_incomplete() and not (running and each is book.driven)]
-    state = "done" if not open_passes else "running" if running else "again" if broken else "to-do"
+    again = {drive.pass_number for drive in drives if drive.again}
+    state = "done" if not drives else "running" if running else "again" if again else "to-do"
     return SetupStatus(
         name=setup,
         passes_wanted=len(book.wanted()),
-        passes_done=len(book.wanted()) - len(open_passes),
-        stops_wanted=len(route) * len(book.wanted()),
-        stops_done=sum(len(each.chosen()) for each in passes),
+        passes_done=len(book.wanted()) - len(drives),
+        stops_wanted=stops_wanted,
+        stops_done=stops_wanted - sum(drive.stops for drive in drives),
         state=state,  # type: ignore[arg-type]
-        reason="; ".join(f"pass {each.number}: {each.why_incomplete()}" for each in broken),
-        again_pass=broken[0].number if broken else 1,
-        again_from=broken[0].again_from() if broken else 0,
+        reason="; ".join(f"pass {each.number}: {each.why_incomplete()}" for each in passes if each.number in again),
         doubt="; ".join(f"pass {each.number}: {why}" for each in passes if (why := each.why_doubtful())),
     )
 
@@ -168,9 +173,9 @@ def _reading(session: Session) -> tuple[float | None, float | None, bool]:
 
 def _tilt(session: Session) -> tuple[float, float] | None:
     driven = session.book.driven
-    return mirror_tilt_mrad(driven.route, [stop for stop, _ in driven.chosen().values()]) if driven is not None else None
+    return mirror_tilt_mrad(driven.route, list(driven.chosen().values())) if driven is not None else None
 
 
-def _runs(session: Session, setup: str) -> bool:
+def _running(session: Session) -> str:
     walk = session.capture.walk if session.capture is not None else None
-    return walk is not None and walk.route.setup == setup
+    return walk.route.setup if walk is not None else ""

@@ -12,6 +12,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import finding
 from stepdiag.base.messages import excerpt, message
 from stepdiag.daq.log.recorder import Recorder
+from stepdiag.daq.passes.doubt import places_of
 from stepdiag.daq.recording.session import Session
 from stepdiag.daq.recording.survey_links import SurveyLinks
 from stepdiag.daq.recording.verdicts import accept, doubts_at
@@ -196,7 +197,7 @@ def _idle(session: Session, setup: str) -> str:
     if session.unsolved:
         return f"every pass is in, and there is no result: {session.unsolved}"
     if session.book.whole() and setup:
-        places = ", ".join(doubt.place for doubt in session.book.doubts())
+        places = ", ".join(places_of(session.book.doubts()))
         return f"doubted: {places}; waiting for the program of {setup}, or for somebody who accepts it"
     if session.survey.plc.silent and setup:
         return f"waiting for somebody who begins {setup}: the page, or `stepdiag begin`"

@@ -10,10 +10,12 @@ from stepdiag.daq.survey.models import Plan
 HEADER = re.compile(r"\s*\[")
 OFFSETS = "[[plan.beam_offset]]"
 PLAN = "[plan]"
+VOLUME = "[volume]"
 
 
-def with_plan(text: str, plan: Plan, source: str) -> str:
-    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes and shifted beams; all else is untouched.
+def with_plan(text: str, plan: Plan, source: str, increments: int | None = None) -> str:
+    """Return a survey file in which ``[plan]`` has these setups, repeats, return passes and shifted beams, and ``[volume]`` has these
+    ``increments`` where they are given; all else is untouched.
 
     Raises UsageError where the survey does not hold such a plan (a run of a head that it has not), or writes its plan in another form.
     """
@@ -28,8 +30,12 @@ def with_plan(text: str, plan: Plan, source: str) -> str:
             blocks.append(block)
     if not any(block[0].strip() == PLAN for block in blocks):
         blocks.append([f"{PLAN}\n"])
-    amended = "".join("".join(_amended(block, plan) if block[0].strip() == PLAN else block) for block in blocks)
-    found = parse_survey(amended, source).plan
+    amended = "".join("".join(_amended(block, plan) if block[0].strip() == PLAN else _finer(block, increments)) for block in blocks)
+    survey = parse_survey(amended, source)
+    if increments is not None and survey.box.increments != increments:
+        raise UsageError(f"{source}: volume", expected="a section [volume] with one setting a line", found="another form of it",
+                         remedy=f"increments = {increments}")  # fmt: skip
+    found = survey.plan
     if found != plan:
         raise UsageError(f"{source}: plan", expected="a section [plan] with one setting a line", found="another form of it",
                          remedy=" ".join(line.strip() for line in _settings(plan).values()))  # fmt: skip
@@ -44,6 +50,13 @@ def _blocks(lines: Sequence[str]) -> list[list[str]]:
             blocks.append([])
         blocks[-1].append(line)
     return blocks
+
+
+def _finer(block: Sequence[str], increments: int | None) -> list[str]:
+    """Return a section as it is, ``[volume]`` with other increments where they are given; a remark behind the number stays."""
+    if increments is None or block[0].strip() != VOLUME:
+        return list(block)
+    return [re.sub(r"^(\s*increments\s*=\s*)\d+", rf"\g<1>{increments}", line) for line in block]
 
 
 def _amended(block: Sequence[str], plan: Plan) -> list[str]:

@@ -9,6 +9,8 @@ from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.planning.planner import Circumstances, forecast
 from stepdiag.solver.planning.runs import Pace, Plan, Run
 
+FOURDOF_FORMATS = ("fourdof", "tqd")
+"""Heads that make runs of their own beside the laser's."""
 IN_STEP = 0.05
 """Of a wave's length: by so little more or less than whole waves from target to target ten increments see less than one slow wave of it."""
 
@@ -28,7 +30,8 @@ def planned(survey: Survey) -> Plan:
 
 def circumstances(survey: Survey) -> Circumstances:
     """Return the job's circumstances as far as the survey file tells them."""
-    return Circumstances(chain=survey.machine.chain, assumed=assumptions_of(survey))
+    head = survey.head is not None and survey.head.format in FOURDOF_FORMATS
+    return Circumstances(chain=survey.machine.chain, assumed=assumptions_of(survey), head=head)
 
 
 def hidden_slip(survey: Survey) -> Iterator[Finding]:

@@ -38,6 +38,9 @@ UNWATCHED_NS = 500_000_000
 UNWATCHED_PERIODS = 3.0
 """A beam that is cut and comes back while no sample is seen for so long leaves no trace; a shorter gap is remarked as such."""
 
+LINE_LOST, NOT_RECORDED = "the line was lost for a moment", "a part of the recording is missing"
+"""Why nobody watched the laser, in words."""
+
 
 @dataclass(frozen=True, slots=True)
 class Break:
@@ -138,15 +141,14 @@ class StreamBuffer:
         notices, self._notices = tuple(self._notices.values()), {}
         return notices
 
-    def interrupted(self) -> None:
-        """Take note that the link was away: the half line before it does not belong to the bytes after it.
+    def interrupted(self, at_ns: int, reason: str = LINE_LOST) -> None:
+        """Take note that bytes are missing: the half line before them does not belong to the bytes after them.
 
-        However short that was, who comes back may have had no power, or be another one: only a counter that goes on shows that it has not.
+        However short that was, the laser was unwatched: a beam that is cut meanwhile and comes back leaves no trace, with a counter too.
         """
         self._settle()
         self._decoder.resync()
-        if self._end is not None and not self._decoder.gaps_visible:
-            self._breaks.append(Break(self._end[1] + 1, "the line was lost for a moment", watched=False))
+        self._breaks.append(Break(at_ns, reason, watched=False))
 
     def newest_ns(self) -> float:
         """Return the time of the newest sample; minus infinity before the first."""

@@ -11,10 +11,12 @@ from datetime import UTC, date, datetime
 from pathlib import Path
 
 import msgspec
+import numpy as np
 
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.export.report import report_text
 from stepdiag.exporters.export.volume import export_etalon, export_kinematics, export_lattice
@@ -32,14 +34,17 @@ from stepdiag.exporters.safety.compensation import require_agreement, require_an
 from stepdiag.exporters.safety.gate import gate_findings, require_clean
 from stepdiag.exporters.safety.identity import require_same_machine
 from stepdiag.exporters.safety.levers import require_levers
-from stepdiag.exporters.safety.remarks import remarks
+from stepdiag.exporters.safety.remarks import missed_um, remarks
 from stepdiag.exporters.safety.restore import restore_files
 from stepdiag.exporters.safety.standing import Standing, standing_findings
 from stepdiag.exporters.safety.verify import harm_findings, predict, worse_findings
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller, Plan
-from stepdiag.exporters.tables.profile import Profile
+from stepdiag.exporters.tables.profile import AXIS_LETTERS, Profile
 from stepdiag.solver.result.result import Result
+
+MET_UM, FINEST_PART = 0.05, 10
+"""The points of a quick look meet what was measured to this; targets that are not even need a part of the survey's increments."""
 
 
 def export(
@@ -54,7 +59,8 @@ def export(
 ) -> ExportReport:
     """Write the compensation files of a result and return what was written.
 
-    ``profile`` may be None for a quick look with ``step_mm`` alone (contract 5); with both, ``step_mm`` replaces the steps of the profile.
+    ``profile`` may be None for a quick look, with tables at the measured positions or in steps of ``step_mm`` (contract 5); with a profile
+    ``step_mm`` replaces its steps.
     ``accept`` names the warnings that may pass. ``today`` dates the sign tests, so that a replay can repeat an old export.
 
     Raises ``DataError`` for a function that the result does not identify, ``SafetyError`` for a failed check (nothing is written), or,
@@ -62,7 +68,8 @@ def export(
     """
     require_answer(result)
     if controller == lattice.NAME:
-        return export_lattice(result, _step(step_mm, profile), out_dir)
+        own = step_mm if step_mm is not None or profile is None else min(axis.step_mm for axis in profile.axes.values())
+        return export_lattice(result, _steps(own, result), out_dir)
     if controller == etalon.NAME:
         return export_etalon(result, out_dir)
     control = controller_named(controller)
@@ -115,10 +122,10 @@ def _require_something(plan: Plan, profile: Profile) -> None:
 def _settled(profile: Profile | None, control: Controller, result: Result, step_mm: float | None) -> Profile:
     """Return the profile to plan with: given, given with another step, or the stand-in of a quick look."""
     if profile is None:
-        return _of_what_travelled(quick_profile(control, result.volume, _step(step_mm, profile)), result)
+        return _of_what_travelled(quick_profile(control, result.volume, _steps(step_mm, result)), result)
     if step_mm is None:
         return profile
-    _step(step_mm, profile)
+    _require_step(step_mm)
     return replace(profile, axes={letter: msgspec.structs.replace(axis, step_mm=step_mm) for letter, axis in profile.axes.items()})
 
 
@@ -130,14 +137,33 @@ def _of_what_travelled(profile: Profile, result: Result) -> Profile:
     return replace(profile, machine=msgspec.structs.replace(profile.machine, functions=functions))
 
 
-def _step(step_mm: float | None, profile: Profile | None) -> float:
-    if step_mm is None and profile is not None:
-        return min(axis.step_mm for axis in profile.axes.values())
-    if step_mm is None:
-        raise UsageError("export", expected="--profile FILE or --step-mm S", found="neither")
+def _steps(step_mm: float | None, result: Result) -> tuple[float, ...]:
+    """Return the steps of a quick look: the one that is given, or those at which the errors were measured.
+
+    Points between measured positions add nothing, and points beside them cost up to a micrometre.
+    """
+    if step_mm is not None:
+        _require_step(step_mm)
+        return (step_mm,) * len(AXIS_LETTERS)
+    return tuple(_measured_step(result, index) for index in range(len(AXIS_LETTERS)))
+
+
+def _measured_step(result: Result, index: int) -> float:
+    """Return the largest part of the survey's increments whose points meet the functions of an axis, or the one that misses least."""
+    letter, low_mm, step_mm = AXIS_LETTERS[index], result.volume.origin_mm[index], float(result.volume.step_mm[index])
+    known = [(each.position_mm, each.value) for name, each in result.errors.items() if name[-1] == letter and each.value is not None]
+
+    def left_um(parts: int) -> float:
+        grid_mm: Vector = low_mm + step_mm / parts * np.arange(result.volume.increments * parts + 1, dtype=np.float64)
+        return max((missed_um(grid_mm, position_mm, value) for position_mm, value in known), default=0.0)
+
+    parts = range(1, FINEST_PART + 1)
+    return step_mm / next((each for each in parts if left_um(each) <= MET_UM), min(parts, key=left_um))
+
+
+def _require_step(step_mm: float) -> None:
     if not 0 < step_mm < float("inf"):
         raise UsageError("--step-mm", expected=message("step-positive"), found=f"{step_mm:g}")
-    return step_mm
 
 
 def _control_files(case: Case, standing: Standing) -> list[ControlFile]:

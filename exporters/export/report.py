@@ -11,7 +11,6 @@ from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.controller import Plan
 from stepdiag.exporters.tables.tables import Table
 from stepdiag.solver.result.basis import Basis, basis_of, scales_in_words
-from stepdiag.solver.result.interval import interval_of
 
 
 def report_text(case: Case, plan: Plan, findings: Sequence[Finding], prediction: Prediction) -> str:
@@ -33,7 +32,7 @@ def _head(case: Case) -> Iterator[str]:
     yield f"Compensation for {case.controller.title}"
     yield f"machine: {machine.name}; profile: {case.profile.source}"
     yield f"result: sha256 {hashlib.sha256(result.to_json().encode()).hexdigest()}, method {result.method}, chain {result.chain}"
-    yield f"written by {result.software['name']} {result.software['version']}; lengths in mm, errors in um, e = actual - commanded"
+    yield f"written by {result.software.name} {result.software.version}; lengths in mm, errors in um, e = actual - commanded"
     yield f"directions: {machine.direction}; compensation while measuring: {_state(case)}"
     for letter, axis in case.profile.axes.items():
         yield f"axis {letter}: {axis.name}, {case.profile.grid_words(letter)}, zero at {axis.reference_mm:g}"
@@ -55,10 +54,9 @@ def _findings(findings: Sequence[Finding]) -> Iterator[str]:
 def _effect(case: Case, prediction: Prediction) -> Iterator[str]:
     yield "PREDICTED VOLUMETRIC ERROR anywhere in the volume, in um (k = 2)"
     yield f"  {'':<30}{'rms':>16}{'largest':>16}"
-    for name, figures in prediction.predicted().items():
+    for name, figures in prediction.predicted.parts().items():
         for when, found in figures.items():
-            rms, largest = interval_of(found["rms_um"]), interval_of(found["largest_um"])
-            yield f"  {name.replace('_', ' ') + ', ' + when:<30}{rms.words() if rms else '-':>16}{largest.bound() if largest else '-':>16}"
+            yield f"  {name + ', ' + when:<30}{found.rms_um.words():>16}{found.largest_um.bound():>16}"
     if any(not scale.identified for scale in case.result.scale.values()):
         yield "  scales that the survey does not identify are in neither figure: measure linear runs to see and to correct them"
     yield "  what remains: what angles do away from the middle (no table of one axis holds it), the rounding, and the curves between points"

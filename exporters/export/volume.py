@@ -1,6 +1,6 @@
 """Exports of the whole field as a lattice: the neutral CSV, and the kinematics component of LinuxCNC that reads it."""
 
-from collections.abc import Callable, Collection, Iterator
+from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -29,15 +29,15 @@ from stepdiag.exporters.tables.controller import plausible_slope_um_mm
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import LimitsSection, Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
-from stepdiag.solver.result.interval import interval_of
 from stepdiag.solver.result.result import DISPLACEMENTS, Result
 
 
-def export_lattice(result: Result, step_mm: float, out_dir: Path) -> ExportReport:
+def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> ExportReport:
     """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
-    held = lattice.lattice_of(result, step_mm)
+    held = lattice.lattice_of(result, steps_mm)
+    steps = " x ".join(f"{each:g}" for each in steps_mm) if len(set(steps_mm)) > 1 else f"{steps_mm[0]:g}"
     file, said = lattice.render(held), tuple(_beside(result, held))
-    text = f"{file.name}: what has to be added to the command at each vertex, in um; step {step_mm:g} mm\n"
+    text = f"{file.name}: what has to be added to the command at each vertex, in um; step {steps} mm\n"
     text += f"compensation while measuring: {stated_in(result).words()}; where it was on, the vectors come on top of what was active\n"
     text += "".join(f"{item.code}: {item.text}\n" for item in said)
     require_clean([file])
@@ -184,6 +184,5 @@ def _report(result: Result, profile: Profile, findings: Collection[Finding], pre
 
 def _effect(prediction: Prediction) -> Iterator[str]:
     """Yield the figures before and after, as intervals where they are."""
-    for when, found in prediction.predicted()["without_rigid_motion"].items():
-        rms, largest = interval_of(found["rms_um"]), interval_of(found["largest_um"])
-        yield f"{when}: rms {rms.words() if rms else '-'}, largest {largest.bound() if largest else '-'}"
+    for when, found in prediction.predicted.without_rigid_motion.items():
+        yield f"{when}: rms {found.rms_um.words()}, largest {found.largest_um.bound()}"

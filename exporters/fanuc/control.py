@@ -131,6 +131,8 @@ class Fanuc:
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
         """Return the tables in the memory of the control: a punch file that is read in leaves nothing of the one that it was made from."""
         files = copied(own, new)
+        if not new:
+            _require_interval([read_punch(file) for file in own], profile)
         return self.parse(files, profile) if files else ()
 
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:  # noqa: ARG002 - the files hold all that changes
@@ -198,6 +200,22 @@ def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile],
             expected=message("own-parameters"),
             found=message("none-number", numbers=[f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]]),
             remedy=message("punch-too"),
+        )
+
+
+def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
+    """Refuse own pitch data whose interval stands nowhere: the steps of a profile are those of the new table, not of the old one."""
+    if not any(any(file.pitch.values()) for file in own):
+        return
+    axes = [axis.number for axis in profile.options_as(FanucOptions).axes.values()]
+    missing = [number for number in axes if all(file.parameter(INTERVAL, number) is None for file in own)]
+    if missing:
+        raise SafetyError(
+            f"{profile.source}: machine.existing",
+            code="template-lacks-parameters",
+            expected=f"the interval (parameter {INTERVAL}) of the pitch data that the control holds now",
+            found="none for " + ", ".join(f"A{number}" for number in missing),
+            remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file too",
         )
 
 

@@ -6,17 +6,15 @@ what brings the control back before what changes it, put on the disk, and rename
 
 import hashlib
 import io
-import os
 import re
-import shutil
-import tempfile
 import zipfile
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from pathlib import Path
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes
+from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes, refuse_file_name
 from stepdiag.base.messages import message
+from stepdiag.base.part import folder_made, part_of, sync_folder, write_through
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import is_restore
 
@@ -33,11 +31,11 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
     folder holds anything else, cannot be written, or two files have one name.
     """
     everything = (*files, sums_of(files))
+    refuse_file_name(folder)
     _refuse_doubled(folder, everything)
     try:
         target = folder.resolve()
         if not _stands_there(target, everything):
-            target.parent.mkdir(parents=True, exist_ok=True)
             _place(target, everything)
     except OSError as error:
         raise UsageError(str(folder), expected=message("expects-written"), found=error.strerror or str(error)) from error
@@ -160,40 +158,20 @@ def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
 
 def _place(target: Path, files: Sequence[ControlFile]) -> None:
     """Write the files beside the target and rename them there at once."""
-    part = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=".part", dir=target.parent))
-    try:
+    with folder_made(target.parent), part_of(target) as part:
         for file in _restore_first(files):
-            _write_through(part / file.name, file.data)
+            write_through(part / file.name, file.data)
         part.chmod(0o755)
-        _sync_folder(part)
+        sync_folder(part)
         try:
             part.rename(target)
         except OSError:
             # another export was faster: its set stays, and is ours where it says the same
             if not _stands_there(target, files):
                 raise
-            shutil.rmtree(part)
-        _sync_folder(target.parent)
-    except BaseException:
-        shutil.rmtree(part, ignore_errors=True)
-        raise
+        sync_folder(target.parent)
 
 
 def _restore_first(files: Sequence[ControlFile]) -> Iterator[ControlFile]:
     yield from (file for file in files if is_restore(file.name))
     yield from (file for file in files if not is_restore(file.name))
-
-
-def _write_through(path: Path, data: bytes) -> None:
-    with path.open("xb") as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
-    try:
-        os.fsync(handle)
-    finally:
-        os.close(handle)

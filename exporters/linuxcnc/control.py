@@ -16,6 +16,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile, without_notes
@@ -50,12 +51,14 @@ class LinuxCncOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, k
 
     joints: dict[str, list[int]]
     way: Literal["screw", "kinematics"] = "screw"
+    matrixkins: bool = True
     decimals: Annotated[int, msgspec.Meta(ge=4, le=8)] = 6
 
 
 _TEMPLATE = """\
 [linuxcnc]
 joints = "?"                  # the joints of each axis, as [KINS] and [JOINT_n] say: { X = [0], Y = [1], Z = [2] }
+matrixkins = "?"              # true: this LinuxCNC has matrixkins (Debian's 2.9.0~pre1 has not); false: squareness is left out
 # way = "screw"               # "screw": COMP_FILEs and matrixkins; "kinematics": everything, by a component of ours (angles included)
 # decimals = 6                # places of a correction, in the machine's unit
 """
@@ -90,7 +93,7 @@ class LinuxCnc:
         if profile.options_as(LinuxCncOptions).way == "kinematics":
             remedy = 'the sense of the component stands in its source; tables are planned with way = "screw"'
             raise UsageError(f"{profile.source}: linuxcnc.way", expected=message("screw"), found='"kinematics"', remedy=remedy)
-        active = self._active(profile)
+        active, matrix = self._active(profile), profile.options_as(LinuxCncOptions).matrixkins
         quantum_um = 1000.0 * unit_mm(profile) * 10.0 ** -profile.options_as(LinuxCncOptions).decimals
         tables: list[Table] = []
         for curve in curves:
@@ -98,9 +101,10 @@ class LinuxCnc:
                 place: dict[str, int | str] = {"file": _screw_name(curve.input_axis)}
                 own = absolute_tables(curve, profile, kind=SCREW, law=SCREW_LAW, quantum_um=quantum_um, place=place)
                 tables += _with_backlash(own, *_taken_over(curve.input_axis, active, profile))
-            elif any(part in SQUARENESS_SLOPE for part in curve.parts):
+            elif matrix and any(part in SQUARENESS_SLOPE for part in curve.parts):
                 tables.append(_matrix_table(curve, _partner(curve, curves)))
-        return Plan(tables=tuple(tables), findings=tuple(straightness_remark(curves, "LinuxCNC")))
+        left = () if matrix else tuple(_squareness_remark(curves))
+        return Plan(tables=tuple(tables), findings=(*straightness_remark(curves, "LinuxCNC"), *left))
 
     def paired(self, names: Sequence[str], fold: Mapping[str, str]) -> tuple[str, ...]:
         """Return the functions with the partner of each that holds a squareness: a coefficient turns by the lines of both."""
@@ -124,7 +128,7 @@ class LinuxCnc:
         for file in without_notes(files):
             if lattice.recognises(file):
                 raise _lattice_in_control(file, profile)
-            found = _read_matrix(file) if b"matrixkins" in file.data else _read_screw(file, profile)
+            found = _read_matrix(file, profile) if b"matrixkins" in file.data else _read_screw(file, profile)
             tables += found
         return tuple(tables)
 
@@ -172,6 +176,13 @@ class LinuxCnc:
             "Restart LinuxCNC: the files are read at its start. The positions on the screen do not show the correction.",
             "If the residual has grown: copy the _RESTORE files under their plain names, change the INI file by ini_lines_RESTORE.txt.",
         )
+
+
+def _squareness_remark(curves: Sequence[Curve]) -> Iterator[Finding]:
+    """Yield which squareness is not written, where the control has no matrixkins."""
+    if names := [part for curve in curves for part in curve.parts if part in SQUARENESS_SLOPE]:
+        text = f'this LinuxCNC has no matrixkins (matrixkins = false); left out: {", ".join(names)}; way = "kinematics" holds them'
+        yield Finding(code="tables-left-out", severity="info", text=text)
 
 
 def unit_mm(profile: Profile) -> float:
@@ -324,7 +335,8 @@ def _three_numbers(line: str) -> tuple[float, float, float] | None:
     return (nominal, forward, reverse) if all(abs(number) <= LARGEST for number in (nominal, forward, reverse)) else None
 
 
-def _read_matrix(file: ControlFile) -> list[Table]:
+def _read_matrix(file: ControlFile, profile: Profile) -> list[Table]:
+    """Return the coefficients of a HAL file, each over the travel of the axis that it multiplies: its size there is what limits judge."""
     tables = []
     for where, raw in read_lines(file):
         line = raw.partition("#")[0].strip()
@@ -334,5 +346,13 @@ def _read_matrix(file: ControlFile) -> list[Table]:
         if match is None:
             raise DataError(where, expected=message("setp"), found=repr(line))
         gain = finite(match["value"], where) - (1.0 if match["row"] == match["column"] else 0.0)
-        tables.append(_coefficient_table(match["row"].upper(), match["column"].upper(), gain, np.array([-1000.0, 1000.0])))
+        column = match["column"].upper()
+        tables.append(_coefficient_table(match["row"].upper(), column, gain, _travel_mm(column, profile)))
     return tables
+
+
+def _travel_mm(letter: str, profile: Profile) -> Vector:
+    """Return the ends of an axis in mm as the profile states them; one metre to each side where it does not."""
+    axis = profile.axes.get(letter)
+    stated = axis is not None and axis.start_mm is not None and axis.end_mm is not None and axis.end_mm > axis.start_mm
+    return np.array([axis.start_mm, axis.end_mm]) if axis is not None and stated else np.array([-1000.0, 1000.0])

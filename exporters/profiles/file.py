@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 import msgspec
+import numpy as np
 
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, LARGEST_TABLE_BYTES, as_text, read_bytes
@@ -83,12 +84,12 @@ def read_profile_text(path: Path) -> str:
     return as_text(data, str(path), UsageError)
 
 
-def quick_profile(controller: Controller, volume: Volume, step_mm: float | None = None) -> Profile:
+def quick_profile(controller: Controller, volume: Volume, step_mm: float | Sequence[float] | None = None) -> Profile:
     """Return the stand-in for a profile (contract 5): axes AX1 AX2 AX3, low to high end in steps, reference at the low end.
 
-    Without a step those of the volume: to read files with, not to write them. An axis that did not travel has no table.
+    ``step_mm`` is that of all axes or one for each, without it those of the volume. An axis that did not travel has no table.
     """
-    steps_mm = volume.step_mm if step_mm is None else [step_mm] * len(AXIS_LETTERS)
+    steps_mm = np.broadcast_to(volume.step_mm if step_mm is None else step_mm, len(AXIS_LETTERS))
     axes = {
         letter: AxisSection(
             name=f"AX{index + 1}",
@@ -108,7 +109,7 @@ def quick_profile(controller: Controller, volume: Volume, step_mm: float | None 
         sign_tests=(),
         options=controller.quick_options(),
         assumed=True,
-        source="--step-mm",
+        source="no profile" if step_mm is None else "--step-mm",
     )
 
 

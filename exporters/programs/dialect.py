@@ -60,6 +60,9 @@ class Dialect(ABC):
     needs: tuple[str, ...]
     """What the PLC and the control must offer for the default signals, with where that is known from."""
 
+    checked: tuple[str, ...]
+    """What the program makes sure of before the first move, and what it cannot see."""
+
     @abstractmethod
     def file_name(self, job: Job) -> str:
         """Return the program's file name."""
@@ -70,7 +73,7 @@ class Dialect(ABC):
 
     @abstractmethod
     def start(self) -> list[str]:
-        """Return the safe start: known modes, checks, and a halt until the operator agrees."""
+        """Return the safe start: known modes, no offset or transformation left active, and a halt until the operator agrees."""
 
     @abstractmethod
     def move(self, position: tuple[str, str, str], feed: str) -> str:
@@ -115,6 +118,7 @@ class Dialect(ABC):
         yield f"the plc shows setup {job.register} while this runs, 0 at the end"
         if sequence.handshake:
             yield "handshake: every stop is held until the plc shows its counter as captured"
+        yield from self.checked
         yield "not yet proven on this machine: first run in single block, feed override low"
         yield from self.needs if job.signals == self.signals else ("signals to the plc as the profile of this machine states them",)
 

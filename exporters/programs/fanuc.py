@@ -29,6 +29,13 @@ class Fanuc(Dialect):
         "recalled, check in the connection manual: 1133 is a free 32 bit output, 5201 and 5221 are the EXT and G54 offsets",
     )
 
+    checked = (
+        "before the first move it stops by name where work and machine position differ, an offset, G52, G92,",
+        "or where a rotation, G68, a scaling, G51, or a mirror image, G51.1, is active",
+        "it does not see a tilt of the head. recalled, check in the manual: 5021 machine and 5041 work position of axes 1 to 3,",
+        "4011, 4016 and 4022 the modal codes of scaling, rotation and mirror image",
+    )
+
     def file_name(self, job: Job) -> str:
         """Return the O number."""
         return f"O{job.program_number}"
@@ -43,13 +50,21 @@ class Fanuc(Dialect):
         return text if "." in text else text + "."
 
     def start(self) -> list[str]:
-        """Return known modes, a refusal of any offset of the three axes, and the halt."""
+        """Return known modes, a refusal of any offset, rotation, scaling and mirror image, and the halt.
+
+        ``G53`` alone holds the reading of the positions back. A shift shows in the positions, a rotation only in its modal code.
+        """
         return [
             "G21",
             "G17 G40 G49 G80 G90 G94",
             "G54",
             "IF[[ABS[#5201]+ABS[#5202]+ABS[#5203]]NE0]THEN #3000=1(EXT OFFSET NOT ZERO)",
             "IF[[ABS[#5221]+ABS[#5222]+ABS[#5223]]NE0]THEN #3000=2(G54 OFFSET NOT ZERO)",
+            "IF[FIX[#4016]EQ68]THEN #3000=3(G68 ROTATION IS ACTIVE)",
+            "IF[FIX[#4011]EQ51]THEN #3000=4(G51 SCALING IS ACTIVE)",
+            "IF[FIX[#4022]EQ51]THEN #3000=5(G51.1 MIRROR IS ACTIVE)",
+            "G53",
+            "IF[[ABS[#5021-#5041]+ABS[#5022-#5042]+ABS[#5023-#5043]]GT0.003]THEN #3000=6(WORK IS NOT MACHINE POS)",
             "M05",
             "M00 (MIRROR ON, BEAM RETURNS, WAY TO THE FIRST STOP FREE)",
         ]

@@ -28,7 +28,14 @@ class Heidenhain(Dialect):
         "plc: FN 19 gives the setup and the stop counter. a counter of 0 means under way, any other stopped",
         "plc: gate stopped with the in-position signals, keep the last counter while under way (over LSV2 stepdiag does both)",
         "recalled, check in the manual: FN 20 WAIT FOR SYNC, and that FN 19 is not locked by a code number",
-        "the tool length must be 0 and no plane may be tilted",
+        "the tool length must be 0",
+    )
+
+    checked = (
+        "M91 counts from the machine datum, whatever preset is active: machine and work position differ by it and are not compared",
+        "before the first move it stops by name where the working plane is tilted, CYCLE 19, PLANE",
+        "it does not see M128, TCPM, the tool length, or where a swivelling head stands",
+        "recalled, check in the manual: FN 18 ID210 NR6 is the tilted plane, 0 without",
     )
 
     def file_name(self, job: Job) -> str:
@@ -40,7 +47,7 @@ class Heidenhain(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return the reset of datum shift, mirroring, rotation and scaling, and the halt."""
+        """Return the reset of datum shift, mirroring, rotation and scaling, the check of the tilted plane, and the halt."""
         return [
             "CYCL DEF 7.0 DATUM SHIFT",
             "CYCL DEF 7.1 X+0",
@@ -52,6 +59,14 @@ class Heidenhain(Dialect):
             "CYCL DEF 10.1 ROT+0",
             "CYCL DEF 11.0 SCALING",
             "CYCL DEF 11.1 SCL 1",
+            "LBL 90",
+            "FN 20: WAIT FOR SYNC",
+            "FN 18: SYSREAD QL1 = ID210 NR6 IDX1",
+            "FN 9: IF +QL1 EQU +0 GOTO LBL 91",
+            "; stopped: the working plane is tilted, PLANE RESET first",
+            "STOP M5",
+            "FN 9: IF +0 EQU +0 GOTO LBL 90",
+            "LBL 91",
             "; mirror on, beam returns, way to the first stop free?",
             "STOP M5",
         ]

@@ -46,6 +46,11 @@ class LinuxCNC(Dialect):
         "stepdiag.hal beside this program serves them over modbus",
     )
 
+    checked = (
+        "G53 leaves out every offset: G54 to G59.3 with their rotation, G52, G92, the tool. G40 G49 end compensation",
+        "so machine and work position are not compared. it does not see a switched kinematics, M428 M429, nor rotary axes",
+    )
+
     def file_name(self, job: Job) -> str:
         """Return the name of the program."""
         return f"step_{job.word}.ngc"

@@ -29,6 +29,13 @@ class Siemens(Dialect):
         "$A_DBW 0 2 4 into a data block of its own (words 0 2 4), with handshake its word 6 back to $A_DBW[6]",
     )
 
+    checked = (
+        "SUPA leaves out every frame: G54, TRANS, ROT, CYCLE800, DRF. TRAFOOF ends a transformation",
+        "before the first move it stops by name where machine and basic position still differ: TRAORI, TRAANG, TRANSMIT left active",
+        "it does not see where rotary axes and a swivelling head stand",
+        "recalled, check in the manual: $AA_IM is the machine position, $AA_IB the basic position",
+    )
+
     def file_name(self, job: Job) -> str:
         """Return the name of the main program."""
         return f"STEP_{job.word.upper()}.MPF"
@@ -38,10 +45,21 @@ class Siemens(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return known modes, no tool offset, and the halt with its question on the screen."""
+        """Return known modes, no tool offset, no transformation, and the halt with its question on the screen.
+
+        The program comes back to its check as often as it is started on: it goes on only where the positions agree.
+        """
         return [
             "G71 G90 G94 G17 G40 G60 G601",
             "D0",
+            "TRAFOOF",
+            "STEP_CHECK:",
+            "STOPRE",
+            "IF ABS($AA_IM[X]-$AA_IB[X])+ABS($AA_IM[Y]-$AA_IB[Y])+ABS($AA_IM[Z]-$AA_IB[Z])>0.003",
+            'MSG("Stopped: machine and basic position differ, a transformation is active")',
+            "M0",
+            "GOTOB STEP_CHECK",
+            "ENDIF",
             "M5",
             'MSG("Mirror on, beam returns, way to the first stop free?")',
             "M0",

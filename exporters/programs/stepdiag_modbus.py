@@ -49,7 +49,8 @@ class Block:
         """Return registers 0 to 13 (contract of stepdiag: docs/service-engineer.md, section 2)."""
         self._look()
         pins = self._pins
-        stopped = bool(pins["stopped"]) and bool(pins["in-position"])
+        # an output keeps its value when a program ends or is aborted: the machine then stands in no stop
+        stopped = bool(pins["stopped"]) and bool(pins["in-position"]) and self._runs
         words = [
             int(time.monotonic() / BEAT_S) % 65536,
             round(pins["count"]) % 65536,

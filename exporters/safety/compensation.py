@@ -7,29 +7,19 @@ profile or files say otherwise is refused. The hashes are those of files that a 
 
 import hashlib
 from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date
-from typing import Any, Literal
+from typing import Literal
 
 from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.settings import UNANSWERED
 from stepdiag.exporters.tables.profile import Profile
+from stepdiag.solver.result.members import ActiveFile, Facts
 from stepdiag.solver.result.result import Result
 
 State = Literal["off", "on"]
-UNANSWERED = "?"
-_SECTION = "survey"
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class ActiveFile:
-    """One file that was active: its name, what it was, when and how it was read out of the control."""
-
-    name: str
-    sha256: str
-    date: str
-    source: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -39,10 +29,10 @@ class Statement:
     state: Literal["off", "on", "?"] | None = None
     files: tuple[ActiveFile, ...] = ()
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the entries of ``survey`` in a result: None where it is open."""
-        rows = [{"name": file.name, "sha256": file.sha256, "date": file.date, "source": file.source} for file in self.files]
-        return {"compensation": self.state if self.state in ("off", "on") else None, "active_files": rows}
+    def facts(self, facts: Facts | None = None) -> Facts:
+        """Return the facts of a survey with this statement in them."""
+        state = None if self.state == UNANSWERED else self.state
+        return replace(facts or Facts(), compensation=state, active_files=self.files)
 
     def words(self) -> str:
         """Return the statement in one line, for log and report."""
@@ -63,23 +53,15 @@ def stated(state: Literal["off", "on", "?"] | None, files: Mapping[str, bytes], 
 
 def stated_in(result: Result) -> Statement:
     """Return what a result says. Raises ``DataError`` where that is damaged."""
-    survey = result.extra.get(_SECTION)
-    if not isinstance(survey, Mapping) or not survey:
+    facts = result.survey
+    if facts is None:
         return Statement()
-    state, rows = survey.get("compensation"), survey.get("active_files", [])
-    if state is None:
-        return Statement(state="?")
-    if state not in ("off", "on") or not isinstance(rows, list) or (state == "on") != bool(rows):
-        where = f"{result.source}: {_SECTION}.compensation"
-        raise DataError(where, expected=message("off-on-files"), found=f"{state!r} with {rows!r:.60}")
-    return Statement(state=state, files=tuple(_active_file(row, result.source) for row in rows))
-
-
-def _active_file(row: Any, source: str) -> ActiveFile:
-    names = ("name", "sha256", "date", "source")
-    if not isinstance(row, Mapping) or not all(isinstance(row.get(name), str) for name in names):
-        raise DataError(f"{source}: {_SECTION}.active_files", expected=message("name-sha"), found=f"{row!r:.60}")
-    return ActiveFile(name=row["name"], sha256=row["sha256"], date=row["date"], source=row["source"])
+    if facts.compensation is None:
+        return Statement(state=UNANSWERED)
+    if (facts.compensation == "on") != bool(facts.active_files):
+        where, found = f"{result.source}: survey.compensation", f"{facts.compensation!r} with {len(facts.active_files)} active_files"
+        raise DataError(where, expected=message("off-on-files"), found=found)
+    return Statement(state=facts.compensation, files=facts.active_files)
 
 
 def require_agreement(result: Result, profile: Profile) -> None:
@@ -109,7 +91,7 @@ def require_answer(result: Result) -> Statement:
     statement = stated_in(result)
     if statement.state == UNANSWERED:
         raise SafetyError(
-            f"{result.source}: {_SECTION}.compensation",
+            f"{result.source}: survey.compensation",
             code="compensation-unanswered",
             expected=message("off-or-on"),
             found=message("says-not"),

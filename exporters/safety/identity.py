@@ -14,9 +14,8 @@ def require_same_machine(result: Result, profile: Profile) -> None:
 
     Case and spaces do not matter; a result that names no machine, and a profile that nobody wrote, say nothing.
     """
-    survey = result.extra.get("survey")
-    measured = survey.get("machine") if isinstance(survey, dict) else None
-    if profile.assumed or not isinstance(measured, str) or measured.strip().lower() in UNANSWERED:
+    measured = "" if result.survey is None else result.survey.machine
+    if profile.assumed or measured.strip().lower() in UNANSWERED:
         return
     if _plain(measured) != _plain(profile.machine.name):
         raise SafetyError(

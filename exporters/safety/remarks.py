@@ -11,6 +11,7 @@ from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, untested_kinds
 from stepdiag.exporters.tables.curves import SIGNIFICANT
 from stepdiag.exporters.tables.sampling import is_directional
+from stepdiag.solver.result.members import Backlash
 from stepdiag.solver.result.result import POSITIONING, Result
 
 _COARSE_UM = 0.5
@@ -110,12 +111,11 @@ def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Ite
     It was measured with the control's own parameter at work, so it comes on top of what that held then (what it holds now is another
     question: the number may be in it already); a control that ``ends_backlash`` does not look at that parameter where it has a table.
     """
-    numbers = result.extra.get("backlash")
-    number = numbers.get(letter) if isinstance(numbers, dict) else None
-    if not isinstance(number, dict) or abs(number["value"]) <= SIGNIFICANT * number["u"]:
+    number: Backlash | None = getattr(result.backlash, letter, None)
+    if number is None or abs(number.value) <= SIGNIFICANT * number.u:
         return
-    text = f"E{letter}{letter}: the table holds the mean of both directions; backlash {-number['value']:.2f} um (in - minus in +), "
-    text += f"U {2 * number['u']:.2f} um (k = 2): "
+    text = f"E{letter}{letter}: the table holds the mean of both directions; backlash {-number.value:.2f} um (in - minus in +), "
+    text += f"U {2 * number.u:.2f} um (k = 2): "
     if ends_backlash:
         text += 'direction = "both" writes it into the table, beside which the backlash parameter does not act'
     else:
@@ -124,7 +124,7 @@ def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Ite
 
 
 def _runs(case: Case) -> Iterator[Finding]:
-    single = [name for name, report in case.result.setups.items() if report.get("passes") in (1, [1])]
+    single = [name for name, report in case.result.setups.items() if report.passes == (1,)]
     if single:
         yield _note("single-run", f"{', '.join(single)}: driven once only: nothing is known about the repeatability")
 

@@ -26,6 +26,7 @@ from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.standing import Standing, identifies, standing_findings
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.lattice import judge_field, judge_lattice
+from stepdiag.exporters.safety.verdicts.missing import judge_missing
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.angular import require_chain
@@ -36,7 +37,8 @@ from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, joined, mean_correction_um
 from stepdiag.solver.methods.volumetric import coarse_functions, hiding_functions
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.prediction import Predicted, predicted
+from stepdiag.solver.result.interval import Predicted
+from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS, Result
 from stepdiag.solver.result.stretches import harmed
 
@@ -90,7 +92,8 @@ class Prediction:
 
     anywhere: Effect
     drawn: Effect
-    told: Predicted
+    predicted: Predicted
+    """The figures of contract 4, as intervals."""
 
     @property
     def volume(self) -> Volume:
@@ -101,10 +104,6 @@ class Prediction:
         """Return the figures before and after, with or without the rigid motion of the whole volume."""
         before, after = self.anywhere.errors_um(rigid_motion=rigid_motion)
         return Figures.of(before), Figures.of(after)
-
-    def predicted(self) -> dict[str, dict[str, dict[str, dict[str, float | None]]]]:
-        """Return the figures of contract 4: ``without_rigid_motion`` and ``as_it_is``, each ``before`` and ``after``, as intervals."""
-        return self.told.as_json()
 
     @property
     def worse(self) -> bool:
@@ -128,7 +127,7 @@ class Prediction:
 class Verification:
     """What was found in the files, what it is and what it will do; ``assumed`` says that axis names and references were (no profile).
 
-    ``judgements`` has one entry for each table, ``findings`` what the limits of control and profile say.
+    ``judgements`` has one entry for each table and for each function without one, ``findings`` what the limits of control and profile say.
     """
 
     controller: str
@@ -207,7 +206,7 @@ def predict_moved(
 
     anywhere, drawn = at(anywhere_mm(result.volume)), at(grid_points_mm(result.volume, nodes))
     told = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um, beside(anywhere.points_mm))
-    return Prediction(anywhere=anywhere, drawn=drawn, told=told)
+    return Prediction(anywhere=anywhere, drawn=drawn, predicted=told)
 
 
 def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:
@@ -241,7 +240,7 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
         assumed=reading.assumed,
         tables=tables,
         prediction=prediction,
-        judgements=judge(result, tables, standing, reading),
+        judgements=(*judge(result, tables, standing, reading), *judge_missing(result, controller, tables, reading)),
         findings=(*limit_findings(controller, reading, result, tables), *findings),
     )
 

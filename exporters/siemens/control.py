@@ -43,6 +43,8 @@ class SiemensOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw
     cec_tables: dict[str, list[Size]] = {}
     products: bool = False
     cec_sense: Sense = "as-error"
+    old_enabled: bool | None = None
+    old_weight: Annotated[float, msgspec.Meta(ge=-100, le=100)] | None = None
     decimals: Annotated[int, msgspec.Meta(ge=4, le=6)] = 4
     metric_line: bool = False
 
@@ -59,6 +61,9 @@ measuring_system = "?"        # 1 or 2: which encoder the position control uses 
 # first_cec_table = 0         # index of the first free CEC table ($AN_CEC[t,..] counts from 0)
 # cec_tables = { EYX = [2] }  # index by function; two indices where each direction has its own table
 # products = false            # true: tables that multiply each other hold what angles do with their levers (sign test of cec-product)
+# old_enabled = false         # were the tables in machine.existing switched on before this loading (MD32700; MD32710 with SD41300)? Where
+#                             # they differ, back them up with these switches: what the files hold counts
+# old_weight = 1.0            # the weight (SD41310) of the CEC tables in machine.existing, as old_enabled
 # cec_sense = "as-error"      # sense of the CEC tables: the manual does not state it, the sign test does
 # decimals = 4                # places in mm
 # metric_line = false         # true: begin data files with METRIC, as backups of some controls do
@@ -186,11 +191,12 @@ class Siemens:
         options = profile.options_as(SiemensOptions)
         of_screws = [table for table in tables if table.kind == eec.KIND]
         others = [table for table in tables if table.kind != eec.KIND]
+        old = restore.Old(profile=profile, enabled=options.old_enabled, weight=options.old_weight)
         kinds = []
         if of_screws:
-            kinds.append(restore.eec_kind(of_screws, profile, options.decimals))
+            kinds.append(restore.eec_kind(of_screws, profile, options.decimals, old))
         if others:
-            kinds.append(restore.cec_kind(others, profile, options.decimals, sense=options.cec_sense))
+            kinds.append(restore.cec_kind(others, profile, options.decimals, old, sense=options.cec_sense))
         return restore.restore_files(kinds, profile, metric_line=options.metric_line)
 
     def recognises(self, file: ControlFile) -> bool:
@@ -216,7 +222,8 @@ class Siemens:
             "For CEC set SD41310 (weight) = 1, and see that MD32720 and MD32730 allow the sums. The CEC option must be set (alarm 8040).",
             "NCK reset. EEC needs its axis referenced, CEC needs base and compensated axis referenced: reference all axes.",
             "The positions on the screen do not show the compensation. Measure again; if the residual has grown, load the restore files:",
-            "LOAD_EEC_RESTORE.MPF and LOAD_CEC_RESTORE.MPF write the old tables and zeros where there were none, and switch those off.",
+            "LOAD_EEC_RESTORE.MPF and LOAD_CEC_RESTORE.MPF write the old tables with their switches and weights as they were, and zeros,",
+            "switched off, where there were none. Restored by hand, MD32700, MD32710, SD41300 and SD41310 go back to what the backup says.",
         )
 
 

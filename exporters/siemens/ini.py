@@ -73,6 +73,8 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
             if match["name"].startswith(_COMPENSATION):
                 index = tuple(part.strip() for part in match["index"].split(","))
                 found.append(Assignment(name=match["name"], index=index, value=match["value"], where=where))
+        elif _SWITCH.match(line):
+            continue
         elif line == "INCH":
             raise DataError(where, expected=message("metric"), found="INCH", remedy=message("metric-back"))
         elif _END.match(line):
@@ -82,6 +84,17 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
     if not ended:
         raise DataError(file.name, expected=message("m17"), found=message("no-eof"), remedy=message("truncated"))
     return found
+
+
+def switches_in(files: Iterable[ControlFile]) -> dict[str, str]:
+    """Return the switches and weights that files leave, by variable with its index, such as ``SN_CEC_TABLE_ENABLE[0]``."""
+    last: dict[str, str] = {}
+    for file in files:
+        for _, line in _lines(file):
+            if match := _SWITCH.match(line):
+                index = ",".join(part.strip() for part in match["index"].split(","))
+                last[f"{match['name']}[{index}]"] = match["value"].upper()
+    return last
 
 
 def require_full_effect(file: ControlFile, table: str, switches: Iterable[str], weight: str) -> None:

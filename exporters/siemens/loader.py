@@ -23,11 +23,12 @@ _REFUSALS = {
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Load:
-    """One table to be loaded: its assignments, points first, and whether it is to act afterwards."""
+    """One table to be loaded: its assignments, points first, whether it is to act afterwards, and with which weight (CEC)."""
 
     table: Table
     lines: Sequence[str]
     active: bool = True
+    weight: float = 1.0
 
 
 def eec_program(loads: Sequence[Load], notes: Sequence[str]) -> ControlFile:
@@ -63,7 +64,7 @@ def cec_program(loads: Sequence[Load], profile: Profile, notes: Sequence[str]) -
     for index, load in zip(indices, loads, strict=True):
         body += [f"$SN_CEC_TABLE_ENABLE[{index}]=FALSE", "NEWCONF", *load.lines]
         body += _zero_surplus(f"$AN_CEC[{index},POINT]", f"$MN_MM_CEC_MAX_POINTS[{index}]", _points(load.lines))
-        body += [f"$SN_CEC_TABLE_WEIGHT[{index}]=1"]
+        body += [f"$SN_CEC_TABLE_WEIGHT[{index}]={load.weight:g}"]
     for letter, axis in outputs.items():
         if any(load.active for load in loads if load.table.output_axis == letter):
             body += [f"$MA_CEC_ENABLE[{axis}]=TRUE", "NEWCONF"]

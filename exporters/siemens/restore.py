@@ -8,9 +8,10 @@ guards of `stepdiag.exporters.siemens.loader`, which also switch off what was no
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, products
-from stepdiag.exporters.siemens.ini import Assignment, data_file, is_program, read_assignments
+from stepdiag.exporters.siemens.ini import Assignment, data_file, is_program, read_assignments, switches_in
 from stepdiag.exporters.siemens.loader import Load
 from stepdiag.exporters.tables.own_files import NO_TABLE_BEFORE
 from stepdiag.exporters.tables.profile import Profile
@@ -30,6 +31,43 @@ class Kind:
     zeros: tuple[Load, ...]
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Old:
+    """Switches and weights of the machine's own tables before the loading: as its files hold them, else as the profile states them."""
+
+    profile: Profile
+    enabled: bool | None
+    weight: float | None
+
+    def load(self, table: Table, lines: Sequence[str], switches: Sequence[str], weight: str = "") -> Load:
+        """Return a table as it was: on where all its ``switches`` were. Raises ``SafetyError`` (``switches-unasked``)
+        where neither files nor profile state it, ``UsageError`` for a table that acted with another weight than 1."""
+        held = switches_in(self.profile.existing)
+        values = [held[name] for name in switches if name in held]
+        off, known = any(value in ("0", "FALSE") for value in values), len(values) == len(switches)
+        acted = self.profile.machine.measured_with == "on" and self.enabled is None
+        active = not off and (known or acted or self._stated(table, self.enabled, "old_enabled", "whether it was switched on"))
+        weighs = 1.0
+        if weight:
+            stated = held.get(weight)
+            weighs = float(stated) if stated is not None else self._stated(table, self.weight, "old_weight", "its weight (SD41310)")
+        if self.profile.machine.measured_with == "on" and active and weighs != 1.0:
+            expected = "weight 1 of tables that acted while measuring: bring their values to it, and measure again"
+            raise UsageError(f"{self.profile.source}: siemens.old_weight", expected=expected, found=f"{weighs:g} of {table.label}")
+        return Load(table=table, lines=lines, active=bool(active), weight=weighs)
+
+    def _stated(self, table: Table, value: float | None, key: str, what: str) -> float:
+        if value is None and table.value_um.any():
+            raise SafetyError(
+                f"{self.profile.source}: siemens.{key}",
+                code="switches-unasked",
+                expected=f"for {table.label}, which the control holds: {what} before this loading",
+                found="nothing",
+                remedy="read it in the control, or back the tables up with their switches; the restore files bring it back as it was",
+            )
+        return 0.0 if value is None else value
+
+
 def restore_files(kinds: Sequence[Kind], profile: Profile, *, metric_line: bool) -> tuple[ControlFile, ...]:
     """Return the own files, those of zeros, and the part programs that load the same; ``kinds`` are those that an export writes."""
     files = list(profile.existing)
@@ -40,7 +78,7 @@ def restore_files(kinds: Sequence[Kind], profile: Profile, *, metric_line: bool)
     return tuple(files)
 
 
-def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int) -> Kind:
+def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old) -> Kind:
     """Return the EEC tables of an export beside those in the machine's own files."""
     own = {_eec_place(table): table for file in profile.existing for table in eec.read_tables(file, profile)}
     lines = _lines_by_place(profile.existing, "AA_ENC_COMP", _eec_index)
@@ -48,7 +86,7 @@ def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int) -> Kind:
         prefix="AA_ENC_COMP",
         data_name="AX_EEC",
         program=lambda loads: loader.eec_program(loads, _NOTES),
-        own=tuple(Load(table=table, lines=lines[place]) for place, table in own.items()),
+        own=tuple(old.load(table, lines[place], (f"MA_ENC_COMP_ENABLE[{place}]",)) for place, table in own.items()),
         zeros=tuple(
             Load(table=table, lines=eec.assignments(table, decimals, 0), active=False)
             for table in zeroed(tables)
@@ -57,7 +95,7 @@ def eec_kind(tables: Sequence[Table], profile: Profile, decimals: int) -> Kind:
     )
 
 
-def cec_kind(tables: Sequence[Table], profile: Profile, decimals: int, *, sense: Sense) -> Kind:
+def cec_kind(tables: Sequence[Table], profile: Profile, decimals: int, old: Old, *, sense: Sense) -> Kind:
     """Return the CEC tables of an export beside those in the machine's own files."""
     own = {_cec_place(table): table for file in profile.existing for table in cec.read_tables(file, profile, sense)}
     lines = _lines_by_place(profile.existing, "AN_CEC", lambda index: index[0])
@@ -65,7 +103,15 @@ def cec_kind(tables: Sequence[Table], profile: Profile, decimals: int, *, sense:
         prefix="AN_CEC",
         data_name="NC_CEC",
         program=lambda loads: loader.cec_program(loads, profile, _NOTES),
-        own=tuple(Load(table=table, lines=lines[place]) for place, table in own.items()),
+        own=tuple(
+            old.load(
+                table,
+                lines[place],
+                (f"SN_CEC_TABLE_ENABLE[{place}]", f"MA_CEC_ENABLE[{profile.axis(table.output_axis).name}]"),
+                f"SN_CEC_TABLE_WEIGHT[{place}]",
+            )
+            for place, table in own.items()
+        ),
         zeros=tuple(
             Load(table=table, lines=cec.assignments(table, profile, decimals, 0), active=False)
             for table in products.numbered(zeroed(tables))

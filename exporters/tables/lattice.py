@@ -50,12 +50,19 @@ def _cell(axis: Vector, at: Vector) -> tuple[np.ndarray[tuple[int, ...], np.dtyp
     return low, (inside - axis[low]) / (axis[low + 1] - axis[low])
 
 
-def lattice_of(result: Result, step_mm: float) -> Lattice:
-    """Return the lattice over the measured volume in steps of ``step_mm``. Raises ``SafetyError`` where the step does not fit."""
-    count = math.prod(size / step_mm + 1.0 for size in result.volume.size_mm)
+def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
+    """Return the lattice over the measured volume in steps, one for all axes or one for each.
+
+    Raises ``SafetyError`` where one does not fit, ``DataError`` where the axes were measured alone.
+    """
+    if not result.volume.solid:
+        raise DataError(f"{result.source}: volume", expected="a survey of the volume", found="runs of axes alone")
+    steps_mm = np.broadcast_to(step_mm, 3).tolist()
+    count = math.prod(size / each + 1.0 for size, each in zip(result.volume.size_mm, steps_mm, strict=True))
     if not count <= MOST_LINES:
-        raise UsageError("--step-mm", expected=message("vertices-step", count=MOST_LINES), found=f"{step_mm:g} mm")
-    x, y, z = (_axis(result.volume, index, step_mm) for index in range(3))
+        found = ", ".join(f"{each:g}" for each in dict.fromkeys(steps_mm))
+        raise UsageError("--step-mm", expected=message("vertices-step", count=MOST_LINES), found=f"{found} mm")
+    x, y, z = (_axis(result.volume, index, each) for index, each in enumerate(steps_mm))
     return lattice_on(result, (x, y, z))
 
 

@@ -32,7 +32,18 @@ from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.between import BETWEEN, Between, between_beside_head, between_of, effect_between
 from stepdiag.solver.model.design import Design, Model, build_design, machine_rows
-from stepdiag.solver.model.effects import ANGLES, GROWTH, SETUP_SCALE, SHORT_ANGLES, TURNING, AngleShapes, Effect, angle_shapes, effects_of
+from stepdiag.solver.model.effects import (
+    ANGLES,
+    FIRST_STOPS,
+    GROWTH,
+    SETUP_SCALE,
+    SHORT_ANGLES,
+    TURNING,
+    AngleShapes,
+    Effect,
+    angle_shapes,
+    effects_of,
+)
 from stepdiag.solver.model.lateral import MeasuredStraightness, lateral_angles, lateral_rows
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import assumed_noise, variance_scale
@@ -41,7 +52,7 @@ from stepdiag.solver.model.warmth import at_one_temperature
 
 TILT_ROUNDS = 2
 SIZE_ROUNDS = 4
-EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE)
+EARLY = (*TURNING, BETWEEN, GROWTH, SETUP_SCALE, FIRST_STOPS)
 """Effects whose sizes are found before wrong stops are: none of them bends to hold a single stop."""
 SETTLED = 0.02
 """Sizes that change by less than this share are found: what they are of is hardly known to a tenth."""
@@ -108,7 +119,7 @@ class Adjustment:
 
 
 def _as_usual(fit: MixedFit, effects: Sequence[Effect], sizes: Sizes, found: Collection[str] = ()) -> MixedFit:
-    kept = np.array([effect.name in (*found, GROWTH) for effect in effects], dtype=np.bool_)
+    kept = np.array([effect.name in (*found, GROWTH, FIRST_STOPS) for effect in effects], dtype=np.bool_)
     usual = np.array([PLAUSIBLE.get(effect.name, 1.0) for effect in effects])
     factor = np.where(kept, 1.0, np.where(usual > 1.0, usual / sizes.factor, np.minimum(1.0, 1.0 / sizes.factor)))
     return sized(fit, np.repeat(factor, [effect.count for effect in effects]))

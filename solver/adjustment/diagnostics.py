@@ -1,14 +1,16 @@
 """How every setup stood and how well the readings agree: what a service engineer looks at before believing a result."""
 
-from collections.abc import Sequence
-from typing import Any
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, BODY_DIAGONALS, Vector
+from stepdiag.base.setups import Setup
+from stepdiag.base.volume import BODY_DIAGONALS, Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.hypotheses import HIDDEN, along_the_way_m, tell
 from stepdiag.solver.adjustment.scatter import FIRST
@@ -17,6 +19,7 @@ from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
+from stepdiag.solver.result.members import Closure, Drift, SetupReport, triple
 
 TILT_LIMIT_MRAD = 2.0
 """Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms reach micrometres."""
@@ -33,37 +36,43 @@ MISCLOSED, MISCLOSED_FAR = 2.0, 3.5
 were reported and none stopped."""
 
 
-def setup_reports(found: Adjustment) -> dict[str, dict[str, Any]]:
+def travel_report(layout: Layout, setup: Setup) -> SetupReport:
+    """Return the travel of a setup, its passes and stops."""
+    return SetupReport(
+        kind=setup.kind,
+        passes=tuple(key.number for key in layout.passes if key.setup == setup.name),
+        stops=int(np.count_nonzero(layout.setup_index == layout.setups.index(setup))),
+    )
+
+
+def setup_reports(found: Adjustment) -> dict[str, SetupReport]:
     """Return for each setup: kind, passes, stops, mirror tilt (mrad), drift, repeatability and residuals (um)."""
     layout = found.layout
-    reports: dict[str, dict[str, Any]] = {}
+    reports: dict[str, SetupReport] = {}
     for index, setup in enumerate(layout.setups):
-        mine = layout.setup_index == index
-        used = mine & np.isfinite(found.u_um)
+        used = (layout.setup_index == index) & np.isfinite(found.u_um)
         tilt = found.tilt_mrad[index] if setup.kind in ("step", "face") else None
-        reports[setup.name] = {
-            "kind": setup.kind,
-            "passes": [key.number for key in layout.passes if key.setup == setup.name],
-            "stops": int(np.count_nonzero(mine)),
-            "tilt_mrad": None if tilt is None else float(np.linalg.norm(tilt)),
-            "tilt_xyz_mrad": None if tilt is None else tilt,
-            "drift": _drifts(found, setup.name),
-            "repeatability_um": _repeatability_um(layout, setup.name),
-            "residual_um": float(np.sqrt(np.mean(found.residual_um[used] ** 2))) if used.any() else None,
-            "noise_um": float(np.sqrt(np.mean(found.u_um[used] ** 2))) if used.any() else None,
-            "redundancy": float(np.sum(found.fit.redundancy[: len(layout)][used])),
-        }
+        reports[setup.name] = replace(
+            travel_report(layout, setup),
+            tilt_mrad=None if tilt is None else float(np.linalg.norm(tilt)),
+            tilt_xyz_mrad=None if tilt is None else triple(tilt),
+            drift=_drifts(found, setup.name),
+            repeatability_um=_repeatability_um(layout, setup.name),
+            residual_um=float(np.sqrt(np.mean(found.residual_um[used] ** 2))) if used.any() else None,
+            noise_um=float(np.sqrt(np.mean(found.u_um[used] ** 2))) if used.any() else None,
+            redundancy=float(np.sum(found.fit.redundancy[: len(layout)][used])),
+        )
     return reports
 
 
-def _drifts(found: Adjustment, setup: str) -> list[dict[str, Any]]:
+def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
     """Return what the count drifted in every out-and-back pair, over its whole duration, where it is identified.
 
     The straight part is an unknown that is expected small; whatever else a pass may do in time (`IN_TIME`) has its share, so the sum of
     them is told, with what the readings leave open of that sum.
     """
     columns, fit = found.design.columns, found.fit
-    drifts: list[dict[str, Any]] = []
+    drifts: list[Drift] = []
     for index, (name, pair, timed) in enumerate(found.design.drift_pairs):
         column = columns.drift + index
         alone = Rows(np.array([[column]]), np.ones((1, 1)), columns.count)
@@ -78,8 +87,9 @@ def _drifts(found: Adjustment, setup: str) -> list[dict[str, Any]]:
         total_um = span * float(fit.unknowns[column]) + float(beside @ fit.amount)
         open_um = fit.root @ (beside - span * fit.causes.taken[column])
         u_um = float(np.sqrt(span**2 * max(fit.inverse.solve(unit)[column], 0.0) + open_um @ open_um))
-        drifts.append({"pair": pair, "rate": total_um / span, "unit": "um/h" if timed else "um/stop", "total_um": total_um, "u_um": u_um})
-    return drifts
+        unit_of_rate: Literal["um/h", "um/stop"] = "um/h" if timed else "um/stop"
+        drifts.append(Drift(pair=pair, rate=total_um / span, unit=unit_of_rate, total_um=total_um, u_um=u_um))
+    return tuple(drifts)
 
 
 def _in_time(found: Adjustment, rows: NDArray[np.int64]) -> Vector:
@@ -124,7 +134,7 @@ def _interrupted(layout: Layout, index: int) -> bool:
     return bool(np.ptp(layout.zero_index[layout.pass_index == index]))
 
 
-def closure_report(layout: Layout) -> dict[str, Vector] | None:
+def closure_report(layout: Layout) -> Closure | None:
     """Return the closure residual by axis (um, node by node), None unless all four diagonals have the same stops."""
     names = {setup.name for setup in layout.setups}
     stops = 3 * layout.volume.increments + 1
@@ -133,8 +143,7 @@ def closure_report(layout: Layout) -> dict[str, Vector] | None:
     same = all(counts[index] == stops and not _interrupted(layout, index) for index in ours)
     if not same or not names.issuperset(BODY_DIAGONALS):
         return None
-    closure = closure_um(diagonal_data(layout))
-    return {axis: closure[index] for index, axis in enumerate(AXES)}
+    return Closure.of(closure_um(diagonal_data(layout)))
 
 
 def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
@@ -184,7 +193,7 @@ def scale_findings(found: Adjustment) -> list[Finding]:
     return [finding("error" if far else "warning", said)]
 
 
-def setup_findings(found: Adjustment, reports: dict[str, dict[str, Any]]) -> list[Finding]:
+def setup_findings(found: Adjustment, reports: Mapping[str, SetupReport]) -> list[Finding]:
     """Return what is remarkable about setups and residuals."""
     per_setup = [one for name, report in reports.items() for one in _of_setup(name, report)]
     return [*per_setup, *_poor(reports), *scatter_findings(found), *growth_findings(found), *scale_findings(found)]
@@ -233,25 +242,25 @@ def growth_findings(found: Adjustment) -> list[Finding]:
     return [finding("warning", said, size_um=float(grew[np.argmax(np.abs(grew))]))]
 
 
-def _of_setup(name: str, report: dict[str, Any]) -> list[Finding]:
+def _of_setup(name: str, report: SetupReport) -> list[Finding]:
     findings: list[Finding] = []
-    tilt = report["tilt_mrad"] or 0.0
+    tilt = report.tilt_mrad or 0.0
     if tilt > TILT_LIMIT_MRAD:
         findings.append(finding("warning", message("mirror-misaligned", setup=name, tilt_mrad=tilt, limit_mrad=TILT_LIMIT_MRAD)))
-    drifts = [drift for drift in report["drift"] if abs(drift["total_um"]) > max(DRIFT_LIMIT_UM, 3 * drift["u_um"])]
-    said = [message("drift-large", setup=name, drift_um=drift["total_um"], pair=drift["pair"]) for drift in drifts]
+    drifts = [drift for drift in report.drift if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um)]
+    said = [message("drift-large", setup=name, drift_um=drift.total_um, pair=drift.pair) for drift in drifts]
     return [*findings, *(finding("warning", one) for one in said)]
 
 
-def _poor(reports: dict[str, dict[str, Any]]) -> list[Finding]:
+def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
     """Return one finding for noisy readings and one for stops that do not repeat, each naming its setups."""
     said = []
-    if noisy := _above(reports, "noise_um"):
+    if noisy := _above({name: report.noise_um for name, report in reports.items()}):
         said.append(message("noise-high", setups=list(noisy), u_um=max(noisy.values()), limit_um=NOISE_LIMIT_UM))
-    if poor := _above(reports, "repeatability_um"):
+    if poor := _above({name: report.repeatability_um for name, report in reports.items()}):
         said.append(message("repeatability-poor", setups=list(poor), u_um=max(poor.values()), limit_um=NOISE_LIMIT_UM))
     return [finding("warning", one) for one in said]
 
 
-def _above(reports: dict[str, dict[str, Any]], figure: str) -> dict[str, float]:
-    return {name: report[figure] for name, report in reports.items() if (report[figure] or 0.0) > NOISE_LIMIT_UM}
+def _above(sizes_um: Mapping[str, float | None]) -> dict[str, float]:
+    return {name: size for name, size in sizes_um.items() if size is not None and size > NOISE_LIMIT_UM}

@@ -4,9 +4,9 @@ The smallest step of a count that stands out of what the fit and the usual cause
 needs no reading: a plan says it before the survey, a result after it, by the same figures.
 """
 
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,7 @@ from stepdiag.solver.linear.ties import first_of_the_largest
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
+from stepdiag.solver.result.members import UnseenSlip, UnseenSlips
 
 NEARLY_ALWAYS = 1.6
 """A step so much larger than one that is named in half of the surveys is nearly always named: 6.65 for 5 standard uncertainties by the
@@ -110,14 +111,14 @@ def _unseen(fit: MixedFit, layout: Layout, rows: NDArray[np.int64], place: int, 
     )
 
 
-def slips_report(fit: MixedFit, layout: Layout, design: Design) -> dict[str, dict[str, Any]]:
-    """Return for diagonals and runs along an axis the slip that does most harm unseen, as the result holds it (um; None: of any size).
+def slips_report(fit: MixedFit, layout: Layout, design: Design) -> UnseenSlips | None:
+    """Return for diagonals and runs along an axis the slip that does most harm unseen (um; None: of any size); None without either.
 
     ``volume_um`` is what a slip of ``half_um`` there makes of the errors over the volume (rms), as far as they are identified,
     ``readings_um`` what the noise of the readings makes of them (k = 1). ``passes`` are those in which a slip that is seen in half of the
     surveys makes more than `TELLS_MORE` times that, both together: no stated uncertainty holds it.
     """
-    field, report = _Field.of(fit, layout, design), {}
+    field, report = _Field.of(fit, layout, design), dict[str, UnseenSlip]()
     noise_um = field.noise_um()
     for name, kinds in KINDS.items():
         blind = [(_unseen(fit, layout, rows, 1, np.inf), np.inf) for rows in short_counts(fit.fixed, layout, kinds)]
@@ -125,8 +126,8 @@ def slips_report(fit: MixedFit, layout: Layout, design: Design) -> dict[str, dic
         if every:
             worst, um = every[first_of_the_largest([made for _, made in every])]
             more = [each.place for each, made in every if np.hypot(made, noise_um) > TELLS_MORE * noise_um > 0.0]
-            report[name] = {**_as_json(worst, um), "readings_um": noise_um, "passes": more}
-    return report
+            report[name] = _slip(worst, um, noise_um, more)
+    return UnseenSlips(**report) if report else None
 
 
 def hidden_in_volume_um(fit: MixedFit, layout: Layout, design: Design, unseen: Unseen) -> float:
@@ -198,13 +199,15 @@ class _Field:
         return found
 
 
-def _as_json(unseen: Unseen, volume_um: float) -> dict[str, Any]:
-    told = bool(np.isfinite(unseen.u_um))
-    return {
-        "setup": unseen.setup,
-        "pass": unseen.pass_number,
-        "stop": unseen.stop,
-        "half_um": unseen.half_um if told else None,
-        "nearly_um": unseen.nearly_um if told else None,
-        "volume_um": volume_um if told else None,
-    }
+def _slip(unseen: Unseen, volume_um: float, noise_um: float, passes: Sequence[str]) -> UnseenSlip:
+    noticed = bool(np.isfinite(unseen.u_um))
+    return UnseenSlip(
+        setup=unseen.setup,
+        pass_number=unseen.pass_number,
+        stop=unseen.stop,
+        half_um=unseen.half_um if noticed else None,
+        nearly_um=unseen.nearly_um if noticed else None,
+        volume_um=volume_um if noticed else None,
+        readings_um=noise_um,
+        passes=tuple(passes),
+    )

@@ -6,7 +6,8 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, Vector, Volume
+from stepdiag.base.volume import Vector, Volume
+from stepdiag.solver.adjustment.diagnostics import travel_report
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import ASSUMED_U_UM
 from stepdiag.solver.model.vector import (
@@ -18,6 +19,7 @@ from stepdiag.solver.model.vector import (
     wang2000,
     without_end_line,
 )
+from stepdiag.solver.result.members import Closure, Fit, Length
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, Function, Quantity, Result, Scale
 
 THETA_OF = {"C0Y": ("xy", -1.0), "B0Z": ("zx", 1.0), "A0Z": ("yz", -1.0)}
@@ -51,13 +53,11 @@ def _result(layout: Layout, chain: str, method: str, solution_of: Callable[[Diag
         errors=errors,
         squareness=_squareness(layout.volume, solution, reading_u * float(np.sqrt(2.0)), terms),
         scale={letter: _scale(errors[f"E{letter}{letter}"]) for letter in AXIS_LETTERS},
-        setups={name: {"passes": int(count)} for name, count in zip(_used(layout), data.passes, strict=True)},
+        setups={setup.name: travel_report(layout, setup) for setup in layout.setups if setup.name in _used(layout)},
         findings=(*layout.findings, *_method_findings(method), *_unused(layout), *findings),
-        extra={
-            "closure_um": {axis: closure[index] for index, axis in enumerate(AXES)},
-            "scale_sum_um": solution.scale_sum_um,
-            "fit": {"noise_um": reading_u},
-        },
+        closure_um=Closure.of(closure),
+        scale_sum_um=None if solution.scale_sum_um is None else Length(value=solution.scale_sum_um),
+        fit=Fit(noise_um=reading_u),
     )
 
 

@@ -1,11 +1,12 @@
 """Scatter far beyond any machine's: that is no machine but a mistake, and it must not be exported before its cause is found."""
 
-from typing import Any
+from collections.abc import Mapping
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
 from stepdiag.solver.adjustment.diagnostics import NOISE_LIMIT_UM
 from stepdiag.solver.adjustment.scatter import Scatter
+from stepdiag.solver.result.members import SetupReport
 
 FAR = 10.0
 """So many times the usual limit stops an export."""
@@ -13,7 +14,7 @@ REPEATS_UM = 5.0
 """Repeatability of an approach, three times that of a worn machine: it is a mirror, a beam or a pass that moved."""
 
 
-def contradictions(reports: dict[str, dict[str, Any]], scatter: Scatter) -> list[Finding]:
+def contradictions(reports: Mapping[str, SetupReport], scatter: Scatter) -> list[Finding]:
     """Return an error for each setup, and for the machine, whose scatter is far beyond what is usual."""
     return [*_of_machine(scatter), *(each for name, report in reports.items() for each in _of_setup(name, report))]
 
@@ -24,8 +25,8 @@ def _of_machine(scatter: Scatter) -> list[Finding]:
     return [finding("error", message("noise-far.machine", repeatability_um=scatter.repeatability_um))]
 
 
-def _of_setup(name: str, report: dict[str, Any]) -> list[Finding]:
-    noise_um, repeats_um = (report[figure] or 0.0 for figure in ("noise_um", "repeatability_um"))
+def _of_setup(name: str, report: SetupReport) -> list[Finding]:
+    noise_um, repeats_um = report.noise_um or 0.0, report.repeatability_um or 0.0
     said = []
     if noise_um > FAR * NOISE_LIMIT_UM:
         said.append(message("noise-far.reading", setup=name, u_um=noise_um, times=FAR))

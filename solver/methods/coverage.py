@@ -1,7 +1,6 @@
 """Where k = 2 is not 95 %: the noise was found from few degrees of freedom (GUM G.4, Welch and Satterthwaite)."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
 
@@ -10,6 +9,7 @@ from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.model.quantities import Quantities
+from stepdiag.solver.result.members import CoverageFactor
 
 WORTH_SAYING = 2.1
 _MOST = 1e6
@@ -24,7 +24,9 @@ def t_factor(freedom: float) -> float:
     return z + first / v + second / v**2 + third / v**3
 
 
-def coverage(found: Adjustment, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector) -> dict[str, Any]:
+def coverage(
+    found: Adjustment, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector
+) -> dict[str, CoverageFactor]:
     """Return effective degrees of freedom and k for 95 % by name, for those of which k is not about 2: readings that state their own
     uncertainty are known well enough."""
     if np.all(np.isfinite(found.layout.u_um)):
@@ -35,14 +37,14 @@ def coverage(found: Adjustment, quantities: Quantities, known: Mapping[str, bool
         combined, alone = (float(np.sum(each[rows] ** 2)) for each in (u, u_readings))
         freedom = min(found.fit.freedom * (combined / alone) ** 2, _MOST) if alone > 0 else _MOST
         if t_factor(freedom) > WORTH_SAYING:
-            report[name] = {"degrees_of_freedom": freedom, "k": t_factor(freedom)}
+            report[name] = CoverageFactor(degrees_of_freedom=freedom, k=t_factor(freedom))
     return report
 
 
-def coverage_findings(report: Mapping[str, Mapping[str, float]]) -> list[Finding]:
+def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
     """Return the finding on uncertainties that want a larger factor than 2."""
     if not report:
         return []
-    worst = max(report, key=lambda name: report[name]["k"])
+    worst = max(report, key=lambda name: report[name].k)
     told = report[worst]
-    return [finding("info", message("coverage-factor", name=worst, factor=told["k"], freedom=told["degrees_of_freedom"]))]
+    return [finding("info", message("coverage-factor", name=worst, factor=told.k, freedom=told.degrees_of_freedom))]

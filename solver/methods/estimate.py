@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 
@@ -46,6 +46,7 @@ from stepdiag.solver.model.reported import (
     variance,
 )
 from stepdiag.solver.planning.identifiability import cheapest_runs, resolved_angles
+from stepdiag.solver.result.members import Backlash, Backlashes, Fit, Length
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 from stepdiag.solver.uncertainty.spread import Spread, deviation
@@ -185,19 +186,18 @@ def solve_estimate(
     texts = {"readings": _noise_text(found), **{effect.name: effect.text for effect in found.effects}}
     if layout.volume.solid:
         result = _over_the_volume(result, done, resolved)
-    extra = {
-        **result.extra,
-        **_extra(done),
-        "assumed": found.assumed.as_json(),
-        "lengths": lengths_report(result.scale, found.assumed, known=bool(np.all(np.isfinite(found.layout.temperature_c)))),
-        **({"tool": tool_report(errors, expected, found.assumed)} if layout.volume.solid else {}),
-        **({"head_straightness": of_head} if of_head else {}),
-        "budget": budget(done.spread, done.quantities, done.known, done.u, done.u_readings, texts),
-        **({"coverage": factors} if factors else {}),
-        "standards": standards_report(layout, found.assumed),
-        **({"monte_carlo": drawn_surveys(done.spread, done.quantities, done.known, done.u, trials)} if trials else {}),
-    }
-    return replace(result, findings=(*result.findings, *coverage_findings(factors)), extra=extra)
+    return replace(
+        _with_fit(result, done),
+        findings=(*result.findings, *coverage_findings(factors)),
+        assumed=found.assumed.stated(),
+        lengths=lengths_report(result.scale, found.assumed, known=bool(np.all(np.isfinite(found.layout.temperature_c)))),
+        tool=tool_report(errors, expected, found.assumed) if layout.volume.solid else None,
+        head_straightness=of_head or None,
+        budget=budget(done.spread, done.quantities, done.known, done.u, done.u_readings, texts),
+        coverage=factors or None,
+        standards=standards_report(layout, found.assumed),
+        monte_carlo=drawn_surveys(done.spread, done.quantities, done.known, done.u, trials) if trials else None,
+    )
 
 
 def _over_the_volume(result: Result, done: Estimate, resolved: Sequence[str]) -> Result:
@@ -206,10 +206,9 @@ def _over_the_volume(result: Result, done: Estimate, resolved: Sequence[str]) ->
     wider = with_the_usual(found, done.spread, done.quantities, done.known)
     posterior = make_posterior(found, _barely_seen(done), wider, done.quantities, done.known, result.errors)
     whole = replace(result, posterior=posterior)
-    volume = volume_report(whole)
-    left = left_with_head_um(found, wider, volume["volumetric_u_um"])
-    angles = angle_findings(found, done.spread, resolved, left)
-    return replace(whole, findings=(*whole.findings, *angles), extra=volume)
+    predicted, u_um = volume_report(whole, posterior)
+    angles = angle_findings(found, done.spread, resolved, left_with_head_um(found, wider, u_um))
+    return replace(whole, findings=(*whole.findings, *angles), volumetric_u_um=u_um, predicted=predicted)
 
 
 def _barely_seen(done: Estimate) -> Spread:
@@ -287,10 +286,10 @@ def _reversal(done: Estimate) -> dict[str, Function]:
     return {name: function for name, function in functions.items() if function.value is not None}
 
 
-def backlash_numbers(done: Estimate) -> dict[str, dict[str, object]]:
+def backlash_numbers(done: Estimate) -> Backlashes | None:
     """Return the mean backlash of each axis (approach in + minus approach in -), in um with its u: the number for a control's parameter."""
     columns = done.adjustment.design.columns
-    found: dict[str, dict[str, object]] = {}
+    found: dict[str, Backlash] = {}
     for axis, letter in enumerate(AXIS_LETTERS):
         if not done.known.get(backlash(POSITIONING[axis]), False):
             continue
@@ -298,37 +297,33 @@ def backlash_numbers(done: Estimate) -> dict[str, dict[str, object]]:
         mean = Rows(at[None, :], np.append(np.full(columns.nodes, 1.0 / (columns.nodes + 1)), 1.0)[None, :], columns.count)
         alone = mean.times(done.adjustment.fit.inverse.solve(mean.dense().ravel())).item()
         u = float(np.sqrt(max(alone, 0.0) + done.spread.variance(done.spread.moved(mean)).item()))
-        found[letter] = {"value": mean.times(done.adjustment.fit.unknowns).item(), "u": u, "unit": "um"}
-    return found
+        found[letter] = Backlash(value=mean.times(done.adjustment.fit.unknowns).item(), u=u)
+    return Backlashes(**found) if found else None
 
 
-def _extra(done: Estimate) -> dict[str, Any]:
-    """Return the further entries of the JSON: fit, scale sum and closure residual."""
+def _with_fit(result: Result, done: Estimate) -> Result:
+    """Return the result with what shows how the readings fit: fit, scale sum, backlash, unseen slips and closure residual."""
     found = done.adjustment
     solid = found.layout.volume.solid
     number = done.number(SCALE_SUM) if solid else None
-    fit = {
-        "readings": len(found.layout),
-        "used": int(np.count_nonzero(np.isfinite(found.u_um))),
-        "rank": found.fit.inverse.rank,
-        "unknowns": found.design.columns.count,
-        "degrees_of_freedom": found.fit.freedom,
-        "chi_square": found.fit.chi_square,
-    }
-    extra: dict[str, Any] = {"fit": fit}
-    if number is not None:
-        extra["scale_sum_um"] = {"value": number[0], "u": number[1]}
     misclosed = scale_misclosure(found)
-    if misclosed is not None:
-        extra["scale_misclosure_um"] = {"value": misclosed[0], "u": misclosed[1]}
-    numbers = backlash_numbers(done)
-    if numbers:
-        extra["backlash"] = numbers
-    slips = slips_report(found.as_usual(), found.layout, found.design) if solid else None
-    if slips:
-        extra["unseen_slip"] = slips
-    closure = closure_report(found.layout)
-    return extra if closure is None else {**extra, "closure_um": closure}
+    fit = Fit(
+        readings=len(found.layout),
+        used=int(np.count_nonzero(np.isfinite(found.u_um))),
+        rank=found.fit.inverse.rank,
+        unknowns=found.design.columns.count,
+        degrees_of_freedom=found.fit.freedom,
+        chi_square=found.fit.chi_square,
+    )
+    return replace(
+        result,
+        fit=fit,
+        scale_sum_um=None if number is None else Length(value=number[0], u=number[1]),
+        scale_misclosure_um=None if misclosed is None else Length(value=misclosed[0], u=misclosed[1]),
+        backlash=backlash_numbers(done),
+        unseen_slip=slips_report(found.as_usual(), found.layout, found.design) if solid else None,
+        closure_um=closure_report(found.layout),
+    )
 
 
 _UNIDENTIFIED: tuple[Literal["scale-unidentified", "squareness-unidentified", "function-unidentified"], ...] = (

@@ -6,7 +6,7 @@ the diagonals say, with an uncertainty that reaches to the head's values, and no
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,15 +22,11 @@ from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.model.between import BETWEEN, USUAL_UM
 from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.lateral import MeasuredStraightness, of_known_angles
+from stepdiag.solver.result.members import Difference, HeadStraightness
 from stepdiag.solver.result.result import DISPLACEMENTS, POSITIONING, Function
-from stepdiag.solver.standards.straightness import LineMethod, residuals_um, straightness_um
+from stepdiag.solver.standards.straightness import residuals_um, straightness_um
 
-_LINES: dict[str, LineMethod] = {
-    "end_point_um": "end-point",
-    "least_squares_um": "least-squares",
-    "minimum_zone_um": "minimum-zone",
-}
-LEAST_FREEDOM = 2
+LEAST_CHECKED = 2
 NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
 """Where the diagonals and other passes check less than two of the head's values, nothing is said about agreement."""
 LIKELY = 0.8
@@ -55,18 +51,18 @@ Done = TypeVar("Done", bound=Adjusted)
 
 def agreeing(
     estimated: Callable[[Sequence[MeasuredStraightness]], Done], measured: Sequence[MeasuredStraightness]
-) -> tuple[Done, dict[str, dict[str, Any]]]:
+) -> tuple[Done, dict[str, HeadStraightness]]:
     """Return the estimate from those of the head's functions that the readings do not contradict, and the report on all of them.
 
     The worst is left out first: a function that is wrong makes others look wrong.
     """
-    kept, apart = list(measured), dict[str, dict[str, Any]]()
+    kept, apart = list(measured), dict[str, HeadStraightness]()
     alone = estimated(())
     sizes = sizes_of(alone)
     while kept:
         done = estimated(kept)
         report = head_report(done.adjustment, kept, sizes)
-        worst = max(_contradicting(report), key=lambda name: float(report[name]["misclosure"]), default=None)
+        worst = max(_contradicting(report), key=lambda name: report[name].misclosure or 0.0, default=None)
         if worst is None:
             return done, {**report, **apart}
         apart[worst] = report[worst]
@@ -90,10 +86,10 @@ def sizes_of(alone: Adjusted) -> dict[str, float]:
 
 
 def beside_head(
-    errors: Mapping[str, Function], report: Mapping[str, dict[str, Any]], measured: Sequence[MeasuredStraightness], found: Adjustment
-) -> tuple[dict[str, Function], dict[str, dict[str, Any]]]:
+    errors: Mapping[str, Function], report: Mapping[str, HeadStraightness], measured: Sequence[MeasuredStraightness], found: Adjustment
+) -> tuple[dict[str, Function], dict[str, HeadStraightness]]:
     """Return functions and report; where head and diagonals contradict each other the report has the difference, and U reaches over it."""
-    wider, told = dict(errors), {name: dict(facts) for name, facts in report.items()}
+    wider, told = dict(errors), dict(report)
     for name in _contradicting(report):
         mine, function = [one for one in measured if one.name == name], errors[name]
         if function.value is None or function.u is None:
@@ -108,15 +104,16 @@ def beside_head(
         apart = residuals_um(at, of_head) - residuals_um(at, there)
         half = 0.5 * np.interp(function.position_mm, at, np.abs(apart))
         wider[name] = replace(function, u=np.hypot(function.u, half))
-        told[name] |= {"used": False, "difference_um": {"position_mm": at, "value": apart}}
+        difference = Difference(position_mm=tuple(at.tolist()), value=tuple(apart.tolist()))
+        told[name] = replace(report[name], used=False, difference_um=difference)
     return wider, told
 
 
-def _contradicting(report: Mapping[str, dict[str, Any]]) -> list[str]:
-    return [name for name, facts in report.items() if facts["misclosure"] is not None and facts["misclosure"] > 1.0]
+def _contradicting(report: Mapping[str, HeadStraightness]) -> list[str]:
+    return [name for name, facts in report.items() if facts.misclosure is not None and facts.misclosure > 1.0]
 
 
-def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness], sizes: Mapping[str, float]) -> dict[str, dict[str, Any]]:
+def head_report(found: Adjustment, measured: Sequence[MeasuredStraightness], sizes: Mapping[str, float]) -> dict[str, HeadStraightness]:
     """Return for each function the head measured: passes, straightness by each line, its uncertainty, and how it fits the readings.
 
     ``residual_um`` is the rms of the head's values against the adjusted function; ``misclosure`` is `_misclosure` over what chance allows
@@ -186,7 +183,7 @@ def _chi_square_limit(freedom: int) -> float:
 
 
 def _over_chance(chi_square: float, freedom: int) -> float | None:
-    return chi_square / _chi_square_limit(freedom) if freedom >= LEAST_FREEDOM else None
+    return chi_square / _chi_square_limit(freedom) if freedom >= LEAST_CHECKED else None
 
 
 def _sign_hidden(checked: _Checked, rows: NDArray[np.bool_], others: MixedFit, alone: MixedFit) -> bool:
@@ -224,19 +221,21 @@ def _rows(found: Adjustment, measured: Sequence[MeasuredStraightness]) -> dict[s
 
 def _of_function(
     passes: Sequence[MeasuredStraightness], rows: NDArray[np.bool_], alone: MixedFit, found: Adjustment, checked: _Checked
-) -> dict[str, Any]:
+) -> HeadStraightness:
     position = np.concatenate([one.position_mm for one in passes])
     value = np.concatenate([residuals_um(one.position_mm, one.value_um) for one in passes])
     at, mean = _mean(position, value)
     others = _with(checked.fit, found, ~rows)
-    return {
-        "passes": len(passes),
-        **{key: straightness_um(at, mean, line) for key, line in _LINES.items()},
-        "u_um": float(np.sqrt(np.mean(np.concatenate([one.u_um for one in passes]) ** 2) / len(passes))),
-        "residual_um": float(np.sqrt(np.mean(checked.fit.residual[rows] ** 2))),
-        "misclosure": _misclosure(checked.fit, others, alone),
-        **({"sign_hidden": True} if _sign_hidden(checked, rows, others, alone) else {}),
-    }
+    return HeadStraightness(
+        passes=len(passes),
+        end_point_um=straightness_um(at, mean, "end-point"),
+        least_squares_um=straightness_um(at, mean, "least-squares"),
+        minimum_zone_um=straightness_um(at, mean, "minimum-zone"),
+        u_um=float(np.sqrt(np.mean(np.concatenate([one.u_um for one in passes]) ** 2) / len(passes))),
+        residual_um=float(np.sqrt(np.mean(checked.fit.residual[rows] ** 2))),
+        misclosure=_misclosure(checked.fit, others, alone),
+        sign_hidden=_sign_hidden(checked, rows, others, alone),
+    )
 
 
 def _mean(position: Vector, value: Vector) -> tuple[Vector, Vector]:
@@ -244,19 +243,19 @@ def _mean(position: Vector, value: Vector) -> tuple[Vector, Vector]:
     return at, np.bincount(place, weights=value) / np.bincount(place)
 
 
-def head_findings(report: dict[str, dict[str, Any]]) -> list[Finding]:
+def head_findings(report: Mapping[str, HeadStraightness]) -> list[Finding]:
     """Return the findings on functions that head and diagonals see differently, and on those of which a wrong sign would not be seen."""
     bad = _contradicting(report)
-    hidden = [name for name, facts in report.items() if facts.get("sign_hidden") and name not in bad]
+    hidden = [name for name, facts in report.items() if facts.sign_hidden and name not in bad]
     return [*([_misclosed(report, bad)] if bad else []), *([_unchecked(hidden)] if hidden else [])]
 
 
-def _misclosed(report: dict[str, dict[str, Any]], bad: Sequence[str]) -> Finding:
-    worst = max(bad, key=lambda name: float(report[name]["misclosure"]))
-    apart = report[worst].get("difference_um")
+def _misclosed(report: Mapping[str, HeadStraightness], bad: Sequence[str]) -> Finding:
+    worst = max(bad, key=lambda name: report[name].misclosure or 0.0)
+    apart = report[worst].difference_um
     if apart is None:
         return finding("error", message("straightness-misclosure", names=bad))
-    apart_um = float(np.max(np.abs(apart["value"])))
+    apart_um = float(np.max(np.abs(apart.value)))
     return finding("error", message("straightness-misclosure.by", names=bad, apart_um=apart_um, name=worst))
 
 

@@ -6,7 +6,7 @@ before. The tables correct those. The others stand beside them and in no table: 
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import get_args
 
 import numpy as np
 
@@ -17,10 +17,12 @@ from stepdiag.base.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.warmth import expansions
 from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function, Scale
+from stepdiag.solver.result.members import Axis, Lengths, LengthScale, LengthsReport, Tool
+from stepdiag.solver.result.result import ROTATIONS, Function, Scale
 from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
-AS_MEASURED, AT_20_C = "as_measured", "at_20_c"
+AS_MEASURED: Lengths = "as_measured"
+AT_20_C: Lengths = "at_20_c"
 UNMEASURED_C = 3.5
 """Standard uncertainty of 20 C, or of what a survey file says, where nobody measured: as of a sensor that fell silent an hour ago. What
 the user states himself takes its place, smaller or larger."""
@@ -66,39 +68,39 @@ def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[F
     return (finding("info", message("material-unmeasured", count=missing, readings=count, expansions=expansions(assumed))),)
 
 
-def lengths_report(scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool) -> dict[str, Any]:
-    """Return as plain JSON which lengths the tables correct, and the scales as measured and at 20 C with their combined u.
+def lengths_report(scales: Mapping[str, Scale], assumed: Assumptions, *, known: bool) -> LengthsReport:
+    """Return which lengths the tables correct, and the scales as measured and at 20 C with their combined u.
 
     ``known`` says whether anybody measured the material's temperature: without it the other scale is None.
     """
     here, other = (AT_20_C, AS_MEASURED) if assumed.reduced_to_20_c else (AS_MEASURED, AT_20_C)
-    return {
-        "tables": here,
-        "material_c": list(assumed.material_c) if known else None,
-        "expansion_um_m_c": list(assumed.expansion_um_m_c),
-        here: {letter: _entry(scale.value, scale.u) for letter, scale in scales.items()},
-        other: {letter: _entry(*_elsewhere(scales[letter], axis, assumed, known=known)) for axis, letter in enumerate(AXIS_LETTERS)},
+    both: dict[str, dict[Axis, LengthScale]] = {
+        here: {axis: LengthScale(value=scales[axis].value, u=scales[axis].u) for axis in get_args(Axis)},
+        other: {axis: _elsewhere(scales[axis], place, assumed, known=known) for place, axis in enumerate(get_args(Axis))},
     }
+    return LengthsReport(
+        tables=here,
+        material_c=assumed.material_c if known else None,
+        expansion_um_m_c=assumed.expansion_um_m_c,
+        as_measured=both[AS_MEASURED],
+        at_20_c=both[AT_20_C],
+    )
 
 
-def _entry(value: float | None, u: float | None) -> dict[str, Any]:
-    return {"value": value, "u": u, "unit": "um/m"}
-
-
-def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) -> tuple[float | None, float | None]:
+def _elsewhere(scale: Scale, axis: int, assumed: Assumptions, *, known: bool) -> LengthScale:
     """Return a scale at the other temperature (um/m) and its u: a warm scale is long, and reads as a machine that moves too far."""
     if scale.value is None or scale.u is None or not known:
-        return None, None
+        return LengthScale(value=None, u=None)
     excess, coefficient = assumed.material_c[axis] - REFERENCE_TEMPERATURE_C, assumed.expansion_um_m_c[axis]
     material = float(assumed.u_grown_um_m()[axis])
     if not assumed.reduced_to_20_c:
-        return scale.value - coefficient * excess, float(np.hypot(scale.u, material))
+        return LengthScale(value=scale.value - coefficient * excess, u=float(np.hypot(scale.u, material)))
     # what the way to 20 C brought in goes out again on the way back; the readings' own part stays
     least = scale.u_readings or 0.0
-    return scale.value + coefficient * excess, float(np.sqrt(max(scale.u**2 - material**2, least**2)))
+    return LengthScale(value=scale.value + coefficient * excess, u=float(np.sqrt(max(scale.u**2 - material**2, least**2))))
 
 
-def tool_report(errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions) -> dict[str, Any]:
+def tool_report(errors: Mapping[str, Function], expected: Mapping[str, Function], assumed: Assumptions) -> Tool:
     """Return where the errors hold, and what angles may make of a tool tip that is elsewhere, in um per `REACH_MM` (k = 2).
 
     Functions are those of the point where the beam met the mirror: the tool offset of the model is zero. An angular function counts with
@@ -111,4 +113,4 @@ def tool_report(errors: Mapping[str, Function], expected: Mapping[str, Function]
             reach.append(2.0 * assumed.angle_range_urad(name))
         else:
             reach.append(float(np.max(np.abs(function.value) + (0.0 if function.u is None else 2.0 * function.u))))
-    return {"offset_mm": [0.0, 0.0, 0.0], "up_to_um_per_100_mm": 1e-3 * REACH_MM * float(np.linalg.norm(reach))}
+    return Tool(offset_mm=(0.0, 0.0, 0.0), up_to_um_per_100_mm=1e-3 * REACH_MM * float(np.linalg.norm(reach)))

@@ -4,8 +4,9 @@ Both directions are evaluated where the runs share the zero of the laser's count
 zero have lost the reversal value: what needs it (B, R, A, and all of VDI/DGQ 3441) is then left out, and said.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +16,7 @@ from stepdiag.base.setups import Kind
 from stepdiag.base.volume import Vector
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
+from stepdiag.solver.result.members import StandardFigures
 from stepdiag.solver.standards.iso230 import (
     COVERAGES,
     DiagonalFigures,
@@ -77,20 +79,19 @@ def diagonals(layout: Layout, kind: Kind) -> tuple[DiagonalFigures, dict[str, Se
     return replace(figures, standard=DIAGONAL_STANDARD[kind]), runs
 
 
-def standards_report(layout: Layout, assumed: Assumptions | None = None) -> dict[str, Any]:
-    """Return every figure as plain JSON, in um with ``U`` (k = 2): by setup, by standard, with how well the standard's text is known."""
+def standards_report(layout: Layout, assumed: Assumptions | None = None) -> dict[str, tuple[StandardFigures, ...]]:
+    """Return every figure, in um with ``U`` (k = 2): by setup, by standard, with how well the standard's text is known."""
     sources = assumed or Assumptions()
-    report: dict[str, Any] = {}
+    report: dict[str, tuple[StandardFigures, ...]] = {}
     for name, found in linear_runs(layout).items():
-        report[name] = [_positioning(layout, found, sources, standard) for standard in COVERAGES] + _vdi(found)
+        report[name] = (*(_positioning(layout, found, sources, standard) for standard in COVERAGES), *_vdi(found))
     for kind in STEPS_A_CYCLE:
         along = diagonals(layout, kind)
         if along is not None:
             figures, runs = along
-            each = {name: _positioning(layout, one, sources) | {"standard": DIAGONAL_STANDARD[kind]} for name, one in runs.items()}
-            largest = {name: value for name, value in _plain(figures).items() if name != "diagonals"}
-            report[DIAGONAL_ENTRY[kind]] = [largest | {"U": _largest_u(each)}]
-            report |= {name: [one] for name, one in each.items()}
+            each = {name: replace(_positioning(layout, one, sources), standard=DIAGONAL_STANDARD[kind]) for name, one in runs.items()}
+            report[DIAGONAL_ENTRY[kind]] = (StandardFigures(**_plain(figures), U=_largest_u(each)),)
+            report |= {name: (one,) for name, one in each.items()}
     return report
 
 
@@ -144,14 +145,14 @@ def _upward(layout: Layout, rows: NDArray[np.int64]) -> bool:
     return float(layout.approach[rows[0]] @ layout.direction[rows[0]]) > 0
 
 
-def _positioning(layout: Layout, found: SetupRuns, assumed: Assumptions, standard: str = "iso-230-2") -> dict[str, Any]:
+def _positioning(layout: Layout, found: SetupRuns, assumed: Assumptions, standard: str = "iso-230-2") -> StandardFigures:
     figures = positioning_figures(found.runs, standard)
     length_mm = float(np.ptp(found.runs.target_mm))
     up, down = found.runs.up_um, found.runs.down_um
     runs = up.shape[1], up.shape[1] if down is None else down.shape[1]
     u = expanded_um(figures.numbers(), length_mm, runs, len(up), _sources(layout, found, assumed))
-    lengths = "at 20 C" if assumed.reduced_to_20_c else "as measured"
-    return _plain(figures) | {"runs": up.shape[1], "lengths": lengths, "U": u, "U_status": SOURCE_STATUS}
+    lengths: Literal["as measured", "at 20 C"] = "at 20 C" if assumed.reduced_to_20_c else "as measured"
+    return StandardFigures(**_plain(figures), runs=up.shape[1], lengths=lengths, U=u, U_status=SOURCE_STATUS)
 
 
 def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSources:
@@ -171,18 +172,19 @@ def _sources(layout: Layout, found: SetupRuns, assumed: Assumptions) -> RunSourc
     )
 
 
-def _vdi(found: SetupRuns) -> list[dict[str, Any]]:
+def _vdi(found: SetupRuns) -> list[StandardFigures]:
     """Return the figures of VDI/DGQ 3441, nothing without both directions and two runs of each."""
     runs = found.runs
     if runs.down_um is None or min(runs.up_um.shape[1], runs.down_um.shape[1]) < 2:
         return []
-    return [_plain(vdi_3441_figures(runs))]
+    return [StandardFigures(**_plain(vdi_3441_figures(runs)))]
 
 
-def _largest_u(each: dict[str, dict[str, Any]]) -> dict[str, float]:
+def _largest_u(each: Mapping[str, StandardFigures]) -> dict[str, float]:
     """Return for the machine's figures the U of the diagonals', the largest."""
     names = {"E_d": "E", "B_d": "B", "R_d": "R", "A_d": "A"}
-    return {name: max(one["U"][of] for one in each.values()) for name, of in names.items() if all(of in one["U"] for one in each.values())}
+    stated = [one.U or {} for one in each.values()]
+    return {name: max(u[of] for u in stated) for name, of in names.items() if all(of in u for u in stated)}
 
 
 def _plain(figures: PositioningFigures | DiagonalFigures | VdiFigures) -> dict[str, Any]:

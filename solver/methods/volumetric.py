@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +18,8 @@ from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.planning.foresight import CURVED
 from stepdiag.solver.result.field import Smoothed, error_field_um, evenly
+from stepdiag.solver.result.interval import Predicted
+from stepdiag.solver.result.members import Budget, Drawn, MonteCarlo
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted_with_u
 from stepdiag.solver.result.result import DISPLACEMENTS, POSITIONING, Function, Result
@@ -240,8 +241,8 @@ def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
 
 def budget(
     spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, u_readings: Vector, texts: Mapping[str, str]
-) -> dict[str, Any]:
-    """Return the budget as plain JSON (k = 1): what was assumed, the shares per function or number by source, and their combination.
+) -> Budget:
+    """Return the budget (k = 1): what was assumed, the shares per function or number by source, and their combination.
 
     Shares are root mean squares over the nodes of a function. What is not identified has none: its numbers would be those of an arbitrary
     solution, and other ones on another processor.
@@ -249,34 +250,32 @@ def budget(
     moved = spread.moved(quantities.combination)
     shares = {"readings": u_readings, **spread.shares(moved)}
     groups = _known(quantities, known)
-    return {
-        "assumptions": dict(texts),
-        "shares": {name: {source: rms(values[rows]) for source, values in shares.items()} for name, rows in groups.items()},
-        "combined": {name: rms(u[rows]) for name, rows in groups.items()},
-    }
+    return Budget(
+        assumptions=dict(texts),
+        shares={name: {source: rms(values[rows]) for source, values in shares.items()} for name, rows in groups.items()},
+        combined={name: rms(u[rows]) for name, rows in groups.items()},
+    )
 
 
 def _known(quantities: Quantities, known: Mapping[str, bool]) -> dict[str, NDArray[np.int64]]:
     return {name: quantities.of(name) for name in quantities.groups if known.get(name, True)}
 
 
-def drawn_surveys(spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int) -> dict[str, Any]:
+def drawn_surveys(spread: Spread, quantities: Quantities, known: Mapping[str, bool], u: Vector, trials: int) -> MonteCarlo:
     """Return per function (rms over its nodes) or number the standard deviation of drawn surveys, beside the one stated, and the shortest
     95 % interval of a number (JCGM 101)."""
     drawn = monte_carlo(spread, quantities.combination, trials=trials)
-    report: dict[str, Any] = {"trials": trials}
+    report = {}
     for name, rows in _known(quantities, known).items():
-        report[name] = {"u": rms(drawn.u[rows]), "u_stated": rms(u[rows])}
-        if len(rows) == 1:
-            report[name] |= {"low": float(drawn.low[rows[0]]), "high": float(drawn.high[rows[0]])}
-    return report
+        low, high = (float(end[rows[0]]) if len(rows) == 1 else None for end in (drawn.low, drawn.high))
+        report[name] = Drawn(u=rms(drawn.u[rows]), u_stated=rms(u[rows]), low=low, high=high)
+    return MonteCarlo(trials=trials, quantities=report)
 
 
-def volume_report(result: Result) -> dict[str, Any]:
-    """Return the volumetric uncertainty (rms, k = 1), and what is to be expected as the machine stands and after an ideal compensation."""
+def volume_report(result: Result, posterior: Posterior) -> tuple[Predicted, float]:
+    """Return what is to be expected as the machine stands and after an ideal compensation, and the volumetric uncertainty (rms, k = 1)."""
     points = anywhere_mm(result.volume)
-    told, u_um = predicted_with_u(result, points, -error_field_um(result, points))
-    return {"volumetric_u_um": u_um, "predicted": told.as_json()}
+    return predicted_with_u(result, posterior, points, -error_field_um(result, points))
 
 
 def left_with_head_um(found: Adjustment, wider: Spread, now_um: float) -> dict[str, float]:

@@ -2,14 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
-from typing import Any
 
 import numpy as np
 
 from stepdiag.base.volume import Vector
+from stepdiag.solver.result.members import Assumed
 from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
-
-RELATIVE = ("index", "index_setup")
 
 CLASSES: Mapping[str, Mapping[str, float]] = {
     "good": {
@@ -81,11 +79,11 @@ class Assumptions:
         u: Vector = np.hypot(np.array(self.expansion_um_m_c) * self.u_material_c, excess_c * self.u_expansion_um_m_c)
         return u
 
-    def as_json(self) -> dict[str, Any]:
-        """Return the sizes by their names; what is relative in ppm, for a result keeps six decimals, of which 2e-7 leaves nothing."""
-        return {
-            f"{name}_ppm" if name in RELATIVE else name: 1e6 * value if name in RELATIVE else value for name, value in asdict(self).items()
-        }
+    def stated(self) -> Assumed:
+        """Return the sizes as a result states them; relative ones in ppm, since 2e-7 is nothing in the six decimals of a result."""
+        sizes = asdict(self)
+        index, index_setup = (1e6 * sizes.pop(name) for name in ("index", "index_setup"))
+        return Assumed(index_ppm=index, index_setup_ppm=index_setup, **sizes)
 
     def angle_range_urad(self, name: str) -> float:
         """Return the range assumed for an angular function."""

@@ -28,7 +28,9 @@ LONG_WAVES = 3
 ANGLES, SHORT_ANGLES = "angles", "short waves of angles"
 TURNING = (ANGLES, SHORT_ANGLES)
 """The effects that together are the angular functions."""
-GROWTH, SETUP_SCALE = "growth", "setup scale"
+GROWTH, SETUP_SCALE, FIRST_STOPS = "growth", "setup scale", "first stops"
+BACKLASH = 0.6
+"""Backlash at first stops beside the repeatability of an approach, before its size is found: overrun leaves none, a pass without it all."""
 WANDER_WAVES = 3
 BEARING = 0.5
 """Distance of the bearing that holds a screw from the low corner of the volume, as a share of the travel (standard deviation)."""
@@ -104,6 +106,7 @@ def effects_of(layout: Layout, chain: str, shapes: AngleShapes, assumed: Assumpt
         _wander(layout, assumed),
         _setup_scale(layout, assumed),
         _growth(layout, assumed),
+        _first_stops(layout, assumed),
         _registers(layout),
         _survey_scale(layout, assumed),
         _material(layout, assumed),
@@ -145,6 +148,12 @@ def _by(index: NDArray[np.int64], values: Vector) -> Vector:
     """Return the values in a column for each member of the index, zero elsewhere, shape (m, members)."""
     apart: Vector = values[:, None] * (index[:, None] == np.unique(index))
     return apart
+
+
+def _first_of(index: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return for every reading the place of the first that has the same index, shape (m,)."""
+    _, first, member = np.unique(index, return_index=True, return_inverse=True)
+    return np.asarray(first[member])
 
 
 def _drift(layout: Layout, assumed: Assumptions) -> Effect:
@@ -209,21 +218,54 @@ def growth_waves(layout: Layout) -> Vector:
     return centred
 
 
+def _first_stops(layout: Layout, assumed: Assumptions) -> Effect:
+    """Return the backlash of each axis at the stops that it has not moved to in their pass: it came there from within the volume.
+
+    Where a pass begins without overrun these stops differ from those of later moves by the backlash, the same in every pass.
+    What each of them misses beside it belongs to the scatter.
+    """
+    begins = _first_of(layout.pass_index)
+    # where the machine turned round, the move that brought it there belongs to the pass before
+    came = (begins == 0)[:, None] | (layout.arrival[begins] != layout.arrival[np.maximum(begins - 1, 0)])
+    still = came & (layout.arrival == layout.arrival[begins]) & (layout.arrival >= 0)
+    size_um = BACKLASH * assumed.repeatability_um
+    pattern = -size_um * layout.direction * layout.approach * still
+    text = f"an axis comes to its first stop of a pass from the other side: backlash of {size_um:.2g} um"
+    return Effect(name=FIRST_STOPS, text=text, pattern_um=pattern, sought=True)
+
+
 def _registers(layout: Layout) -> Effect:
     """Return what it does to the readings where positions scatter in the registers alone and the machine stands still.
 
-    The deviations count from the positions reported. While an axis stands, from one move to the next, its place cannot change: what the
-    laser did not see of the scatter about the mean of these stops is found, from nothing (the axis stood there) to all of it (amount 1).
+    The deviations count from the positions reported. The laser shows how much of their scatter it did not see, from nothing (the axis
+    stood there) to all of it (amount 1): of the scatter while an axis stands, where its place cannot change, and of what its moves end
+    beside each other by. What a rounded program repeats at each target, or adds up to along its way, is no scatter.
     """
-    scatter = np.zeros_like(layout.beside_mm)
+    within, between = np.zeros_like(layout.beside_mm), np.zeros_like(layout.beside_mm)
     for axis in range(3):
         stands = np.where(layout.arrival[:, axis] < 0, -1 - layout.pass_index, layout.arrival[:, axis])
         stay = np.unique(stands, return_inverse=True)[1]
-        mean = np.bincount(stay, weights=layout.beside_mm[:, axis]) / np.bincount(stay)
-        scatter[:, axis] = layout.beside_mm[:, axis] - mean[stay]
-    pattern = -1e3 * np.sum(scatter * layout.direction, axis=1)[:, None]
-    pattern *= float(np.sqrt(np.mean(pattern**2))) > LEAST_SCATTER_UM if len(layout) else 0.0
+        scatter = _beside_program_mm(layout, axis)
+        between[:, axis] = (np.bincount(stay, weights=scatter) / np.bincount(stay))[stay]
+        within[:, axis] = scatter - between[:, axis]
+    pattern = -1e3 * np.column_stack([np.sum(each * layout.direction, axis=1) for each in (within, between)])
+    pattern = pattern[:, np.sqrt(np.mean(pattern**2, axis=0)) > LEAST_SCATTER_UM] if len(layout) else pattern[:, :0]
     return Effect(name="registers", text="positions may scatter in the registers alone", pattern_um=pattern)
+
+
+def _beside_program_mm(layout: Layout, axis: int) -> Vector:
+    """Return what positions lie beside the mean at their target and beside what a program in increments adds up to, shape (m,).
+
+    Increments of one size are rounded alike: what they add up to grows with the way from the first stop of the pass, or of the setup
+    where each pass begins where the one before it ended. Passes with as many targets have increments of one size.
+    """
+    beside, targets, passes = layout.beside_mm[:, axis], layout.position_mm[:, axis], layout.pass_index
+    if not np.any(beside):
+        return np.zeros_like(beside)
+    many = np.array([len(np.unique(targets[passes == number])) for number in range(len(layout.passes))])[passes]
+    ways = [targets - targets[_first_of(index)] for index in (passes, layout.setup_index)]
+    program = np.hstack([np.equal.outer(targets, np.unique(targets)), *(_by(many, way) for way in ways)])
+    return np.asarray(beside - program @ np.linalg.lstsq(program, beside, rcond=None)[0])
 
 
 def _survey_scale(layout: Layout, assumed: Assumptions) -> Effect:

@@ -11,7 +11,7 @@ from functools import cached_property
 from typing import Literal
 
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import AXES, BODY_DIAGONALS
+from stepdiag.base.volume import AXES, BODY_DIAGONALS, MOST_INCREMENTS
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.planning.foresight import Foresight, foresee
@@ -30,13 +30,14 @@ FUNCTIONS = (*DISPLACEMENTS, *ROTATIONS)
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Circumstances:
-    """Everything about the job that is not in the plan. ``head_u_urad``: pitch and yaw from a run of the 4-DOF head.
+    """Everything about the job that is not in the plan. ``head``: there is a 4-DOF head; ``head_u_urad``: pitch and yaw from a run of it.
 
     ``made`` keeps what was forecast under them: a search comes to the same plan by many ways.
     """
 
     chain: str = "FXYZ"
     assumed: Assumptions = field(default_factory=Assumptions)
+    head: bool = True
     head_u_urad: float = 1.0
     beam_offset_mm: float = 50.0
     made: dict[Plan, "Forecast"] = field(default_factory=dict, init=False, repr=False)
@@ -199,7 +200,7 @@ def _changes(survey: Plan, about: Circumstances) -> Iterator[tuple[str, Plan]]:
     """Yield every plan that is one step richer, in words."""
     bases = [setup_of(run.setup).base for run in survey.runs]
     for axis in AXES:
-        for kind, words in (("linear", _LINEAR), ("fourdof", "a run of the 4-DOF head along {}")):
+        for kind, words in (("linear", _LINEAR), *((("fourdof", "a run of the 4-DOF head along {}"),) if about.head else ())):
             if f"{kind}-{axis}" not in bases:
                 yield words.format(axis.upper()), survey.with_runs(Run(setup=f"{kind}-{axis}"))
     diagonals = [run for run in survey.runs if run.setup in BODY_DIAGONALS]
@@ -211,6 +212,8 @@ def _changes(survey: Plan, about: Circumstances) -> Iterator[tuple[str, Plan]]:
             yield f"all diagonals again with the beam shifted {about.beam_offset_mm:g} mm in {axis.upper()}", survey.with_runs(*shifted)
     if not all(run.return_pass for run in survey.runs):
         yield "return passes", replace(survey, runs=tuple(replace(run, return_pass=True) for run in survey.runs))
+    if (finer := 2 * survey.volume.increments) <= MOST_INCREMENTS:
+        yield f"{finer} increments in place of {survey.volume.increments}", replace(survey, volume=replace(survey.volume, increments=finer))
     more = tuple(replace(run, repeats=run.repeats + 1) for run in survey.runs)
     yield "one more repeat of every run", replace(survey, runs=more)
 

@@ -1,17 +1,22 @@
 """A predicted figure as an interval (k = 2), and the one way in which it is written wherever a person reads it."""
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from stepdiag.solver.result.typed import Named
+
+When = Literal["before", "after"]
+"""Before and after compensation."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interval:
     """A figure in um; ``low_um`` and ``high_um`` are None where nothing states how sure it is (a result of version 1)."""
 
-    value_um: float
-    low_um: float | None = None
-    high_um: float | None = None
+    value_um: Annotated[float, Named("value")]
+    low_um: Annotated[float | None, Named("low")] = None
+    high_um: Annotated[float | None, Named("high")] = None
 
     def shown(self) -> tuple[str, str]:
         """Return low and high as written everywhere, rounded outwards so that rounding never promises more; empty where unknown."""
@@ -37,23 +42,27 @@ class Interval:
         high = self.shown()[1]
         return f"up to {high}" if high else self.words()
 
-    def as_json(self) -> dict[str, float | None]:
-        """Return the form of contract 4."""
-        return {"value": self.value_um, "low": self.low_um, "high": self.high_um}
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FieldFigures:
+    """Length of the error vector over the volume: root mean square and largest, in um."""
+
+    rms_um: Interval
+    largest_um: Interval
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Predicted:
+    """The figures before and after, with and without the rigid motion of the whole volume."""
+
+    without_rigid_motion: dict[When, FieldFigures]
+    as_it_is: dict[When, FieldFigures]
+
+    def parts(self) -> dict[str, dict[When, FieldFigures]]:
+        """Return both by their names as a person reads them."""
+        return {"without rigid motion": self.without_rigid_motion, "as it is": self.as_it_is}
 
 
 def decimals_of(um: float) -> int:
     """Return how many decimals a figure in um is worth: two digits, a tenth at the finest."""
     return 0 if abs(um) >= 9.95 else 1
-
-
-def interval_of(figure: object) -> Interval | None:
-    """Return a figure of ``predicted`` (contract 4, version 2; a bare number before), or None where it is none."""
-    if isinstance(figure, int | float) and not isinstance(figure, bool):
-        return Interval(value_um=float(figure))
-    if not isinstance(figure, Mapping) or not isinstance(figure.get("value"), int | float):
-        return None
-    low, high = figure.get("low"), figure.get("high")
-    if isinstance(low, int | float) and isinstance(high, int | float):
-        return Interval(value_um=float(figure["value"]), low_um=float(low), high_um=float(high))
-    return Interval(value_um=float(figure["value"]))

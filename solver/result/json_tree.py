@@ -2,6 +2,7 @@
 
 import json
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import Any, NoReturn
 
@@ -12,8 +13,6 @@ from stepdiag.base.errors import DataError
 from stepdiag.base.messages import Said, excerpt, message
 from stepdiag.base.volume import Vector
 
-DEEPEST = 20
-"""Levels of a tree that is kept as it is."""
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
 
 
@@ -47,6 +46,8 @@ class Node:
     value: Any
     source: str
     path: str
+    strict: bool = False
+    """Whether an unknown name is refused, too."""
 
     def refuse(self, expected: Said) -> NoReturn:
         raise DataError(f"{self.source}: {self.path or 'document'}", expected=expected, found=excerpt(json.dumps(self.value)))
@@ -63,12 +64,20 @@ class Node:
             raise DataError(
                 f"{self.source}: {path}", expected="this entry", found=message("nothing"), remedy="this is no complete result of stepdiag"
             )
-        return Node(inside[name], self.source, path)
+        return Node(inside[name], self.source, path, self.strict)
+
+    def only(self, names: Iterable[str]) -> None:
+        """Refuse a name that is none of these, where this is strict."""
+        known = list(names)
+        unknown = next((name for name in self.mapping() if name not in known), None)
+        if self.strict and unknown is not None:
+            place = f"{self.source}: {self.path}.{unknown}" if self.path else f"{self.source}: {unknown}"
+            raise DataError(place, expected=f"one of {', '.join(known)}", found="an unknown name")
 
     def items(self) -> list["Node"]:
         if not isinstance(self.value, list):
             self.refuse("a list")
-        return [Node(item, self.source, f"{self.path}[{index}]") for index, item in enumerate(self.value)]
+        return [Node(item, self.source, f"{self.path}[{index}]", self.strict) for index, item in enumerate(self.value)]
 
     def equals(self, name: str, wanted: str | int) -> None:
         found = self.child(name)
@@ -76,33 +85,25 @@ class Node:
             found.refuse(repr(wanted))
 
     def text(self, name: str) -> str:
-        found = self.child(name)
-        if not isinstance(found.value, str):
-            found.refuse(message("text"))
-        return found.value
+        return self.child(name).word()
+
+    def word(self) -> str:
+        if not isinstance(self.value, str):
+            self.refuse(message("text"))
+        return self.value
 
     def texts(self) -> tuple[str, ...]:
-        for item in self.items():
-            if not isinstance(item.value, str):
-                item.refuse(message("text"))
-        return tuple(self.value)
+        return tuple(item.word() for item in self.items())
+
+    def whole(self) -> int:
+        if type(self.value) is not int or abs(self.value) > LARGEST:
+            self.refuse(message("whole"))
+        return self.value
 
     def number(self) -> float:
         if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not abs(self.value) <= LARGEST:
             self.refuse(message("finite"))
         return float(self.value)
-
-    def plain(self, levels: int = DEEPEST) -> Any:
-        """Return the value as it stands: any tree that is not too deep and whose numbers are finite."""
-        if levels == 0:
-            self.refuse(f"at most {DEEPEST} levels")
-        if isinstance(self.value, dict):
-            return {name: self.child(name).plain(levels - 1) for name in self.value}
-        if isinstance(self.value, list):
-            return [item.plain(levels - 1) for item in self.items()]
-        if self.value is not None and not isinstance(self.value, str | bool):
-            self.number()
-        return self.value
 
     def truth(self) -> bool:
         if not isinstance(self.value, bool):

@@ -96,6 +96,8 @@ def _short(values: Vector) -> list[float]:
 
 def parse_posterior(root: Node) -> Posterior:
     """Return the posterior of a result. Raises ``DataError`` that names the field."""
+    root.only(("position_mm", "offset", "modes", "rest", "between_um", "sized"))
+    root.child("position_mm").only("XYZ")
     positions = {axis: root.child("position_mm").child(axis).numbers() for axis in "XYZ"}
     for axis, position in positions.items():
         if len(position) < 2 or np.any(np.diff(position) <= 0):
@@ -127,13 +129,13 @@ def parse_posterior(root: Node) -> Posterior:
         modes=modes,
         rest=columns("rest"),
         between_um=between,
-        sized=_parse_sizes(root.child("sized"), count) if "sized" in root.mapping() else UnknownSize.nothing(),
+        sized=_parse_sizes(root.child("sized"), count) if root.strict or "sized" in root.mapping() else UnknownSize.nothing(),
     )
 
 
 def _parse_between(node: Node) -> Vector:
     """Return the sizes; results of this version once said one alone."""
-    if isinstance(node.value, int | float):
+    if not node.strict and isinstance(node.value, int | float):
         return np.array([node.number()])
     sizes = node.numbers()
     if not len(sizes):
@@ -142,6 +144,7 @@ def _parse_between(node: Node) -> Vector:
 
 
 def _parse_sizes(node: Node, most: int) -> UnknownSize:
+    node.only(("scale", "shift"))
     scale, shift = ([one.numbers() for one in node.child(part).items()] for part in ("scale", "shift"))
     if not scale or len(scale) != len(shift) or len({len(one) for one in (*scale, *shift)}) > 1 or len(scale[0]) > most:
         node.refuse("as many rows of scale as of shift, one number a mode at most")

@@ -5,15 +5,14 @@ holds 97 % of them: all but what lies beyond k = 2 above, and less below (`BELOW
 page, compare and plan.
 """
 
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from stepdiag.base.volume import Vector
 from stepdiag.solver.result.arches import Between, arches_of
 from stepdiag.solver.result.field import Smoothed, Tabulated, bend_um, error_field_um, field_of_um, rigid_motions
-from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.interval import FieldFigures, Interval, Predicted, When
 from stepdiag.solver.result.posterior import Posterior
 from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
 
@@ -27,31 +26,6 @@ BETWEEN_SHARE = 8.0 / 15.0
 """Mean square of an arch (a parabola between two targets) over its largest square."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class FieldFigures:
-    """Length of the error vector over the volume: root mean square and largest, in um."""
-
-    rms_um: Interval
-    largest_um: Interval
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the form of the contract."""
-        return {"rms_um": self.rms_um.as_json(), "largest_um": self.largest_um.as_json()}
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Predicted:
-    """The figures before and after, with and without the rigid motion of the whole volume."""
-
-    without_rigid_motion: dict[str, FieldFigures]
-    as_it_is: dict[str, FieldFigures]
-
-    def as_json(self) -> dict[str, Any]:
-        """Return the form of the contract: ``without_rigid_motion`` and ``as_it_is``, each ``before`` and ``after``."""
-        both = {"without_rigid_motion": self.without_rigid_motion, "as_it_is": self.as_it_is}
-        return {name: {when: figures.as_json() for when, figures in part.items()} for name, part in both.items()}
-
-
 def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> Predicted:
     """Return what an independent check would find at points (N, 3) before and after ``correction_um`` (N, 3) is applied.
 
@@ -61,18 +35,17 @@ def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_u
     return _predicted(_machines(result, points_mm, beside_um, DRAWS), motions, correction_um)
 
 
-def predicted_with_u(result: Result, points_mm: Vector, correction_um: Vector) -> tuple[Predicted, float | None]:
+def predicted_with_u(result: Result, posterior: Posterior, points_mm: Vector, correction_um: Vector) -> tuple[Predicted, float]:
     """Return what `predicted` does, and the root mean square over the volume of the error vector's standard uncertainty, rigid motion
-    removed; None without one."""
+    removed. ``posterior`` is that of the result."""
     machines, motions = _machines(result, points_mm, 0.0, DRAWS), rigid_motions(result.volume, points_mm)
-    u_um = None if result.posterior is None else _volumetric_u_um(result.posterior, machines.moved, motions)
-    return _predicted(machines, motions, correction_um), u_um
+    return _predicted(machines, motions, correction_um), _volumetric_u_um(posterior, machines.moved, motions)
 
 
 def _predicted(machines: "_Machines", motions: Vector, correction_um: Vector) -> Predicted:
     moved_um2, rigid_um2 = machines.moved_um2(motions)
     waves_um = machines.between.drawn_um(FOR_LARGEST)
-    parts = {}
+    parts: dict[str, dict[When, FieldFigures]] = {}
     for name, free, square_um2 in (("as_it_is", None, moved_um2), ("without_rigid_motion", motions, moved_um2 - rigid_um2)):
         fields = machines.drawn(correction_um, free)
         # the same before and after: only the field that they are drawn around differs
@@ -92,7 +65,7 @@ def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside
     correction, shapes (draws, N); arguments as of `predicted`. One draw where the result has no posterior."""
     machines = _machines(result, points_mm, beside_um, FOR_LARGEST)
     drawn = machines.drawn(correction_um, rigid_motions(result.volume, points_mm))
-    before, after = (machines.squares_um2(drawn[when]) for when in ("before", "after"))
+    before, after = machines.squares_um2(drawn["before"]), machines.squares_um2(drawn["after"])
     return before, after
 
 
@@ -118,7 +91,7 @@ class _Machines(NamedTuple):
     together: Vector
     known: bool
 
-    def drawn(self, correction_um: Vector, motions: Vector | None) -> dict[str, _Drawn]:
+    def drawn(self, correction_um: Vector, motions: Vector | None) -> dict[When, _Drawn]:
         """Return the fields before and after a correction (N, 3), less rigid motion where its basis is given."""
         flat, found = _flat(self.moved, motions), _flat(self.before[None], motions)
         square_um2 = max(float(np.sum(found**2)), 1e-30)
@@ -126,8 +99,9 @@ class _Machines(NamedTuple):
         common_um2 = _common_um2(flat, _flat(self.noise, motions), self.together)
         bent_um2 = _common_um2(bending, bending, self.together)
         met = self.between.met(flat[1:])
-        fields = {}
-        for when, change in (("before", np.zeros_like(found)), ("after", _flat(correction_um[None], motions))):
+        fields: dict[When, _Drawn] = {}
+        changes: dict[When, Vector] = {"before": np.zeros_like(found), "after": _flat(correction_um[None], motions)}
+        for when, change in changes.items():
             field = found + change
             # of what tables take out, its noise is taken out with it; how noise bends the curve between the values stays in either
             over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))

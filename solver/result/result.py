@@ -3,8 +3,7 @@
 import json
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from importlib.metadata import version
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
@@ -12,28 +11,51 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.kinematics import abbe_mask
-from stepdiag.base.messages import message, message_of
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, MOST_INCREMENTS, Vector, Volume
+from stepdiag.solver.result.finding import parse_finding
+from stepdiag.solver.result.interval import Predicted
 from stepdiag.solver.result.json_tree import Node, load_json
+from stepdiag.solver.result.members import (
+    Assumed,
+    Backlashes,
+    Budget,
+    Closure,
+    Conditions,
+    CoverageFactor,
+    Facts,
+    Fit,
+    HeadStraightness,
+    Length,
+    LengthsReport,
+    MonteCarlo,
+    SetupReport,
+    Software,
+    StandardFigures,
+    Tool,
+    UnseenSlips,
+    software,
+)
 from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS, Posterior, parse_posterior
 from stepdiag.solver.result.rounding import same_but_for_rounding, steady
+from stepdiag.solver.result.typed import read, read_or_none, written
 
 FORMAT = "stepdiag-result"
-FORMAT_VERSION = 2
-READABLE_VERSIONS = (1, 2)
-"""Version 1 states in ``u`` what the readings alone say, and nothing of how the errors go together."""
+FORMAT_VERSION = 3
+READABLE_VERSIONS = (1, 2, 3)
+"""Version 1 states in ``u`` the part of the readings alone, and no posterior. In versions 1 and 2 a member that is unknown or damaged is
+left out, in version 3 it is refused."""
 
 DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "XYZ")
 ROTATIONS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "ABC")
 POSITIONING = ("EXX", "EYY", "EZZ")
 SQUARENESS = ("C0Y", "B0Z", "A0Z")
 AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
-_ENTRIES = (
-    "format", "version", "software", "method", "volume", "chain",
-    "errors", "expected", "reversal", "squareness", "scale", "setups", "findings", "posterior",
-)  # fmt: skip
+_MOST_PASSES = 1000
+"""Of a setup that states how many it has, and not which."""
 _NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
 """A list of numbers: it stands in one line."""
+_NUMBER = ("value", "u", "u_readings")
 DECIMALS = 6
 """Numbers are written to this many decimals: a picometre, a picoradian, a nanometre of position."""
 
@@ -77,11 +99,6 @@ class Scale:
     u_readings: float | None = None
 
 
-def software() -> dict[str, str]:
-    """Return the name and version that results carry."""
-    return {"name": "stepdiag", "version": version("stepdiag")}
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Result:
     """What a survey says about a machine.
@@ -90,8 +107,8 @@ class Result:
     angular functions that were not measured, as the closure of the readings makes them likely: no measurement, but they belong
     to the displacement functions that were found beside them. ``posterior`` says how the machine may differ from all this. ``reversal`` the
     difference approach in + minus approach in - of the same functions, zero at the first position, where out-and-back data give it.
-    ``setups`` says for each setup how it stood (mirror tilt, drift, repeatability). ``extra`` holds further top-level entries
-    of the JSON (closure, fit, budget): plain numbers, strings, lists and dicts. ``source`` names the result in messages and is not written.
+    ``setups`` says for each setup how it stood (mirror tilt, drift, repeatability). Members from ``survey`` on are None where a result
+    does not have them. ``source`` names the result in messages and is not written.
     """
 
     volume: Volume
@@ -100,13 +117,36 @@ class Result:
     errors: dict[str, Function]
     squareness: dict[str, Quantity]
     scale: dict[str, Scale]
-    setups: dict[str, Any]
+    setups: dict[str, SetupReport]
     findings: tuple[Finding, ...]
     reversal: dict[str, Function] = field(default_factory=dict)
     expected: dict[str, Function] = field(default_factory=dict)
     posterior: Posterior | None = None
-    software: dict[str, str] = field(default_factory=software)
-    extra: dict[str, Any] = field(default_factory=dict)
+    software: Software = field(default_factory=software)
+    survey: Facts | None = None
+    conditions: Conditions | None = None
+    history: tuple[Finding, ...] | None = None
+    """What happened while recording: it is past and hinders nothing."""
+    volumetric_u_um: float | None = None
+    """Standard uncertainty of the error vector over the volume (rms)."""
+    predicted: Predicted | None = None
+    """The error of the volume as it stands, and after an ideal compensation."""
+    fit: Fit | None = None
+    scale_sum_um: Length | None = None
+    scale_misclosure_um: Length | None = None
+    """Length of a body diagonal by the diagonals minus that by the linear runs."""
+    backlash: Backlashes | None = None
+    unseen_slip: UnseenSlips | None = None
+    closure_um: Closure | None = None
+    assumed: Assumed | None = None
+    lengths: LengthsReport | None = None
+    tool: Tool | None = None
+    head_straightness: dict[str, HeadStraightness] | None = None
+    budget: Budget | None = None
+    coverage: dict[str, CoverageFactor] | None = None
+    """Factors for 95 % by function or number, where that is not about 2."""
+    standards: dict[str, tuple[StandardFigures, ...]] | None = None
+    monte_carlo: MonteCarlo | None = None
     source: str = "result"
 
     def to_json(self) -> str:
@@ -114,7 +154,7 @@ class Result:
         document = {
             "format": FORMAT,
             "version": FORMAT_VERSION,
-            "software": self.software,
+            "software": written(self.software),
             "method": self.method,
             "volume": _volume_json(self.volume),
             "chain": self.chain,
@@ -123,13 +163,23 @@ class Result:
             "reversal": {name: _function_json(function) for name, function in self.reversal.items()},
             "squareness": {name: _number_json(q) for name, q in self.squareness.items()},
             "scale": {name: {**_number_json(s), "identified": s.identified} for name, s in self.scale.items()},
-            "setups": self.setups,
-            "findings": [finding.as_json() for finding in self.findings],
-            **self.extra,
+            "setups": written(self.setups),
+            "findings": written(self.findings),
+            **{name: written(value) for name in MEMBERS if (value := getattr(self, name)) is not None},
             **({} if self.posterior is None else {"posterior": self.posterior.as_json()}),
         }
         text = json.dumps(_rounded(document), indent=2, ensure_ascii=False, allow_nan=False)
         return _NUMBERS.sub(lambda found: "[" + " ".join(found[0][1:-1].split()) + "]", text) + "\n"
+
+
+_FIELDS = fields(Result)
+MEMBERS = {each.name: each.type for each in _FIELDS[[each.name for each in _FIELDS].index("survey") : -1]}
+"""The members that a result may have or not, by their names, each with its type."""
+_ENTRIES = (
+    "format", "version", "software", "method", "volume", "chain",
+    "errors", "expected", "reversal", "squareness", "scale", "setups", "findings", "posterior",
+)  # fmt: skip
+"""The other entries of the JSON."""
 
 
 def same_result(one: bytes, other: bytes) -> bool:
@@ -181,33 +231,57 @@ def _rounded(value: Any) -> Any:
 def parse_result(text: str, source: str = "result.json") -> Result:
     """Return the result written by ``Result.to_json``.
 
-    Raises ``DataError`` that names the field for anything that is no result of this format and version. Top-level entries
-    that a later program added are kept in ``extra``.
+    Raises ``DataError`` that names the field for anything that is no result of this format and version. Of versions 1 and 2 a member
+    that is unknown or damaged is left out.
     """
     root = load_json(text, source)
     root.equals("format", FORMAT)
     version = root.child("version")
     if type(version.value) is not int or version.value not in READABLE_VERSIONS:
-        version.refuse(f"{READABLE_VERSIONS[0]} or {READABLE_VERSIONS[1]}")
+        version.refuse("1, 2 or 3")
+    root = replace(root, strict=True) if version.value == FORMAT_VERSION else replace(root, value=_as_now(root.mapping()))
+    root.only([*_ENTRIES, *MEMBERS])
+    here = root.mapping()
     return Result(
         volume=_volume(root.child("volume")),
         chain=_chain(root),
-        method=root.text("method") if "method" in root.mapping() else "",
+        method=root.text("method") if "method" in here else "",
         errors=_functions(root.child("errors"), (*DISPLACEMENTS, *ROTATIONS), required=DISPLACEMENTS),
-        reversal=_functions(root.child("reversal"), (*DISPLACEMENTS, *ROTATIONS)) if "reversal" in root.mapping() else {},
-        expected=_functions(root.child("expected"), ROTATIONS) if "expected" in root.mapping() else {},
-        posterior=parse_posterior(root.child("posterior")) if "posterior" in root.mapping() else None,
-        squareness={name: _quantity(root.child("squareness").child(name)) for name in SQUARENESS},
-        scale={name: _scale(root.child("scale").child(name)) for name in AXIS_LETTERS},
-        setups=_setups(root.child("setups")),
-        findings=tuple(_finding(item) for item in root.child("findings").items()),
-        software=_software(root),
-        extra={key: root.child(key).plain() for key in root.mapping() if key not in _ENTRIES},
+        reversal=_functions(root.child("reversal"), (*DISPLACEMENTS, *ROTATIONS)) if "reversal" in here else {},
+        expected=_functions(root.child("expected"), ROTATIONS) if "expected" in here else {},
+        posterior=parse_posterior(root.child("posterior")) if "posterior" in here else None,
+        squareness={name: _quantity(_named(root, "squareness", SQUARENESS).child(name)) for name in SQUARENESS},
+        scale={name: _scale(_named(root, "scale", AXIS_LETTERS).child(name)) for name in AXIS_LETTERS},
+        setups=read(root.child("setups"), dict[str, SetupReport]),
+        findings=tuple(parse_finding(item) for item in root.child("findings").items()),
+        software=read(root.child("software"), Software) if "software" in here else Software(),
         source=source,
+        **{name: read_or_none(root.child(name), kind) for name, kind in MEMBERS.items() if name in here},
     )
 
 
+def _as_now(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a document of version 1 or 2 in the form of version 3: the closed forms counted passes, and stated a sum without u."""
+    setups, total = document.get("setups"), document.get("scale_sum_um")
+    if isinstance(setups, dict):
+        setups = {name: _with_passes(report) for name, report in setups.items()}
+    changed = {"setups": setups, "scale_sum_um": {"value": total, "u": None} if isinstance(total, float) else total}
+    return {name: changed.get(name, value) for name, value in document.items()}
+
+
+def _with_passes(report: Any) -> Any:
+    count = report.get("passes") if isinstance(report, dict) else None
+    return {**report, "passes": list(range(1, count + 1))} if type(count) is int and count <= _MOST_PASSES else report
+
+
+def _named(root: Node, name: str, known: tuple[str, ...]) -> Node:
+    part = root.child(name)
+    part.only(known)
+    return part
+
+
 def _volume(node: Node) -> Volume:
+    node.only(("origin_mm", "size_mm", "increments"))
     origin, size = node.child("origin_mm"), node.child("size_mm")
     increments = node.child("increments")
     if len(origin.numbers()) != 3:
@@ -230,18 +304,6 @@ def _chain(root: Node) -> str:
     return chain
 
 
-def _setups(node: Node) -> dict[str, Any]:
-    """Return what each setup reports; other programs may report more, but every report has names."""
-    return {name: {fact: node.child(name).child(fact).plain() for fact in node.child(name).mapping()} for name in node.mapping()}
-
-
-def _software(root: Node) -> dict[str, str]:
-    """Return name and version of the program that wrote the result, empty where it does not say."""
-    if "software" not in root.mapping():
-        return {"name": "", "version": ""}
-    return {name: root.child("software").text(name) for name in ("name", "version")}
-
-
 def _functions(node: Node, known: tuple[str, ...], required: tuple[str, ...] = ()) -> dict[str, Function]:
     for name in node.mapping():
         if name not in known:
@@ -253,18 +315,19 @@ def _functions(node: Node, known: tuple[str, ...], required: tuple[str, ...] = (
 
 def _function(node: Node, unit: str) -> Function:
     node.equals("unit", unit)
+    node.only(("position_mm", *_NUMBER, "unit", "slope_identified"))
     position = node.child("position_mm").numbers()
     # an axis that did not travel stands at one position, and has no values
     least = 2 if node.child("value").value is not None else 1
     if len(position) < least or np.any(np.diff(position) <= 0):
         node.child("position_mm").refuse("at least two ascending positions")
     known: dict[str, Vector | None] = {}
-    for name in ("value", "u", "u_readings"):
-        column = node.child(name) if name in node.mapping() or name != "u_readings" else None
+    for name in _NUMBER:
+        column = node.child(name) if node.strict or name in node.mapping() or name != "u_readings" else None
         known[name] = None if column is None or column.value is None else column.numbers()
         if column is not None and column.value is not None and len(column.value) != len(position):
             column.refuse(f"{len(position)} numbers, one a position")
-    slope = node.child("slope_identified").truth() if "slope_identified" in node.mapping() else True
+    slope = node.child("slope_identified").truth() if node.strict or "slope_identified" in node.mapping() else True
     return Function(
         position_mm=position,
         value=known["value"],
@@ -280,45 +343,20 @@ def _optional(node: Node) -> float | None:
 
 
 def _readings_u(node: Node) -> float | None:
-    return _optional(node.child("u_readings")) if "u_readings" in node.mapping() else None
+    return _optional(node.child("u_readings")) if node.strict or "u_readings" in node.mapping() else None
 
 
 def _quantity(node: Node) -> Quantity:
     node.equals("unit", "urad")
+    node.only((*_NUMBER, "unit"))
     return Quantity(value=_optional(node.child("value")), u=_optional(node.child("u")), u_readings=_readings_u(node))
 
 
 def _scale(node: Node) -> Scale:
     node.equals("unit", "um/m")
+    node.only((*_NUMBER, "unit", "identified"))
     identified = node.child("identified").truth()
     value = _optional(node.child("value"))
     if identified != (value is not None):
         node.refuse("a value exactly where identified is true")
     return Scale(value=value, u=_optional(node.child("u")), identified=identified, u_readings=_readings_u(node))
-
-
-def _finding(node: Node) -> Finding:
-    severity = node.text("severity")
-    if severity not in ("info", "warning", "error"):
-        node.child("severity").refuse("info, warning or error")
-    tree = node.mapping()
-    return Finding(
-        code=node.text("code"),
-        severity=severity,  # type: ignore[arg-type]
-        text=node.text("text"),
-        message=message_of({"key": tree.get("key", tree["code"]), "arguments": tree.get("arguments")}),
-        setup=node.text("setup") if "setup" in node.mapping() else "",
-        pass_number=_whole_if_there(node, "pass"),
-        stop=_whole_if_there(node, "stop"),
-        size_um=node.child("size_um").number() if "size_um" in node.mapping() else None,
-        among=node.child("among").texts() if "among" in node.mapping() else (),
-    )
-
-
-def _whole_if_there(node: Node, name: str) -> int | None:
-    if name not in node.mapping():
-        return None
-    value = node.child(name).number()
-    if not value.is_integer():
-        node.child(name).refuse(message("whole"))
-    return int(value)

@@ -12,6 +12,7 @@ import numpy as np
 
 SOURCE_STATUS = "sources of ISO/TR 230-9, combined by derivation; k = 2"
 COVERAGE = 2.0
+"""Every uncertainty that a person reads is expanded, k = 2 (ISO/TR 230-9)."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -1,13 +1,16 @@
-"""Single files: read up to a limit, written whole or not at all, and what is there kept unless the caller says otherwise.
+"""Files: read up to a limit, written whole or not at all, those that belong together all or none.
+
+What is there is kept unless the caller says otherwise.
 
 Text is UTF-8 with LF wherever it is written.
 """
 
-import os
-import tempfile
+from collections.abc import Mapping
+from contextlib import ExitStack, suppress
 from pathlib import Path
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.part import folder_made, part_of, publish_new, undone_on_failure, write_through
 
 LARGEST_BYTES = 64_000_000
 """The largest file that is read into memory at once: more is none that a survey leaves, and a parser may need twenty times as much."""
@@ -15,6 +18,9 @@ LARGEST_SETTINGS_BYTES = 1_000_000
 """The largest file of settings that a person writes: a survey, a profile, a calibration."""
 LARGEST_TABLE_BYTES = 4_000_000
 """The largest file of a machine that a profile names, and the largest that goes into a log."""
+FILE_SUFFIXES = (".csv", ".docx", ".htm", ".html", ".ini", ".json", ".mcap", ".mpf", ".parquet", ".pdf", ".png", ".rtl", ".svg", ".toml",
+                 ".txt", ".xlsx", ".xml", ".zip")  # fmt: skip
+"""Endings of files: a name with one of these is not meant as that of a folder."""
 
 
 def read_bytes(
@@ -58,21 +64,26 @@ def read_text(path: Path) -> str:
     return as_text(read_bytes(path), str(path)).removeprefix("\ufeff")
 
 
+def write_together(files: Mapping[Path, bytes], *, over: bool) -> None:
+    """Write files that belong together: all of them whole, or none; their folders are made.
+
+    ``over`` older files, which come back where one of these fails. Otherwise nothing is overwritten: the same bytes stay, other bytes
+    are refused (UsageError) before anything is written. Raises OSError for what the disk refuses.
+    """
+    wanted = {path: data for path, data in files.items() if over or not _stands_there(path, data)}
+    with ExitStack() as folders, ExitStack() as parts, undone_on_failure() as undo:
+        written = {}
+        for path, data in wanted.items():
+            folders.enter_context(folder_made(path.parent))
+            written[path] = parts.enter_context(part_of(path)) / path.name
+            write_through(written[path], data)
+        for path, part in written.items():
+            _publish(part, path, wanted[path], undo, over=over)
+
+
 def write_atomically(path: Path, data: bytes) -> None:
     """Write a file, over an older one if need be, so that a reader sees the old or the whole new one; its folder is made."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    handle, name = tempfile.mkstemp(prefix=f".{path.name}.", dir=path.parent)
-    part = Path(name)
-    try:
-        with os.fdopen(handle, "wb") as file:
-            file.write(data)
-            file.flush()
-            os.fsync(file.fileno())
-        part.chmod(0o644)
-        part.replace(path)
-    except BaseException:
-        part.unlink(missing_ok=True)
-        raise
+    write_together({path: data}, over=True)
 
 
 def holds(path: Path, data: bytes) -> bool:
@@ -82,13 +93,7 @@ def holds(path: Path, data: bytes) -> bool:
 
 def write_once(path: Path, text: str) -> None:
     """Write a text file atomically; its folder is made. The same bytes may be written again; other bytes are refused (UsageError)."""
-    data = text.encode("utf-8")
-    if holds(path, data):
-        return
-    if path.exists():
-        remedy = "write into another folder: what is there is never overwritten"
-        raise UsageError(str(path), expected="no file, or the same bytes", found="a file with other bytes", remedy=remedy)
-    write_atomically(path, data)
+    write_together({path: text.encode("utf-8")}, over=False)
 
 
 def refuse_existing(path: Path) -> None:
@@ -99,14 +104,50 @@ def refuse_existing(path: Path) -> None:
 
 def write_new(path: Path, text: str) -> None:
     """Write a text file that must not be there yet, whole or not at all. Raises UsageError where it is, or where it cannot be written."""
+    refuse_existing(path)
     try:
-        path.open("x").close()  # claims the name
-        try:
-            write_atomically(path, text.encode("utf-8"))
-        except BaseException:
-            path.unlink()
-            raise
-    except FileExistsError as error:
-        raise UsageError(str(path), expected="a new file", found="one that exists", remedy="name another one") from error
+        path.parent.stat()  # of a folder that is not there the name is wrong
+        write_once(path, text)
     except OSError as error:
         raise UsageError(str(path), expected="a file that can be written", found=error.strerror or str(error)) from error
+
+
+def refuse_file_name(out: Path, expected: str = "a folder") -> None:
+    """Raise UsageError where the name for a new folder is that of a file, such as ``report.pdf``."""
+    if out.suffix.lower() in FILE_SUFFIXES and not out.is_dir():
+        raise UsageError(str(out), expected=expected, found=f"the name of a {out.suffix} file", remedy="name a folder without that ending")
+
+
+def _stands_there(path: Path, data: bytes) -> bool:
+    """Return whether the file is there already. Raises UsageError where another is."""
+    if holds(path, data):
+        return True
+    if path.exists():
+        remedy = "write into another folder: what is there is never overwritten"
+        raise UsageError(str(path), expected="no file, or the same bytes", found="a file with other bytes", remedy=remedy)
+    return False
+
+
+def _publish(part: Path, path: Path, data: bytes, undo: ExitStack, *, over: bool) -> None:
+    """Give a written file its name, and note the step back."""
+    if not over:
+        try:
+            publish_new(part, path)
+        except FileExistsError:  # another writer was faster
+            _stands_there(path, data)
+            return
+        undo.callback(path.unlink, missing_ok=True)
+        return
+    before = part.with_name("before")
+    if path.is_file():
+        with suppress(OSError):  # a file system without links has no way back
+            before.hardlink_to(path)
+    part.replace(path)
+    undo.callback(_back, before, path)
+
+
+def _back(before: Path, path: Path) -> None:
+    if before.exists():
+        before.replace(path)
+    else:
+        path.unlink(missing_ok=True)

@@ -11,7 +11,7 @@ import math
 import tomllib
 from collections.abc import Iterator
 from types import NoneType, UnionType
-from typing import Any, TypeVar, Union, get_args, get_origin
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 import msgspec
 from msgspec import inspect
@@ -23,7 +23,7 @@ from stepdiag.base.messages import Message, Said, excerpt
 
 Model = TypeVar("Model", bound=msgspec.Struct)
 
-UNANSWERED = "?"
+UNANSWERED: Literal["?"] = "?"
 _DEEPEST = 20
 _PLAIN: dict[type[inspect.Type], str] = {
     inspect.BoolType: "true or false",

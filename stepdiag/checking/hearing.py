@@ -4,7 +4,7 @@ Nothing is written to a machine. An instrument that speaks only when it is asked
 """
 
 import asyncio
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -90,14 +90,14 @@ async def listen(port: str, baud: int, seconds: float) -> Heard:
     return last
 
 
-async def probe(host: str, tcp_port: int) -> list[Answered]:
-    """Ask a host for the signals of every control that is known, one protocol after the other; ``tcp_port`` 0 stands for the usual ports.
+async def probe(host: str, tcp_port: int, controls: Sequence[str] = PROBED) -> list[Answered]:
+    """Ask a host for the signals of ``controls``, one protocol after the other; ``tcp_port`` 0 stands for the usual ports.
 
     (Not at once: loading a library holds up the loop, and an answer that came meanwhile would count as late.) A port that is named speaks
     one protocol: who answers there is the last that is asked.
     """
     answered: list[Answered] = []
-    for control in PROBED:
+    for control in controls:
         answered.append(await _asked(control, host, tcp_port))
         if tcp_port and answered[-1].signals is not None:
             break

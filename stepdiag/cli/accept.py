@@ -1,9 +1,12 @@
 """``stepdiag accept``: a person's word that what is doubted of a survey may be used all the same."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
+
+if TYPE_CHECKING:
+    from datetime import datetime
 
 
 def register(app: typer.Typer) -> None:
@@ -19,27 +22,55 @@ def accept(
     ],
     reason: Annotated[str, typer.Option(help="Why it may be used; it stands in the report.")],
     name: Annotated[str, typer.Option(help="Who says so; default the user of this computer.")] = "",
+    begun: Annotated[
+        str | None, typer.Option(help="With clock-unset: when the first stop was captured, such as 2026-11-26T08:10 (local time).")
+    ] = None,
 ) -> None:
-    """Accept a stop that is doubted.
+    """Accept what is doubted, or state the time of a survey.
 
-    It is recorded beside the logs with name and time and stands in the report. `status` names what is doubted. A daemon that runs hears of
-    it at once.
+    It is recorded beside the logs with name and time and stands in the report. `status` names what is doubted, and a clock
+    that was never set. A daemon that runs hears of it at once.
     """
     import getpass
     import time
 
     from stepdiag.base.errors import UsageError
     from stepdiag.daemon.survey_state import standing_of
+    from stepdiag.daq.passes.survey_time import CODE
     from stepdiag.daq.recording.verdicts import accept as note
-    from stepdiag.daq.recording.verdicts import doubts_at
+    from stepdiag.daq.recording.verdicts import doubts_at, state_time
     from stepdiag.terminal.printable import printable
 
     found = standing_of(survey)
     if found.round is None:
         raise UsageError(str(survey), expected="a survey that was recorded", found="nothing recorded yet")
+    if stop == CODE:
+        moment = _moment(begun)
+        state_time(found.round, moment.timestamp(), reason=reason, name=name or getpass.getuser(), time_s=time.time())
+        typer.echo(f"the first stop of {found.round} is of {moment.isoformat(timespec='minutes')}")
+        return
+    if begun is not None:
+        raise UsageError("--begun", expected=f"{CODE} as what is accepted", found=stop)
     doubts = doubts_at(found.doubts, stop)
     note(doubts, found.round, reason=reason, name=name or getpass.getuser(), time_s=time.time())
     for doubt in doubts:
         typer.echo(printable(f"accepted: {doubt.place}: {doubt.text}"))
     for left in standing_of(survey).doubts:
         typer.echo(printable(f"still doubted: {left.place}: {left.text}"))
+
+
+def _moment(text: str | None) -> "datetime":
+    """Return the time that a person states, in UTC. Raises UsageError for none, and for one before this program was built."""
+    from datetime import UTC, datetime
+
+    from stepdiag.base.errors import UsageError
+    from stepdiag.daq.passes.survey_time import BUILT, CODE
+
+    try:
+        moment = datetime.fromisoformat(text or "").astimezone(UTC)
+    except (ValueError, OverflowError):
+        moment = None
+    if moment is None or moment < BUILT:
+        expected = f"with {CODE} the time of the first stop, such as 2026-11-26T08:10, from {BUILT.date()} on"
+        raise UsageError("--begun", expected=expected, found=text or "nothing")
+    return moment

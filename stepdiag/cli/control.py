@@ -69,7 +69,7 @@ def export(
     out: OutFolder,
     profile: ProfileFile = None,
     step_mm: Annotated[
-        float | None, typer.Option(help="Distance of the table points; alone it gives a quick look without profile.")
+        float | None, typer.Option(help="Distance of the table points. Without profile they stand at the measured positions.")
     ] = None,
     accept: Annotated[list[str] | None, typer.Option(help="A warning, by its code, that may pass; may be given again.")] = None,
     compensation: Compensation = None,
@@ -90,11 +90,19 @@ def export(
     with working("planning and checking the tables"):
         known = None if profile is None else read_profile(profile, controller, measured.volume)
         written = write_files(measured, controller, known, step_mm=step_mm, accept=tuple(accept or ()), out_dir=out)
+    _name_unused(accept or (), written)
     if as_json:
         typer.echo(json.dumps(_export_json(written), indent=2, ensure_ascii=False))
     else:
         _print_export(written)
         say_granted([measured])
+
+
+def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
+    """Print the codes that were accepted and that no finding of the export has: mistyped, or not needed."""
+    codes = {finding.code for finding in written.findings}
+    if unused := [code for code in accept if code not in codes]:
+        typer.echo(f"--accept {', '.join(unused)}: no finding of this export has this code", err=True)
 
 
 def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
@@ -110,13 +118,14 @@ def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
 
 def _export_json(written: "ExportReport") -> dict[str, object]:
     from stepdiag.exporters.files.sets import read_set
+    from stepdiag.solver.result.typed import written as json_of
 
     return {
         "controller": written.controller,
         "out": str(written.out_dir),
         "files": [_file_json(file) for file in read_set(written.out_dir)],
         "findings": [finding.as_json() for finding in written.findings],
-        "predicted": None if written.prediction is None else written.prediction.predicted(),
+        "predicted": None if written.prediction is None else json_of(written.prediction.predicted),
     }
 
 
@@ -186,6 +195,7 @@ def verify(
     Straight body diagonals that were measured by themselves are held against what the result predicts, without files too.
     """
     from stepdiag.cli.report import read_result
+    from stepdiag.exporters.safety.compensation import stated_in
     from stepdiag.exporters.safety.verify import controller_for, verify_files
     from stepdiag.report.drawings.space import LATTICE
 
@@ -202,7 +212,7 @@ def verify(
     if as_json:
         typer.echo(json.dumps({**_verification_json(found, given, aside), **_diagonals_json(beside)}, indent=2, ensure_ascii=False))
     else:
-        _print_verification(found, given, aside)
+        _print_verification(found, given, aside, stated_in(measured).words())
         _caution(measured, found.prediction)
         say_granted([measured])
         for each in beside:
@@ -260,6 +270,8 @@ def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[st
 
 
 def _verification_json(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]") -> dict[str, object]:
+    from stepdiag.solver.result.typed import written as json_of
+
     return {
         "controller": found.controller,
         "files": [_file_json(file) for file in given],
@@ -267,7 +279,7 @@ def _verification_json(found: "Verification", given: "Sequence[ControlFile]", as
         "verdict": "right" if found.right else "wrong",
         "tables": [each.as_json() for each in found.judgements],
         "findings": [finding.as_json() for finding in found.findings],
-        "predicted": found.prediction.predicted(),
+        "predicted": json_of(found.prediction.predicted),
     }
 
 
@@ -280,18 +292,17 @@ def _draw(found: "Verification", drawn: "Prediction", out: Path) -> None:
     suffix = out.suffix.lower()
     if suffix not in SUFFIXES:
         raise UsageError("--out", expected="a file named *" + " or *".join(SUFFIXES), found=out.name)
-    reach = reach_of(found.prediction.predicted())
-    assert reach is not None, "a prediction made here has its figures"
+    reach = reach_of(found.prediction.predicted)
     drawing = effect_drawing(drawn, reach)
     write_atomically(out, effect_file(drawing, suffix).encode("utf-8"))
 
 
-def _print_verification(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]") -> None:
+def _print_verification(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]", measured_with: str) -> None:
     from rich.console import Console
 
     from stepdiag.terminal.tables import effect_table, finding_lines
 
-    typer.echo(f"read as {found.controller}: {', '.join(file.name for file in given)}")
+    typer.echo(f"read as {found.controller}: {', '.join(file.name for file in given)}; compensation while measuring: {measured_with}")
     if aside:
         typer.echo(f"left aside: {', '.join(aside)}")
     for kind, law in dict.fromkeys((table.kind, table.law.describe()) for table in found.tables):

@@ -54,8 +54,9 @@ def add(
     """
     with extra_needed("fleet"):
         from stepdiag.fleet.archive import add as put
-        from stepdiag.fleet.archive import finished_in, refresh_index
+        from stepdiag.fleet.archive import finished_in, refresh_index, undated
         from stepdiag.fleet.store import Store
+    from stepdiag.terminal.printable import printable
     from stepdiag.terminal.progress import counted
 
     found = finished_in(folders)
@@ -66,6 +67,8 @@ def add(
             added.append(put(each, store))
             if not as_json:
                 typer.echo(f"{added[-1].outcome}: {each} as {added[-1].place.folder}")
+            if unknown := undated(each):
+                typer.echo(printable(f"{each}: {unknown}"), err=True)
     finally:
         refresh_index(store)
     if as_json:
@@ -89,18 +92,18 @@ def trend(
 
     Since when, after what, by more than its uncertainty; where a straight line is justified, and when it leaves the tolerance.
     """
+    chosen = _language(language)
     found = _trends(store, machine, tolerance or [], software)
     from rich.console import Console
 
-    from stepdiag.base.files import write_atomically
+    from stepdiag.base.files import write_together
     from stepdiag.fleet.report import fleet_html, worst_first
     from stepdiag.fleet.terminal import as_csv, trend_table
     from stepdiag.fleet.terminal import as_json as json_of
 
-    if csv is not None:
-        write_atomically(csv, as_csv(found).encode("utf-8"))
-    if report is not None:
-        write_atomically(report, fleet_html(found, store, _language(language)).encode("utf-8"))
+    tables = {} if csv is None else {csv: as_csv(found).encode("utf-8")}
+    sheets = {} if report is None else {report: fleet_html(found, store, chosen).encode("utf-8")}
+    write_together(tables | sheets, over=True)
     if as_json:
         typer.echo(json.dumps(json_of(found), indent=2, ensure_ascii=False))
         return

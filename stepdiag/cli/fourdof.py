@@ -211,23 +211,24 @@ def show(
 
     Straightness by three reference lines, pitch and yaw.
     """
-    from stepdiag.base.files import write_new
+    from stepdiag.base.files import refuse_file_name, write_together
     from stepdiag.daq.head.runs import over_passes
     from stepdiag.head.view import head_table
     from stepdiag.solver.model.angles import render_angles
     from stepdiag.solver.model.straightness_file import render_straightness
     from stepdiag.terminal.tables import finding_lines
 
+    if out is not None:
+        refuse_file_name(out)
     measured = head_of_logs(logs)
     straight = over_passes(measured)
     head_table(straight, measured.angles)
     for line in finding_lines(measured.findings):
         typer.echo(line)
     if out is not None:
-        out.mkdir(parents=True, exist_ok=True)
-        write_new(out / "straightness.csv", render_straightness(straight))
-        write_new(out / "angles.csv", render_angles(measured.angles))
-        typer.echo(f"written: {out / 'straightness.csv'}, {out / 'angles.csv'}")
+        texts = {out / "straightness.csv": render_straightness(straight), out / "angles.csv": render_angles(measured.angles)}
+        write_together({path: text.encode("utf-8") for path, text in texts.items()}, over=False)
+        typer.echo(f"written: {', '.join(map(str, texts))}")
 
 
 def _today() -> str:

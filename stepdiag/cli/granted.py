@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
+    from stepdiag.solver.result.members import Assumed
     from stepdiag.solver.result.result import Result
 
 
@@ -26,9 +27,11 @@ def say_granted(results: "Sequence[Result]") -> None:
         typer.echo(line)
 
 
-def say_assumed(assumed: Mapping[str, object]) -> None:
+def say_assumed(assumed: "Assumed") -> None:
     """Print the sizes of a survey that was not driven yet."""
-    typer.echo(_words({name: float(value) for name, value in assumed.items() if isinstance(value, int | float)}))
+    from stepdiag.solver.result.basis import sizes_of
+
+    typer.echo(_words(sizes_of(assumed)))
 
 
 def _words(assumed: Mapping[str, float]) -> str:

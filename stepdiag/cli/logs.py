@@ -89,13 +89,11 @@ def decode(
 
 def _written(target: Path, write: "Callable[[Path], int]") -> int:
     """Have a file written under another name and give it its own when it is whole."""
-    part = target.with_name(f".{target.name}.part")
-    part.unlink(missing_ok=True)
-    try:
-        count = write(part)
-        part.rename(target)
-    finally:
-        part.unlink(missing_ok=True)
+    from stepdiag.base.part import part_of, publish_new
+
+    with part_of(target) as folder:
+        count = write(folder / target.name)
+        publish_new(folder / target.name, target)
     return count
 
 

@@ -78,9 +78,13 @@ def _apply(file: Path, survey: "Survey", advice: "Advice", *, asked: bool) -> No
             "--apply", expected="a survey that is better than this one", found="none", remedy="ask with other --minutes or --target-um"
         )
     section = _section(survey, chosen.plan)
-    changed = with_plan(read_text(file), section, file.name)
+    finer = chosen.plan.volume.increments
+    changed = with_plan(read_text(file), section, file.name, None if finer == survey.box.increments else finer)
     write_atomically(file, changed.encode("utf-8"))
-    typer.echo(f"{file}: [plan] now drives {', '.join(run.setup for run in chosen.plan.runs)}; repeats = {section.repeats}", err=True)
+    typer.echo(
+        f"{file}: [plan] now drives {', '.join(run.setup for run in chosen.plan.runs)}; repeats = {section.repeats}; {finer} increments",
+        err=True,
+    )
 
 
 def _section(survey: "Survey", plan: "Plan") -> "PlanSection":
@@ -120,12 +124,15 @@ def _advice_json(advice: "Advice") -> dict[str, Any]:
 
 
 def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
+    from stepdiag.solver.result.typed import written
+
     return {
+        "increments": forecast.plan.volume.increments,
         "runs": [{"setup": run.setup, "repeats": run.repeats, "return_pass": run.return_pass, "beam_offset_mm": run.beam_offset_mm}
                  for run in forecast.plan.runs],
         "minutes": forecast.minutes,
         "volumetric_u_um": forecast.volumetric_um,
-        "left_um": forecast.left_um.as_json(),
+        "left_um": written(forecast.left_um),
         **_unseen_json(forecast.ahead),
         "angles": forecast.angles,
         "u": forecast.u,
@@ -173,4 +180,4 @@ def _print(advice: "Advice", *, asked: bool) -> None:
         console.print(forecast_table(advice.best))
     elif asked:
         console.print("No survey fits what was asked: four diagonals alone take longer, or nothing reaches the target.", highlight=False)
-    say_assumed(advice.forecast.assumed.as_json())
+    say_assumed(advice.forecast.assumed.stated())

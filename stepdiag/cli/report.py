@@ -31,7 +31,7 @@ def report(
     files: Annotated[
         list[Path] | None, typer.Argument(help="Files of one export: listed with their hashes, and their effect predicted.")
     ] = None,
-    out: Annotated[Path, typer.Option(help="FILE.html, or a folder for the HTML and every figure as CSV.")] = Path("report.html"),
+    out: Annotated[Path, typer.Option(help="FILE.html, FILE.pdf, or a folder for the HTML and every figure as CSV.")] = Path("report.html"),
     readings: Annotated[Path | None, typer.Option(help="The readings (CSV) the result rests on: shows them and ISO 230-6.")] = None,
     profile: Annotated[Path | None, typer.Option(help="The machine's profile the files were written with.")] = None,
     after: Annotated[
@@ -55,6 +55,8 @@ def report(
     from stepdiag.solver.readings.readings import parse_readings
 
     chosen = _language(language)
+    if profile is not None and not files:
+        raise UsageError("--profile", expected="the files of an export beside it", found="none")
     found = read_result(result)
     exported = [exported_in(found, files, profile)] if files else []
     built = build_report(
@@ -135,9 +137,15 @@ def compare(
     from stepdiag.comparing import compare as comparing
     from stepdiag.comparing.tables import which
     from stepdiag.report.exported import exported_in
+    from stepdiag.solver.result.typed import written
 
     if len(results) < 2:
         raise UsageError("compare", expected="at least two results", found=str(len(results)))
+    if profile is not None and not loaded:
+        raise UsageError("--profile", expected="--loaded with it", found="no files")
+    page = {"--letterhead": letterhead, "--pdf": pdf, "--language": _language(language) != "en"}
+    if out is None and any(page.values()):
+        raise UsageError(next(name for name, given in page.items() if given), expected="--out FILE.html with it", found="no page")
     read = [read_result(path, name) for path, name in zip(results, _told_apart(results), strict=True)]
     comparison = comparing.compare(read[0], read[-1])
     trends = comparing.trend(read) if len(read) > 2 else ()
@@ -150,8 +158,8 @@ def compare(
         volumetric = {
             "before_um": comparison.rms_before_um,
             "after_um": comparison.rms_after_um,
-            "before": comparison.before.as_json(),
-            "after": comparison.after.as_json(),
+            "before": written(comparison.before),
+            "after": written(comparison.after),
         }
         told = {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
         document = {

@@ -50,7 +50,7 @@ def rtl(
 
     One file an axis, for programs that read them; built from public readers of the format, not yet met the maker's.
     """
-    from stepdiag.base.files import read_text, write_once
+    from stepdiag.base.files import read_text, refuse_file_name, write_together
     from stepdiag.base.volume import LINEAR_RUNS
     from stepdiag.solver.readings.readings import parse_readings
     from stepdiag.solver.readings.rtl import render_rtl
@@ -60,10 +60,10 @@ def rtl(
     if not setups:
         raise DataError(str(readings), expected="linear runs", found=", ".join(sorted(set(taken.setup))))
     texts = {"Machine": machine} if machine else {}
-    rendered = {out / f"{setup}.rtl": render_rtl(taken, setup, texts) for setup in setups}
-    out.mkdir(parents=True, exist_ok=True)
-    for path, text in rendered.items():
-        write_once(path, text)
+    refuse_file_name(out)
+    rendered = {out / f"{setup}.rtl": render_rtl(taken, setup, texts).encode("utf-8") for setup in setups}
+    write_together(rendered, over=False)
+    for path in rendered:
         typer.echo(str(path))
 
 

@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Annotated, Any, TypeVar
 import typer
 
 from stepdiag.base.errors import DeviceError, UsageError
-from stepdiag.cli.questions import Feedback, MachineClassName, Pitch, asked, machine_class_asked
+from stepdiag.cli.check import NOT_REACHED
+from stepdiag.cli.questions import Feedback, MachineClassName, Pitch, asked, machine_class_asked, on_terminal
 
 if TYPE_CHECKING:
     from stepdiag.checking.hearing import Answered
     from stepdiag.daq.survey.composed import Answers
 
 T = TypeVar("T")
-NOT_REACHED = 4
 SHOWN_BYTES = 24
 _FORMATS = ("umd", "nd", "ids3010", "lasertex", "qudis")
 
@@ -57,7 +57,7 @@ def setup(
         raise UsageError("--seconds", expected="a number of 1 or more", found=f"{seconds:g}")
     refuse_existing(file)
     line, form, rate = _laser(laser_port, laser_format, baud, seconds)
-    found_control, found_host = _control(control, host, port)
+    found_control, found_host, found_port = _control(control, host, port)
     answers = Answers(
         name=_name(file),
         machine=asked("machine", "The machine as it is to stand in the report", machine, _text),
@@ -72,7 +72,7 @@ def setup(
         usual=machine_class_asked(machine_class, feedback, pitch_mm),
         control=found_control,
         host=found_host,
-        tcp_port=port,
+        tcp_port=found_port,
     )  # fmt: skip
     text = composed(answers, file.name)
     well = _shown(text, file.name, seconds)
@@ -108,21 +108,40 @@ def _laser(port: str | None, form: str | None, baud: int, seconds: float) -> tup
     return port, asked("laser-format", f"Which format is it ({', '.join(_FORMATS)})", None, _format), baud
 
 
-def _control(control: str | None, host: str | None, port: int) -> tuple[str, str]:
-    """Return the control and its host: asked for, probed in each protocol."""
+def _control(control: str | None, host: str | None, port: int) -> tuple[str, str, int]:
+    """Return the control, its host and its TCP port (0: the usual one): asked for, probed in each protocol or in that of the named one."""
     from stepdiag.daq.survey.controls import CONTROLS
 
     if control is not None and _known_control(control, "--control") == "none":
-        return "none", ""
+        return "none", "", port
     host = asked("host", "Name or address of the control (none: a machine without signals)", host, _text)
-    if host == "none" or control is not None:
-        return control if control is not None and host != "none" else "none", host
-    from stepdiag.checking.hearing import probe
+    if host == "none":
+        return "none", host, port
+    if control is not None and not on_terminal():
+        return control, host, port
+    answered, port = _probed(control, host, port)
+    if control is not None:
+        return control, host, port
+    return asked("control", f"Which one ({', '.join((*CONTROLS, 'none'))})", None, _known_control, _likely(answered)), host, port
 
-    answered = _while_saying(f"asking {host} over Modbus, S7 and LSV2 ...", lambda: probe(host, port))
-    for each in answered:
-        typer.echo(f"  {each.control}: {each.words}")
-    return asked("control", f"Which one ({', '.join((*CONTROLS, 'none'))})", None, _known_control, _likely(answered)), host
+
+def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered], int]":
+    """Return who answers, and at which port: where nothing answers at the usual ones, the port is asked for."""
+    from stepdiag.checking.hearing import PROBED, probe
+
+    controls = PROBED if control is None else (control,)
+    spoken = "Modbus, S7 and LSV2" if control is None else control
+    while True:
+        place = f"{host}, port {port}," if port else host
+        answered = _while_saying(f"asking {place} over {spoken} ...", lambda at=port: probe(host, at, controls))  # type: ignore[misc]
+        for each in answered:
+            typer.echo(f"  {each.control}: {each.words}")
+        if _likely(answered) is not None:
+            return answered, port
+        other = asked("port", "Nothing answers there. TCP port of the control (0: go on without an answer)", None, _tcp_port, "0")
+        if not other:
+            return answered, port
+        port = other
 
 
 def _while_saying(words: str, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
@@ -207,6 +226,13 @@ def _whole(text: str) -> int:
         return int(text)
     except ValueError:
         raise UsageError("answer", expected="a whole number", found=repr(text)) from None
+
+
+def _tcp_port(text: str) -> int:
+    number = _whole(text)
+    if not 0 <= number < 65536:
+        raise UsageError("port", expected="a TCP port from 1 to 65535, or 0", found=repr(text))
+    return number
 
 
 def _chain(text: str) -> str:

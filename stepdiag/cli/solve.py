@@ -20,6 +20,10 @@ AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
 
 
 MOST_TRIALS = 2_000_000
+CLOSED = ("least-squares", "wang2000")
+"""Methods that take the readings alone."""
+CHAIN = "FXYZ"
+"""The chain of readings that come without one."""
 
 
 def register(app: typer.Typer) -> None:
@@ -32,8 +36,12 @@ def solve(
     sources: Sources,
     out: Annotated[Path | None, typer.Option(help="Where to write the result (JSON).")] = None,
     method: Annotated[str, typer.Option(help="estimate, least-squares or wang2000.")] = "estimate",
-    chain: Annotated[str, typer.Option(help="Kinematic chain from workpiece to tool; logs bring their own.")] = "FXYZ",
-    angles: Annotated[Path | None, typer.Option(help="Angular functions of the axes (CSV), from a 4-DOF head or a level.")] = None,
+    chain: Annotated[
+        str | None, typer.Option(help=f"Kinematic chain from workpiece to tool, {CHAIN} without it; logs bring their own.")
+    ] = None,
+    angles: Annotated[
+        Path | None, typer.Option(help="Angular functions of the axes (CSV), from a 4-DOF head or a level; logs bring their own.")
+    ] = None,
     straightness: Annotated[
         Path | None, typer.Option(help="Straightness functions (CSV), as `fourdof show` writes them; logs bring their own.")
     ] = None,
@@ -61,10 +69,15 @@ def solve(
     if len(sources) == 1 and sources[0].suffix.lower() == ".csv":
         if environment is not None:
             raise UsageError("--environment", expected="logs: readings are put right already", found=sources[0].name)
+        if uncertainty is not None and method in CLOSED:
+            raise UsageError("--uncertainty", expected="--method estimate, which weighs what is assumed", found=method)
         _refuse_angles(angles, handed)
-        result = _solve_csv(sources[0], method, chain, Beside(angles, straightness, uncertainty), monte_carlo, run or ())
+        result = _solve_csv(sources[0], method, chain or CHAIN, Beside(angles, straightness, uncertainty), monte_carlo, run or ())
     else:
-        given = {"--uncertainty": uncertainty, "--straightness": straightness, "--monte-carlo": monte_carlo, "--run": run}
+        given = {
+            "--chain": chain, "--angles": angles, "--straightness": straightness,
+            "--uncertainty": uncertainty, "--monte-carlo": monte_carlo, "--run": run,
+        }  # fmt: skip
         option = next((name for name, value in given.items() if value), None)
         if option is not None:
             raise UsageError(option, expected="one readings file (*.csv)", found="logs", remedy="solve the readings.csv beside the result")

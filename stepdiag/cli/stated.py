@@ -36,8 +36,10 @@ def with_compensation(result: "Result", state: str | None, files: dict[str, byte
     from stepdiag.exporters.safety.compensation import stated, stated_in
 
     if state is None:
-        if files:
-            raise UsageError("--active", expected="--compensation on with it", found=", ".join(files))
+        given = {"--active": ", ".join(files), "--active-date": "" if day is None else f"{day:%Y-%m-%d}", "--active-source": source}
+        for option, found in given.items():
+            if found:
+                raise UsageError(option, expected="--compensation on with it", found=found)
         return result
     if state not in ("off", "on"):
         raise UsageError("--compensation", expected="off or on", found=state)
@@ -46,7 +48,9 @@ def with_compensation(result: "Result", state: str | None, files: dict[str, byte
         raise UsageError("--compensation", expected=f'nothing: the survey of {result.source} says "{said}"', found=state)
     if (state == "on") != bool(files):
         raise UsageError("--active", expected="the files that were active, exactly with --compensation on", found=f"{len(files)} files")
+    if state == "off" and (day is not None or source):
+        raise UsageError("--active-date, --active-source", expected="neither with --compensation off", found="one of them")
     if state == "on" and (day is None or not source.strip()):
         raise UsageError("--active-date, --active-source", expected="when and how the files were read out of the control", found="nothing")
     statement = stated(state, files, None if day is None else day.date(), source)  # type: ignore[arg-type]  # checked above
-    return replace(result, extra={**result.extra, "survey": {**result.extra.get("survey", {}), **statement.as_json()}})
+    return replace(result, survey=statement.facts(result.survey))

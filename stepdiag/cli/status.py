@@ -55,6 +55,7 @@ def _as_json(found: "Standing") -> dict[str, Any]:
         "doubts": [{"place": doubt.place, **msgspec.to_builtins(doubt)} for doubt in found.doubts],
         "unsolved": found.unsolved,
         "findings": [msgspec.to_builtins(each) for each in found.findings],
+        "to_drive": [msgspec.to_builtins(drive) for drive in found.to_drive],
         "setups": [msgspec.to_builtins(setup) for setup in found.setups],
         "live": msgspec.to_builtins(found.live),
         "disk": found.disk,
@@ -77,9 +78,8 @@ def _print(found: "Standing") -> None:
     for setup in found.setups:
         for said in dict.fromkeys(filter(None, (setup.reason, setup.doubt))):
             typer.echo(printable(f"{setup.name}: {said}"))
-    for log in found.logs:
-        if log.trouble:
-            typer.echo(printable(f"{log.name}: {log.trouble}"))
+    for line in (*_undated(found), *(f"{log.name}: {log.trouble}" for log in found.logs if log.trouble)):
+        typer.echo(printable(line))
     if found.disk:
         typer.echo(found.disk)
     if found.changed:
@@ -89,6 +89,15 @@ def _print(found: "Standing") -> None:
         typer.echo(printable(line))
     for line in _concluded(found):
         typer.echo(line)
+
+
+def _undated(found: "Standing") -> list[str]:
+    """Return that the clock was never set, with the command that states the time; nothing where it was set, or the time is stated."""
+    from stepdiag.daq.passes.survey_time import CODE
+
+    where = shlex.quote(str(found.round or found.folder))
+    unset = [each.text for each in found.findings if (each.code, each.severity) == (CODE, "warning")]
+    return [f"{text}: `stepdiag accept {where} {CODE} --begun TIME --reason ...`" for text in unset]
 
 
 def _concluded(found: "Standing") -> list[str]:
@@ -129,12 +138,24 @@ def _live(found: "Standing") -> list[str]:
 
 def _doubted(found: "Standing") -> list[str]:
     """Return every doubt in its words, unless a setup's line has said them, and after those of a place the command that accepts them."""
+    from stepdiag.daq.passes.doubt import places_of
+
     where = shlex.quote(str(found.round or found.folder))
     said, lines = " ".join(setup.doubt for setup in found.setups), list[str]()
-    for place in dict.fromkeys(doubt.place for doubt in found.doubts):
+    for place in places_of(found.doubts):
         here = [doubt.text for doubt in found.doubts if doubt.place == place]
         lines += [text for text in here if text not in said and text not in lines]
         lines.append(f"accept what is known to be right: `stepdiag accept {where} {place} --reason ...`")
+    return lines
+
+
+def _still(found: "Standing") -> list[str]:
+    """Return what is still to be driven, in order, a line a pass."""
+    total = sum(drive.minutes for drive in found.to_drive)
+    lines = [f"still to drive, about {max(round(total), 1)} min with setting up:"]
+    for drive in found.to_drive:
+        place = f"from stop {drive.from_stop} on, {drive.stops} stops" if drive.from_stop else f"{drive.stops} stops"
+        lines.append(f"  {drive.setup}, pass {drive.pass_number}: {place}, about {max(round(drive.minutes), 1)} min")
     return lines
 
 
@@ -143,7 +164,7 @@ def _next(found: "Standing") -> list[str]:
     from stepdiag.daq.records.survey_folder import RESULT
 
     if not found.complete:
-        return [f"next: {found.next_setup}", *_doubted(found)]
+        return [f"next: {found.next_setup}", *_still(found), *_doubted(found)]
     if found.result is not None:
         return [f"complete: {found.result}"]
     if found.unsolved:

@@ -13,6 +13,7 @@ from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.members import Budget, Facts
 from stepdiag.solver.result.prediction import predicted
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 
@@ -72,8 +73,9 @@ def coverage_factor(nodes: int) -> float:
 
 def same_machine(before: Result, after: Result) -> None:
     """Raise ``DataError`` where both results name their machine and the names, or the serial numbers, differ."""
-    for entry in ("machine", "machine_serial"):
-        first, second = (_said(result, entry) for result in (before, after))
+    one, other = (result.survey or Facts() for result in (before, after))
+    named = {"machine": (one.machine, other.machine), "machine_serial": (one.machine_serial, other.machine_serial)}
+    for entry, (first, second) in named.items():
         if first and second and first != second:
             remedy = "compare results of one machine; where it was only renamed, put the old name into the result's survey.machine"
             raise DataError(
@@ -88,12 +90,6 @@ def _same_lengths(before: Result, after: Result) -> None:
         names = {"as_measured": "lengths as measured", "at_20_c": "lengths at 20 C"}
         remedy = "solve both logs with the same machine.apply_expansion; each result's `lengths` has the scales both ways"
         raise DataError(f"{after.source}: lengths", expected=f"{names[first]} as in {before.source}", found=names[second], remedy=remedy)
-
-
-def _said(result: Result, entry: str) -> str:
-    survey = result.extra.get("survey")
-    value = survey.get(entry) if isinstance(survey, dict) else None
-    return value if isinstance(value, str) else ""
 
 
 def compare(before: Result, after: Result) -> Comparison:
@@ -126,9 +122,8 @@ def same_volume(before: Result, after: Result) -> None:
 
 def _interval(result: Result, common: Volume) -> Interval:
     """Return the volumetric error as found: what the result says of its own volume, as report and page do; drawn again for another."""
-    said = reach_of(result.extra.get("predicted"))
-    if said is not None and common.origin_mm == result.volume.origin_mm and common.size_mm == result.volume.size_mm:
-        return said.rms_before
+    if result.predicted is not None and common.origin_mm == result.volume.origin_mm and common.size_mm == result.volume.size_mm:
+        return reach_of(result.predicted).rms_before
     points = anywhere_mm(common)
     return predicted(result, points, np.zeros(points.shape)).without_rigid_motion["before"].rms_um
 
@@ -152,17 +147,15 @@ ALIKE = (*TURNING, "angle origin")
 
 def _alike(results: Sequence[Result], name: str) -> Shares:
     """Return for both results which share of a quantity's standard uncertainty the sources of `ALIKE` make; 0 where no budget says it."""
-    first, second = (_share(result.extra.get("budget"), name) for result in results)
+    first, second = (_share(result.budget, name) for result in results)
     return first, second
 
 
-def _share(budget: object, name: str) -> float:
-    try:
-        shares, combined = budget["shares"][name], float(budget["combined"][name])  # type: ignore[index]
-        alike = float(np.linalg.norm([float(shares.get(source, 0.0)) for source in ALIKE]))
-    except (KeyError, TypeError, ValueError, AttributeError):
+def _share(budget: Budget | None, name: str) -> float:
+    if budget is None or budget.combined.get(name, 0.0) <= 0.0:
         return 0.0
-    return min(alike / combined, 1.0) if combined > 0 else 0.0
+    alike = float(np.linalg.norm([budget.shares.get(name, {}).get(source, 0.0) for source in ALIKE]))
+    return min(alike / budget.combined[name], 1.0)
 
 
 def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:

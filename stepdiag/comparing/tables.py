@@ -1,6 +1,6 @@
 """Comparisons as tables that a person reads in a terminal."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 
 from rich.table import Table
 from rich.text import Text
@@ -17,9 +17,7 @@ WHICH = ("machine", "machine_serial", "survey", "begun")
 
 def which(result: Result) -> dict[str, str]:
     """Return of what survey a result is, as far as it says: machine, serial number, survey and when it was begun."""
-    told = result.extra.get("survey")
-    found = {name: told.get(name) if isinstance(told, Mapping) else None for name in WHICH}
-    return {name: value for name, value in found.items() if isinstance(value, str) and value}
+    return {name: value for name in WHICH if (value := getattr(result.survey, name, ""))}
 
 
 def sources(results: Sequence[Result]) -> Text:

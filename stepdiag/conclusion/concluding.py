@@ -13,8 +13,9 @@ from stepdiag.conclusion.sentences import Sentence
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
 from stepdiag.exporters.safety.verify import STRETCH
-from stepdiag.solver.result.basis import ASSUMED, Basis, UnseenSlip, basis_of, scales_in_words, unseen_slips
+from stepdiag.solver.result.basis import ASSUMED, Basis, basis_of, scales_in_words
 from stepdiag.solver.result.interval import Interval, decimals_of
+from stepdiag.solver.result.members import UnseenSlip
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
 
 MOST_WRONG = 5
@@ -56,7 +57,7 @@ def export_of(written: ExportReport) -> Export:
     """Return what an export wrote, as the conclusion needs it."""
     kinds = tuple(dict.fromkeys(table.kind for table in written.tables))
     untested = kinds if any(Path(name).stem.endswith(UNTESTED) for name in written.files) else ()
-    reach = None if written.prediction is None else reach_of(written.prediction.predicted())
+    reach = None if written.prediction is None else reach_of(written.prediction.predicted)
     return Export(controller=written.controller, untested=untested, reach=reach, harmed=harmed_in(written.findings))
 
 
@@ -73,7 +74,7 @@ def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
     counts = {severity: sum(one.severity == severity for one in result.findings) for severity in ("error", "warning", "info")}
     return Conclusion(
         wrong=tuple((one, _told(one)) for one in wrong),
-        unknown=(*_unknown(result), *_unseen(unseen_slips(result))),
+        unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())])),
         reach=reach,
         reached=(*_reached(reach, result, refused=_all_refused(exports)), *_harmed(exports)),
         basis=tuple(_basis(basis_of(result))),

@@ -47,6 +47,7 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
 
     asyncio.get_running_loop().set_exception_handler(_said_seldom())
     daemon = Daemon(survey_file, completion, archiving, _programs(survey_file))
+    daemon.take_folder()  # who is refused for it must not be sent after another port
     _say_what_hides(daemon.survey)
     page, metrics = daemon.survey.page, daemon.survey.metrics
     async with AsyncExitStack() as beside:

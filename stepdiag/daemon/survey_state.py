@@ -11,12 +11,13 @@ from stepdiag.daq.passes.doubt import Doubt
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.rounds import Noted, is_recording, noted_in, round_folders
 from stepdiag.daq.recording.verdicts import Verdicts, verdicts_in
-from stepdiag.daq.records.status import FindingStatus, SetupStatus
+from stepdiag.daq.records.status import DriveStatus, FindingStatus, SetupStatus
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.daq.service.finding_list import finding_list
 from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.service.metrics import words_on_disk
-from stepdiag.daq.service.snapshot import setup_status
+from stepdiag.daq.service.remaining import to_drive
+from stepdiag.daq.service.snapshot import setup_statuses
 from stepdiag.daq.survey.file import load_survey, parse_survey, read_text
 from stepdiag.daq.survey.models import Survey
 from stepdiag.terminal.progress import counted
@@ -49,6 +50,8 @@ class Standing:
     """Why there is no result although every pass is in; empty where that is not so."""
     findings: tuple[FindingStatus, ...]
     setups: tuple[SetupStatus, ...]
+    to_drive: tuple[DriveStatus, ...]
+    """What is still to be driven, in order."""
     logs: tuple[LogStanding, ...]
     live: LiveStatus | None
     """What the daemon that records here hears and waits for; None where none runs."""
@@ -94,7 +97,7 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
     book.foretell(verdicts.suspicions)
     book.add_all(stop for each in noted for stop in each.stops)
     unsolved = verdicts.tell(book)
-    recording = is_recording(folder)
+    recording, drives = is_recording(folder), to_drive(known, book)
     result = last / RESULT if last is not None else None
     return Standing(
         survey=known.identity.name,
@@ -108,7 +111,8 @@ def _standing(folder: Path, last: Path | None, survey: Survey | None, text: str)
         doubts=book.doubts(),
         unsolved=unsolved,
         findings=finding_list(book, [found for each in noted for found in each.findings]),
-        setups=tuple(setup_status(known, book, name) for name in known.plan.all_setups),
+        setups=setup_statuses(known, book, drives),
+        to_drive=drives,
         logs=tuple(logs),
         live=live_in(folder) if recording else None,
         disk=words_on_disk(folder, known.recording.min_free_gb) if folder.is_dir() else "",

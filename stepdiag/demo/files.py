@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.exporters.fanuc.punch import EOB
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import read_config
 
@@ -14,8 +15,6 @@ SETUPS = ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z")
 PASSES = 2
 U_ANGLE_URAD = 1.0
 """What the autocollimator of the demo is good to."""
-EOB = b"\n\r\r"
-"""FANUC's end of block as its files have it (controllers.md 2.6)."""
 
 _BENCH = """\
 # The virtual machine of the demo: what is true, and what the survey does not know.

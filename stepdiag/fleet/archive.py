@@ -14,11 +14,12 @@ import pyarrow.compute as pc
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_text
+from stepdiag.daq.passes.survey_time import CODE
 from stepdiag.daq.recording.archive import digest, pack
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import INDEX, LISTED, Place, Store, sha256
-from stepdiag.fleet.tables import PLACE, from_parquet, points_of, table_of, to_parquet
+from stepdiag.fleet.tables import PLACE, points_of, read_index, read_table, table_of, to_parquet
 from stepdiag.solver.result.result import parse_result
 
 FORMAT, VERSION = "stepdiag-archived", 1
@@ -47,6 +48,12 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
     if not found:
         raise UsageError(", ".join(map(str, folders)), expected="finished surveys: result.json beside the logs", found="none")
     return found
+
+
+def undated(folder: Path) -> str:
+    """Return in words that the time of a finished survey is not known: the clock was never set and nobody stated it; empty where it is."""
+    result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
+    return next((found.text for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
 
 
 def add(folder: Path, store: Store) -> Added:
@@ -94,24 +101,24 @@ def refresh_index(store: Store, *, most_loose: int = MOST_LOOSE) -> int:
     Of two writers at once the last one's index stays; what it lacks is read from the surveys' own tables.
     """
     places = store.tables()
-    known, held = _indexed(store)
+    known, held = _indexed(store, len(places))
     loose = [place for place in places if place.folder not in held]
     gone = held - {place.folder for place in places}
     if len(loose) <= most_loose and not gone:
         return 0
-    points = points_of([(from_parquet(store.read(place.table), place.table), place.folder) for place in loose])
+    points = points_of([(read_table(store, place), place.folder) for place in loose])
     kept = [] if known is None else [known.filter(pc.invert(pc.is_in(known[PLACE], pa.array(sorted(gone), pa.string()))))]
     table = pa.concat_tables([*kept, points]).unify_dictionaries()
     store.write(INDEX, to_parquet(table))
     return int(table.num_rows)
 
 
-def _indexed(store: Store) -> tuple[pa.Table | None, set[str]]:
+def _indexed(store: Store, surveys: int) -> tuple[pa.Table | None, set[str]]:
     """Return the index and the folders of the surveys in it; None where there is none, or one that is damaged: it is made anew then."""
     if not store.exists(INDEX):
         return None, set()
     try:
-        table = from_parquet(store.read(INDEX), INDEX, index=True)
+        table = read_index(store, surveys)
     except DataError:
         return None, set()
     return table, set(pc.unique(table[PLACE]).to_pylist())
@@ -159,9 +166,7 @@ def _belongs(path: Path, folder: Path) -> bool:
 
 def _require_same(store: Store, place: Place, hashes: dict[str, str]) -> None:
     """Raise DataError where the survey is there with another result; logs are the same by its name."""
-    manifest = store.json(f"{place.folder}/{LISTED}")
-    there = manifest.get("files", {}) if isinstance(manifest, dict) else {}
-    if there.get(RESULT) != hashes.get(RESULT):
+    if store.files_of(place)[RESULT] != hashes.get(RESULT):
         raise DataError(
             f"{store.address}: {place.folder}/{RESULT}", expected="the result that was archived with these logs", found="another one",
             remedy="an archived result stays; `stepdiag resolve` solves anew, beside it",

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from stepdiag.base.errors import DataError
 from stepdiag.fleet.store import INDEX, Place, Store
-from stepdiag.fleet.tables import PLACE, from_parquet, points_of, require_ours
+from stepdiag.fleet.tables import PLACE, points_of, read_index, read_table
 
 _QUERY = "SELECT * EXCLUDE (place) FROM ({sources}) ORDER BY machine, quantity, time, survey"
 
@@ -63,17 +63,13 @@ def _sources(connection: duckdb.DuckDBPyConnection, store: Store, wanted: Sequen
     held: set[str] = set()
     found = []
     if store.exists(INDEX):
-        source = store.path(INDEX) if store.is_local else store.read(INDEX)
-        require_ours(source, INDEX, index=True)
-        index = (
-            connection.read_parquet(source) if isinstance(source, str) else connection.from_arrow(from_parquet(source, INDEX, index=True))
-        )
+        index = read_index(store, len(store.tables()))
         connection.register("everything", index)
         rows = connection.execute("SELECT DISTINCT place FROM everything").fetchall()
         held = folders & {row[0] for row in rows}
         connection.register("chosen", pa.table({PLACE: sorted(held)}, schema=pa.schema([(PLACE, pa.string())])))
         found.append("SELECT * FROM everything SEMI JOIN chosen USING (place)")
-    loose = [(from_parquet(store.read(place.table), place.table), place.folder) for place in wanted if place.folder not in held]
+    loose = [(read_table(store, place), place.folder) for place in wanted if place.folder not in held]
     if loose:
         connection.register("loose", points_of(loose))
         found.append("SELECT * FROM loose")

@@ -17,16 +17,18 @@ from typing import Any, Literal
 from distributed import Client, KilledWorker, LocalCluster, as_completed
 
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
+from stepdiag.base.files import as_text
 from stepdiag.comparing.compare import compare
 from stepdiag.daq.log.contents import open_log
-from stepdiag.daq.recording.verdicts import ACCEPTED, JUDGED
+from stepdiag.daq.recording.verdicts import WORDS
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.fleet.rows import about, rows_of
-from stepdiag.fleet.store import LISTED, Place, Store
+from stepdiag.fleet.store import LARGEST_LOG_BYTES, Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.solver.result.result import parse_result, software
+from stepdiag.solver.result.members import software
+from stepdiag.solver.result.result import parse_result
 
 IN_FLIGHT = 200
 """Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
@@ -54,7 +56,7 @@ class Solved:
 def open_surveys(store: Store, machine: str = "") -> list[Place]:
     """Return the archived surveys that this version of the software has not solved yet."""
     known = store.tables()
-    done = {(each.machine, each.survey) for each in known if each.software == software()["version"]}
+    done = {(each.machine, each.survey) for each in known if each.software == software().version}
     archived = (each for each in known if not each.software and machine in ("", each.machine))
     return [each for each in archived if (each.machine, each.survey) not in done]
 
@@ -106,7 +108,7 @@ def solve_anew(address: str, at: tuple[str, str, str, str], survey: str = "") ->
             instead = _stand_in(logs[0], survey, place.machine, Path(scratch)) if survey else None
             complete(logs, Path(scratch) / "out", instead)
             text = (Path(scratch) / "out" / RESULT).read_text(encoding="utf-8")
-            old = store.read(f"{place.folder}/{RESULT}").decode("utf-8")
+            old = as_text(store.read(f"{place.folder}/{RESULT}"), f"{place.folder}/{RESULT}")
             by = "by the survey file given" if instead else ""
             if text == old:
                 return Solved(place=place, outcome="the same bytes", reason=by)
@@ -135,7 +137,7 @@ def _stand_in(log: Path, survey: str, machine: str, scratch: Path) -> Path | Non
 def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
     """Write the new result and its numbers; return what changed by more than its U."""
     after = parse_result(new, RESULT)
-    here = place._replace(software=after.software["version"])
+    here = place._replace(software=after.software.version)
     store.write_checked(f"{here.folder}/{RESULT}", new.encode("utf-8"))
     store.write_checked(here.table, to_parquet(table_of(about(after, place.survey), list(rows_of(after)))))
     found = compare(parse_result(old, RESULT), after).changes
@@ -148,15 +150,11 @@ def _kept(store: Store, place: Place, old: str, new: str) -> tuple[str, ...]:
 
 def _fetched(store: Store, place: Place, folder: Path) -> Path:
     """Copy logs and words of a survey out of the store."""
-    listed = store.json(f"{place.folder}/{LISTED}")
-    files = listed.get("files") if isinstance(listed, dict) else None
-    if not isinstance(files, dict):
-        raise DataError(f"{place.folder}/{LISTED}", expected="the list of a survey's files", found=str(listed)[:100])
-    names = [name for name in files if name.endswith(".mcap") or name in (ACCEPTED, JUDGED)]
+    names = [name for name in store.files_of(place) if name.endswith(".mcap") or name in WORDS]
     folder.mkdir()
     for name in names:
         if "/" not in name:
-            (folder / name).write_bytes(store.read(f"{place.folder}/{name}"))
+            (folder / name).write_bytes(store.read(f"{place.folder}/{name}", largest=LARGEST_LOG_BYTES))
     return folder
 
 

@@ -1,7 +1,7 @@
 """A result as tidy rows: one number with its uncertainty a row, the same columns for every quantity."""
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from typing import Any
@@ -9,12 +9,14 @@ from typing import Any
 from stepdiag.base.errors import DataError
 from stepdiag.conclusion.intervals import reach_in
 from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.members import Conditions, Facts
 from stepdiag.solver.result.result import Function, Result
+from stepdiag.solver.result.typed import written
 
 RMS, LARGEST = "volumetric-rms", "volumetric-largest"
 """The volumetric error without rigid motion, over the survey's own volume (contract 4, ``predicted``)."""
 SCALE = "scale-"
-_TIMES = (("ended", "%Y-%m-%d %H:%M UTC"), ("begun", "%Y-%m-%d %H:%M UTC"), ("date", "%Y-%m-%d"))
+_MOMENT = "%Y-%m-%d %H:%M UTC"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,15 +47,12 @@ class About:
 
 def about(result: Result, survey: str) -> About:
     """Return what a result says of itself; ``survey`` is its name in the archive. Raises DataError where machine or time is missing."""
-    said = result.extra.get("survey")
-    facts: Mapping[str, Any] = said if isinstance(said, Mapping) else {}
-    machine = facts.get("machine")
-    if not isinstance(machine, str) or not machine.strip():
+    facts = result.survey or Facts()
+    if not facts.machine.strip():
         raise DataError(result.source, expected="a result that names its machine", found="none", remedy="solve the survey from its logs")
-    version = result.software.get("version", "")
     return About(
-        machine=machine, survey=survey, time=_time(facts, result.source), event=_event(facts), method=result.method,
-        software=version, conditions=json.dumps(_conditions(result, facts), sort_keys=True, ensure_ascii=False),
+        machine=facts.machine, survey=survey, time=_time(facts, result.source), event=facts.event, method=result.method,
+        software=result.software.version, conditions=json.dumps(_conditions(result, facts), sort_keys=True, ensure_ascii=False),
     )  # fmt: skip
 
 
@@ -85,23 +84,16 @@ def _u_um(interval: Interval) -> float | None:
     return None if interval.low_um is None or interval.high_um is None else (interval.high_um - interval.low_um) / 4
 
 
-def _time(facts: Mapping[str, Any], source: str) -> datetime:
-    for name, form in _TIMES:
+def _time(facts: Facts, source: str) -> datetime:
+    for text, form in ((facts.ended, _MOMENT), (facts.begun, _MOMENT), (facts.date, "%Y-%m-%d")):
         try:
-            return datetime.strptime(str(facts.get(name, "")), form).replace(tzinfo=UTC)
+            return datetime.strptime(text, form).replace(tzinfo=UTC)
         except ValueError:
             continue
     raise DataError(source, expected="a result that says when it was measured", found="no date", remedy="solve the survey from its logs")
 
 
-def _event(facts: Mapping[str, Any]) -> str:
-    event = facts.get("event")
-    return event if isinstance(event, str) else ""
-
-
-def _conditions(result: Result, facts: Mapping[str, Any]) -> dict[str, Any]:
+def _conditions(result: Result, facts: Facts) -> dict[str, Any]:
     """Return the sensors' extremes and what compensation was active, by the beginning of its hashes."""
-    seen = result.extra.get("conditions")
-    files = facts.get("active_files")
-    hashes = sorted(str(each.get("sha256", ""))[:12] for each in files if isinstance(each, Mapping)) if isinstance(files, list) else []
-    return {"sensors": seen if isinstance(seen, Mapping) else {}, "compensation": facts.get("compensation") or "", "active": hashes}
+    hashes = sorted(each.sha256[:12] for each in facts.active_files)
+    return {"sensors": written(result.conditions or Conditions()), "compensation": facts.compensation or "", "active": hashes}

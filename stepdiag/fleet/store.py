@@ -12,7 +12,7 @@ Two writers at once do not meet: they write under names of their own, and rename
 import hashlib
 import json
 import os
-import secrets
+import re
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -23,11 +23,18 @@ import fsspec
 from fsspec.implementations.local import LocalFileSystem
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.files import LARGEST_BYTES
+from stepdiag.base.messages import excerpt
+from stepdiag.base.part import part_of, sync_folder, write_through
+from stepdiag.daq.records.survey_folder import RESULT
 
 FORMAT, VERSION = "stepdiag-store", 1
 MARK, INDEX, LISTED = "stepdiag-store.json", "points.parquet", "archived.json"
 TABLE_SUFFIX = ".parquet"
 LARGEST_JSON_BYTES = 16_000_000
+LARGEST_LOG_BYTES = 1_000_000_000
+"""A worker that solves anew holds a log of this size in its memory."""
+_SHA256 = re.compile("[0-9a-f]{64}")
 
 
 def sha256(data: bytes) -> str:
@@ -78,28 +85,26 @@ class Store:
         with said(name):
             return bool(self._files.exists(self.path(name)))
 
-    def read(self, name: str) -> bytes:
-        """Return a file."""
+    def read(self, name: str, *, largest: int = LARGEST_BYTES) -> bytes:
+        """Return a file. Raises DataError, before it is read, where it holds more than ``largest`` bytes."""
         with said(name):
+            size = self._files.size(self.path(name))
+            if size is not None and size > largest:
+                raise DataError(f"{self.address}: {name}", expected=f"at most {largest} bytes", found=str(size), remedy="see who wrote it")
             return bytes(self._files.cat_file(self.path(name)))
 
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
         """Write a file whole or not at all, and on the disk when this returns; not ``anew``, one that came meanwhile stays."""
-        target, part = self.path(name), f"{self.path(name)}.{secrets.token_hex(4)}.part"
+        target = self.path(name)
         with said(name):
             if not self.is_local:
                 self._files.pipe_file(target, data)  # an object appears as a whole
                 return
             Path(target).parent.mkdir(parents=True, exist_ok=True)
-            try:
-                with Path(part).open("xb") as file:
-                    file.write(data)
-                    file.flush()
-                    os.fsync(file.fileno())
-                _publish(Path(part), Path(target), anew=anew)
-                _sync(Path(target).parent)
-            finally:
-                Path(part).unlink(missing_ok=True)
+            with part_of(Path(target)) as folder:
+                write_through(folder / "written", data)
+                _publish(folder / "written", Path(target), anew=anew)
+                sync_folder(Path(target).parent)
 
     def write_checked(self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256) -> bytes:
         """Write a file, read it back and return what is there; one that is there with this meaning stays, its bytes unless said otherwise.
@@ -109,7 +114,7 @@ class Store:
         wanted = meaning(data)
         if not self.exists(name):
             self.write(name, data, anew=False)
-        there = self.read(name)
+        there = self.read(name, largest=max(LARGEST_BYTES, 2 * len(data)))
         found = meaning(there)
         if found != wanted:
             remedy = "nothing in a store is ever overwritten; see who wrote it"
@@ -119,18 +124,36 @@ class Store:
     def tables(self) -> list[Place]:
         """Return every survey that is whole, by machine, year and name; what was solved anew behind what was archived."""
         with said(self.address):
-            found = _local_tables(Path(self.root)) if self.is_local else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
+            known = _local_tables(Path(self.root)) if self.is_local else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
+            found = list(known)  # a folder is read here, where its refusal is named
         return sorted(map(_place, map(str, found)))
 
     def json(self, name: str) -> Any:
         """Return a JSON file of ours. Raises DataError where it is none."""
-        data = self.read(name)
+        data = self.read(name, largest=LARGEST_JSON_BYTES)
         try:
-            if len(data) > LARGEST_JSON_BYTES:
-                raise ValueError(f"{len(data)} bytes")
             return json.loads(data)
         except (ValueError, RecursionError) as error:
             raise DataError(f"{self.address}: {name}", expected="JSON", found=str(error)) from error
+
+    def files_of(self, place: Place) -> dict[str, str]:
+        """Return the SHA-256 by name of an archived survey's files: its result, its logs and others.
+
+        Raises DataError where the list is not as `stepdiag archive add` writes it.
+        """
+        name = f"{place.folder}/{LISTED}"
+        listed = self.json(name)
+        files = listed.get("files") if isinstance(listed, dict) else None
+        if (
+            isinstance(files, dict)
+            and _is_complete(files)
+            and all(isinstance(each, str) and _SHA256.fullmatch(each) for each in files.values())
+        ):
+            return files
+        raise DataError(
+            f"{self.address}: {name}", expected="the list of a survey's files: its result and its logs, each with its SHA-256",
+            found=excerpt(json.dumps(listed)), remedy="restore it from a copy of the store: `stepdiag archive add` wrote it once",
+        )  # fmt: skip
 
     @property
     def filesystem(self) -> Any:
@@ -159,6 +182,10 @@ def said(name: str) -> Iterator[None]:
     except (OSError, ValueError, ImportError, RuntimeError) as error:
         why = (error.strerror if isinstance(error, OSError) else None) or str(error) or type(error).__name__
         raise UsageError(name, expected="a store that can be read and written", found=why) from error
+
+
+def _is_complete(files: dict[str, Any]) -> bool:
+    return RESULT in files and any(name.endswith(".mcap") for name in files)
 
 
 def _local_tables(root: Path) -> Iterator[str]:
@@ -190,12 +217,3 @@ def _publish(part: Path, target: Path, *, anew: bool) -> None:
         else:
             return
     part.replace(target)
-
-
-def _sync(folder: Path) -> None:
-    """Have the folder itself on the disk: without that a renamed file may be gone after a power failure."""
-    descriptor = os.open(folder, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

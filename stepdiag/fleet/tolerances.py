@@ -13,12 +13,12 @@ from typing import Annotated
 from msgspec import Meta, Struct, field
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text
 from stepdiag.base.settings import convert, read_toml
 from stepdiag.fleet.history import Series
 from stepdiag.fleet.store import Store
 
 FILE = "tolerances.toml"
-LARGEST_BYTES = 1_000_000
 
 Largest = Annotated[float, Meta(gt=0, le=1e6)]
 
@@ -43,13 +43,7 @@ def tolerances_in(store: Store) -> Tolerances:
     """Return what the store's file says, nothing where there is none. Raises UsageError for a file that is wrong."""
     if not store.exists(FILE):
         return Tolerances()
-    data = store.read(FILE)
-    if len(data) > LARGEST_BYTES:
-        raise UsageError(FILE, expected=f"at most {LARGEST_BYTES} bytes", found=str(len(data)))
-    try:
-        text = data.decode("utf-8")
-    except UnicodeDecodeError as error:
-        raise UsageError(FILE, expected="UTF-8", found=str(error)) from error
+    text = as_text(store.read(FILE, largest=LARGEST_SETTINGS_BYTES), FILE, UsageError)
     return convert(read_toml(text, FILE), Tolerances, FILE)
 
 

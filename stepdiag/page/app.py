@@ -24,6 +24,7 @@ from starlette.types import Receive, Scope, Send
 
 from stepdiag.base.errors import DeviceError, StepdiagError
 from stepdiag.daq.records.status import CommandName, Download
+from stepdiag.daq.records.survey_folder import CONCLUSION
 from stepdiag.daq.service.downloads import downloads_of
 from stepdiag.exporters.files.sets import zip_of
 from stepdiag.page.broadcast import Broadcaster
@@ -109,6 +110,13 @@ class Page:
         if not path or not await run_in_threadpool(Path(path).is_file):
             return refused(404, "no result yet")
         return FileResponse(path, media_type="application/json", headers={"Cache-Control": "no-store"})
+
+    async def conclusion(self, _request: Request) -> Response:
+        """Answer the conclusion of the survey shown: words are for everybody who may open the page, files are not."""
+        found = next((one for one in await self._listed() if one.name == CONCLUSION), None)
+        if found is None:
+            return refused(404, "no conclusion yet")
+        return FileResponse(found.path, media_type="application/json", headers={"Cache-Control": "no-store"})
 
     async def downloads(self, request: Request) -> Response:
         """Answer the list of files that may be fetched."""
@@ -227,6 +235,7 @@ def create_app(page: Page, daemon: Daemon, settings: PageSettings) -> Starlette:
         Route("/texts/{language}.json", page.texts),
         Route("/stream", page.stream),
         Route("/result.json", page.result),
+        Route("/conclusion.json", page.conclusion),
         Route("/downloads.json", page.downloads),
         Route("/download/{name}", page.download),
         Route("/access", page.open, methods=["POST"]),

@@ -1,6 +1,6 @@
 """The daemon's figures for Prometheus: made when they are asked for, so that they cost nothing otherwise."""
 
-from collections.abc import Awaitable, Callable, Iterator
+from collections.abc import Awaitable, Callable, Iterable, Iterator, Mapping
 
 from prometheus_client import CONTENT_TYPE_LATEST, CollectorRegistry, generate_latest
 from prometheus_client.core import CounterMetricFamily, GaugeMetricFamily, Metric
@@ -12,6 +12,8 @@ from starlette.routing import Route
 
 from stepdiag.base.errors import DeviceError
 from stepdiag.daq.service.metrics import Figures
+from stepdiag.terminal.exits import EXIT_CODES
+from stepdiag.texts.texts import catalogue
 
 LINK_STATES = ("connecting", "connected", "silent", "lost")
 
@@ -46,14 +48,18 @@ def _counted(now: Figures) -> Iterator[Metric]:
     yield CounterMetricFamily("stepdiag_samples", "Laser samples recorded.", value=now.samples)
     yield CounterMetricFamily("stepdiag_stops", "Stops captured.", value=now.tally.stops)
     yield CounterMetricFamily("stepdiag_lost_events", "Events that could not be recorded.", value=now.lost_events)
-    findings = CounterMetricFamily("stepdiag_findings", "Findings while recording, by code.", labels=["code"])
-    for code, count in sorted(now.tally.findings.items()):
-        findings.add_metric([code], count)
-    yield findings
-    surveys = CounterMetricFamily("stepdiag_surveys", "Surveys handed to the solver, by its exit code.", labels=["exit_code"])
-    for exit_code, count in sorted(now.tally.surveys.items()):
-        surveys.add_metric([str(exit_code)], count)
-    yield surveys
+    yield _labelled("findings", "Findings while recording, by code.", "code", catalogue("finding", "en"), now.tally.findings)
+    known = map(str, (0, *EXIT_CODES.values()))
+    ended = {str(exit_code): count for exit_code, count in now.tally.surveys.items()}
+    yield _labelled("surveys", "Surveys handed to the solver, by its exit code.", "exit_code", known, ended)
+
+
+def _labelled(name: str, text: str, label: str, known: Iterable[str], counted: Mapping[str, int]) -> Metric:
+    """Return a counter with every label that there is, at 0 from the start: a series that begins at 1 has no increase in Prometheus."""
+    family = CounterMetricFamily(f"stepdiag_{name}", text, labels=[label])
+    for value, count in sorted((dict.fromkeys(known, 0) | dict(counted)).items()):
+        family.add_metric([value], count)
+    return family
 
 
 def _links(now: Figures) -> Iterator[Metric]:

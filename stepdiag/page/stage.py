@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from typing import Literal
 
 from stepdiag.base.setups import setup_of
-from stepdiag.daq.records.status import SetupStatus, Snapshot
+from stepdiag.daq.records.status import DriveStatus, Snapshot
 
 Stage = Literal["set-up", "align", "drive", "trouble", "done"]
 WEAK = 0.4
@@ -26,12 +26,16 @@ class Say:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Headline:
-    """What the big card says. ``alarm`` turns the whole page into an alarm; ``step`` names the passes and stops where there are any."""
+    """What the big card says. ``alarm`` turns the whole page into an alarm.
+
+    ``watching`` stands in place of the advice for a viewer who cannot give orders; None where the advice asks for none.
+    """
 
     stage: Stage
     lead: Say
     advice: Say
     alarm: bool = False
+    watching: Say | None = None
 
 
 def headline(now: Snapshot) -> Headline:
@@ -74,29 +78,41 @@ def _alarm(key: str, advice: Say, values: "dict[str, str | int | list[Say]] | No
     return Headline(stage="trouble", alarm=True, lead=Say(key, values or {}), advice=advice)
 
 
-def _again(now: Snapshot) -> SetupStatus | None:
-    """Return the setup that must be driven again, the one awaited first."""
-    broken = [one for one in now.setups if one.state == "again"]
-    return next((one for one in broken if one.name == now.expects_setup), broken[0] if broken else None)
+def _again(now: Snapshot) -> DriveStatus | None:
+    """Return the pass that must be driven again, the first in the order of driving."""
+    return next((drive for drive in now.to_drive if drive.again), None)
 
 
-def _repeat(now: Snapshot, setup: SetupStatus) -> Headline:
+def _repeat(now: Snapshot, drive: DriveStatus) -> Headline:
     """Return what to repeat. Nothing is burning any more: the stage is trouble, the page is not in alarm."""
-    program = [_program(now, setup.name)]
-    values: dict[str, str | int | list[Say]] = {"setup": setup.name, "pass": setup.again_pass, "stop": setup.again_from}
-    key = "again_whole" if setup.again_from == 0 else "again_from"
-    return Headline(stage="trouble", lead=Say(key, values), advice=Say("do_again", {"program": program}))
+    return Headline(stage="trouble", lead=_repeated(drive), advice=Say("do_again", {"program": [_program(now, drive.setup)]}))
+
+
+def _repeated(drive: DriveStatus) -> Say:
+    key = "again_whole" if drive.from_stop == 0 else "again_from"
+    return Say(key, {"setup": drive.setup, "pass": drive.pass_number, "stop": drive.from_stop})
 
 
 def _quiet(now: Snapshot) -> Headline:
     if now.phase in ("solving", "complete"):
         return Headline(stage="done", lead=Say(f"phase_{now.phase}"), advice=Say(f"do_{now.phase}"))
     if is_running(now):
-        return Headline(stage="drive", lead=_driving(now), advice=_way(now))
-    if now.phase in ("paused", "starting"):
-        return Headline(stage="set-up", lead=Say(f"phase_{now.phase}"), advice=Say(f"do_{now.phase}"))
+        return _underway(now)
+    if now.phase == "paused":
+        return Headline(stage="set-up", lead=Say("phase_paused"), advice=Say("do_paused"), watching=Say("do_paused_watching"))
+    if now.phase == "starting":
+        return Headline(stage="set-up", lead=Say("phase_starting"), advice=Say("do_starting"))
     aligned = not now.beam_lost and (now.beam is None or now.beam >= WEAK)
-    return Headline(stage="align" if aligned else "set-up", lead=_prepare(now, aligned=aligned), advice=_set_up(now))
+    watching = None if now.expects_setup else Say("do_any_watching")
+    return Headline(stage="align" if aligned else "set-up", lead=_prepare(now, aligned=aligned), advice=_set_up(now), watching=watching)
+
+
+def _underway(now: Snapshot) -> Headline:
+    """Return what is driven, and what the setup that stands still owes of an earlier pass: a person acts on it before taking it down."""
+    owed = next((drive for drive in now.to_drive if drive.again and drive.setup == now.expects_setup), None)
+    if owed is None:
+        return Headline(stage="drive", lead=_driving(now), advice=_way(now))
+    return Headline(stage="trouble", lead=_driving(now), advice=Say("do_running_owed", {"way": [_way(now)], "again": [_repeated(owed)]}))
 
 
 def _driving(now: Snapshot) -> Say:

@@ -30,8 +30,10 @@ SLOW_FIELDS = (
     "expects_setup",
     "expects_pass",
     "result_ready",
+    "to_drive",
 )
 """What changes with a stop or a setup; all the rest goes out with every picture."""
+SEVERITIES = ("info", "warning", "error")
 TOLD = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
 """What the browser gets in another form than the daemon's."""
 FAST_FIELDS = tuple(name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in TOLD)
@@ -60,6 +62,7 @@ def now_view(now: Snapshot) -> dict[str, Any]:
         "alarm": head.alarm,
         "lead": head.lead,
         "advice": head.advice,
+        "watching": head.watching or head.advice,
     }
 
 
@@ -78,13 +81,14 @@ def _link(one: LinkStatus | None) -> dict[str, Any] | None:
 def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
     """Return one entry a cause: code, severity, how often, open or past, and per language where it was, what was said and what to do.
 
-    Findings are given in the order in which they arose; a cause that was said again stands where it was said last.
+    Findings are given in the order in which they arose. Errors come before warnings, open ones before past ones, new ones before old ones.
     """
     groups: dict[tuple[str, str, str], list[FindingStatus]] = {}
     for one in findings:
         key = (one.state, one.code, _place(one)[0])
         groups[key] = [*groups.pop(key, []), one]
-    return [_entry(members) for members in reversed(groups.values())]
+    entries = [_entry(members) for members in reversed(groups.values())]
+    return sorted(entries, key=lambda entry: (-SEVERITIES.index(entry["severity"]), entry["state"] != "open"))
 
 
 def _place(one: FindingStatus) -> tuple[str, int | None]:
@@ -97,9 +101,8 @@ def _place(one: FindingStatus) -> tuple[str, int | None]:
 
 def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:
     last = members[-1]
-    order = ("info", "warning", "error")
     stops = sorted({stop for one in members if (stop := _place(one)[1]) is not None})
-    severity = max((one.severity for one in members), key=order.index)
+    severity = max((one.severity for one in members), key=SEVERITIES.index)
     said = {language: in_words(last.finding, language, stops) for language in LANGUAGES}
     todo = {language: advice_of(last.code, language) for language in LANGUAGES}
     places = sorted({one.place for one in members if one.place})

@@ -17,6 +17,7 @@ from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.survey.models import Survey
 from stepdiag.fleet.rows import rows_of
+from stepdiag.solver.result.members import Facts
 from stepdiag.solver.result.result import Result, parse_result
 
 VERSION = 1
@@ -178,18 +179,17 @@ class Watched:
         return known[1]
 
     def _messages(self, result: Result, digest: str, round_: str) -> tuple[Findings, ResultMessage]:
-        facts = result.extra.get("survey")
-        facts = facts if isinstance(facts, dict) else {}
+        facts = result.survey or Facts()
         findings = tuple(msgspec.convert(asdict(each), Finding) for each in result.findings)
         rows = tuple(msgspec.convert(asdict(row), Row) for row in rows_of(result))
         said = ResultMessage(
             machine=self._machine,
             survey=self._name,
             round=round_,
-            begun=str(facts.get("begun", "")),
-            ended=str(facts.get("ended", "")),
+            begun=facts.begun,
+            ended=facts.ended,
             method=result.method,
-            software=result.software.get("version", ""),
+            software=result.software.version,
             sha256=digest,
             rows=rows,
         )

@@ -17,7 +17,7 @@ NAMESPACE = "http://opcfoundation.org/UA/Machinery/Result/"
 VERSION, PUBLISHED = "1.00.0", datetime(2023, 1, 1, tzinfo=UTC)
 NAME_OF_INSTANCE = "ResultManagement"
 EVENT_TYPE, MANAGEMENT_TYPE, RESULT_TYPE = 1002, 1004, 2001
-_EVALUATION, _TIMES, _META, _RESULT = 3002, 3006, 3007, 3008
+_EVALUATION, _TIMES, _META, _RESULT, _RESULT_BINARY = 3002, 3006, 3007, 3008, 5008
 BOOLEAN, INT32, INT64, STRING, LOCALIZED, STRUCTURE, ANYTHING = 1, 6, 8, 12, 21, 22, 24
 DURATION, UTC_TIME, URI, HANDLE, TRIMMED = 290, 294, 23751, 31917, 31918
 OWN = -1
@@ -65,6 +65,7 @@ _TIMES_FIELDS = (
     ("AcquisitionDuration", DURATION, True),
     ("ProcessingDuration", DURATION, True),
 )
+_CONTENT = new_struct_field("ResultContent", ua.NodeId(ANYTHING), array=True)
 GET_LATEST, GET_BY_ID, RELEASE = "GetLatestResult", "GetResultById", "ReleaseResultHandle"
 _GIVEN = (("ResultHandle", HANDLE), ("Result", OWN - _RESULT), ("Error", INT32))
 METHODS = {
@@ -107,6 +108,7 @@ async def add_model(server: Server) -> Model:
     index = await server.register_namespace(NAMESPACE)
     await _data_types(server, index)
     known = await server.load_data_type_definitions()
+    await _let_subtypes_in(server, index)
     model = Model(
         index=index, result=known["ResultDataType"], meta=known["ResultMetaDataType"], times=known["ProcessingTimesDataType"],
         evaluation=known["ResultEvaluationEnum"],
@@ -234,10 +236,23 @@ async def _data_types(server: Server, index: int) -> None:
     )
     members = [new_struct_field(each.name, _type(each.type, index), array=each.array, optional=each.rule == OPTIONAL) for each in META]
     await _structure(server, index, (_META, 5005, "ResultMetaDataType"), members)
-    # The model lets subtypes stand for the meta data, which puts them on the wire as an extension object (OPC 10000-6, 5.2.7). Said as
-    # the abstract structure it comes to the same bytes, and is understood by clients that know nothing of subtyped values, like asyncua's.
-    content = [new_struct_field("ResultMetaData", ua.NodeId(STRUCTURE)), new_struct_field("ResultContent", ua.NodeId(ANYTHING), array=True)]
-    await _structure(server, index, (_RESULT, 5008, "ResultDataType"), content)
+    # asyncua makes its class of this definition: a field of the abstract structure is an extension object to it
+    meta = new_struct_field("ResultMetaData", ua.NodeId(STRUCTURE))
+    await _structure(server, index, (_RESULT, _RESULT_BINARY, "ResultDataType"), [meta, _CONTENT])
+
+
+async def _let_subtypes_in(server: Server, index: int) -> None:
+    """Define the result for clients as the model does: its meta data may be of a subtype of their type.
+
+    A subtyped value is an extension object on the wire (OPC 10000-6, 5.2.7), as a field of the abstract structure is; but a client that
+    builds its decoders from definitions has none for the abstract structure. "IsOptional" of such a field lets subtypes in.
+    """
+    meta = new_struct_field("ResultMetaData", _type(OWN - _META, index), optional=True)
+    defined = ua.StructureDefinition()
+    defined.StructureType = ua.StructureType.StructureWithSubtypedValues
+    defined.BaseDataType, defined.Fields = ua.NodeId(STRUCTURE), [meta, _CONTENT]
+    defined.DefaultEncodingId = ua.NodeId(_RESULT_BINARY, index)
+    await server.get_node(ua.NodeId(_RESULT, index)).write_data_type_definition(defined)
 
 
 async def _structure(server: Server, index: int, told: tuple[int, int, str], fields: list[ua.StructureField]) -> None:

@@ -4,7 +4,7 @@ import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes, read_text
@@ -12,8 +12,8 @@ from stepdiag.base.settings import read_toml
 from stepdiag.conclusion import Conclusion, Reach
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.report.sections import Table, shown
-from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.members import Facts
 from stepdiag.solver.result.result import Result
 
 FACTS = (
@@ -70,12 +70,11 @@ def _compensation(result: Result, words: Mapping[str, str]) -> str:
 
 def facts_table(result: Result, words: Mapping[str, str]) -> Table:
     """Return who measured what, when and with what; what the survey does not say is left out."""
-    said = result.extra.get("survey")
-    known: Mapping[str, Any] = said if isinstance(said, dict) else {}
-    shadowed = {"date"} if known.get("begun") else set()
-    rows = [(words[name], _fact(known[name])) for name in FACTS if known.get(name) and name not in shadowed]
+    known = result.survey or Facts()
+    shadowed = {"date"} if known.begun else set()
+    rows = [(words[name], _fact(value)) for name in FACTS if (value := getattr(known, name)) and name not in shadowed]
     rows.append((words["compensation"], _compensation(result, words)))
-    reduced = basis_of(result).tables == "at_20_c" if "lengths" in result.extra else bool(known.get("at_20_c"))
+    reduced = known.at_20_c if result.lengths is None else result.lengths.tables == "at_20_c"
     rows.append((words["reference_temperature"], words["at_20_c" if reduced else "as_measured"]))
     rows.append((words["sign"], words["sign_convention"]))
     rows.append((words["standards"], words["standards_used"]))

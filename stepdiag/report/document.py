@@ -3,7 +3,7 @@
 import base64
 import hashlib
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from importlib.resources import files
@@ -27,6 +27,7 @@ from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.solver.readings.readings import Readings
+from stepdiag.solver.result.members import StandardFigures
 from stepdiag.solver.result.result import Result
 from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language, catalogue, localised
@@ -69,7 +70,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         "field": field_figures(result, correction, words) if result.volume.solid else [],
         "measured": measured.setup_figures(layout, words) if layout is not None else [],
         "closure": closure_figures(result, words),
-        "budget": budget_figures(sections.budget_of(result), _units(result), language),
+        "budget": budget_figures(result.budget, _units(result), language),
     }
     standards = _standards(result, layout, readings)
     tables = {
@@ -107,11 +108,10 @@ def localised_document(html: str, language: Language) -> str:
     return _BETWEEN.sub(lambda found: f"{found[1]}{localised(found[2], language)}<", html)
 
 
-def _standards(result: Result, layout: Layout | None, readings: Readings | None) -> object:
+def _standards(result: Result, layout: Layout | None, readings: Readings | None) -> Mapping[str, Sequence[StandardFigures]]:
     """Return the figures of the standards as the result has them, else from the readings: the closed forms write none."""
-    known = result.extra.get("standards")
-    if known or layout is None or readings is None:
-        return known or {}
+    if result.standards or layout is None or readings is None:
+        return result.standards or {}
     return standard_figures.standards_report(layout, at_their_temperature(readings, None, "readings"))
 
 

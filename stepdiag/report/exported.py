@@ -60,7 +60,7 @@ def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> 
         return Exported(controller="", files=_listed(files))
     if len(tables) == 1 and lattice.recognises(tables[0]):
         lone = verify_files(result, tables)
-        reach = reach_of(lone.prediction.predicted())
+        reach = reach_of(lone.prediction.predicted)
         return Exported(
             controller=lattice.NAME,
             files=_listed(files),
@@ -71,7 +71,7 @@ def exported_in(result: Result, paths: Sequence[Path], profile: Path | None) -> 
     found = verify_files(result, tables, known)
     kinds = tuple(dict.fromkeys(table.kind for table in found.tables))
     untested = kinds if any(Path(file.name).stem.endswith(UNTESTED) for file in tables) else ()
-    reach = reach_of(found.prediction.predicted())
+    reach = reach_of(found.prediction.predicted)
     concluded = Export(controller=found.controller, untested=untested, reach=reach, harmed=harmed_in(found.findings))
     return Exported(controller=found.controller, files=_listed(files), correction=_of_tables(found.tables), concluded=concluded)
 

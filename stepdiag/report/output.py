@@ -7,7 +7,7 @@ import tempfile
 from pathlib import Path
 
 from stepdiag.base.errors import DeviceError
-from stepdiag.base.files import write_atomically
+from stepdiag.base.files import refuse_file_name, write_atomically, write_together
 from stepdiag.report.document import Report
 
 BROWSERS = ("chromium", "chromium-browser", "google-chrome")
@@ -17,22 +17,31 @@ PRINT_TIMEOUT_S = 120.0
 def write_report(report: Report, out: Path, *, pdf: bool = False) -> list[Path]:
     """Write the report and return what was written.
 
-    ``out`` ending in ``.html`` is the document itself (its figures' CSV are inside, as links); any other ``out`` is a folder that gets
-    ``report.html`` and ``figures/<name>.csv``. The PDF stands beside the HTML. DeviceError where a PDF is asked for and no
-    chromium is there or it fails.
+    ``out`` ending in ``.html`` is the document itself (its figures' CSV are inside, as links), one ending in ``.pdf`` its print; any other
+    ``out`` is a folder that gets ``report.html`` and ``figures/<name>.csv``. With ``pdf`` the PDF stands beside the HTML. The HTML and its
+    figures are written together or not at all. Raises UsageError where ``out`` is named like another file, DeviceError where a PDF is
+    asked for and no chromium is there or it fails.
     """
+    if out.suffix.lower() == ".pdf" and not out.is_dir():
+        return [_printed(report, out)]
     alone = out.suffix.lower() in {".html", ".htm"}
-    document = out if alone else out / "report.html"
-    write_atomically(document, report.html.encode())
-    written = [document]
     if not alone:
-        for figure in report.figures:
-            path = out / "figures" / f"{figure.name}.csv"
-            write_atomically(path, figure.table.encode())
-            written.append(path)
-    if pdf:
-        written.append(print_pdf(document))
-    return written
+        refuse_file_name(out, "FILE.html, FILE.pdf, or a folder")
+    document = out if alone else out / "report.html"
+    files = {document: report.html.encode()}
+    if not alone:
+        files |= {out / "figures" / f"{figure.name}.csv": figure.table.encode() for figure in report.figures}
+    write_together(files, over=True)
+    return [*files, *([print_pdf(document)] if pdf else [])]
+
+
+def _printed(report: Report, out: Path) -> Path:
+    """Write the PDF alone; the document that is printed goes again."""
+    with tempfile.TemporaryDirectory(prefix="stepdiag-print-") as folder:
+        document = Path(folder) / "report.html"
+        document.write_bytes(report.html.encode())
+        write_atomically(out, print_pdf(document).read_bytes())
+    return out
 
 
 def browser() -> str | None:

@@ -8,12 +8,15 @@ import numpy as np
 
 from stepdiag.base.findings import in_words
 from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.basis import Lengths, basis_of, unseen_slips
+from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.interval import decimals_of
+from stepdiag.solver.result.members import Drift, Lengths, StandardFigures
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
+from stepdiag.solver.result.typed import written
+from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts.texts import Language, finding_advice
 
-COVERAGE = 2.0
+Standards = Mapping[str, Sequence[StandardFigures]]
 SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
 POSITIONING_FIGURES = {"E_up": "E↑", "R_up": "R↑", "A_up": "A↑", "E": "E", "B": "B", "M": "M", "R": "R", "A": "A"}
 """The figures of ISO 230-2 by their names in `solver.standards.iso230`, as the standard writes them."""
@@ -51,8 +54,6 @@ def shown(value: object, decimals: int | None = None) -> str:
         return text.replace("-", "−")
     if isinstance(value, list | tuple):
         return ", ".join(shown(item, decimals) for item in value[:MOST_ROWS])
-    if isinstance(value, dict):
-        return " ".join(f"{_readable(name)} {shown(item, decimals)}" for name, item in list(value.items())[:MOST_ROWS])
     return str(value)
 
 
@@ -65,15 +66,14 @@ def machine_table(result: Result, words: Mapping[str, str]) -> Table:
         (words["size"], " / ".join(shown(v) for v in volume.size_mm) + " mm"),
         (words["increments"], str(volume.increments)),
         (words["method"], result.method),
-        (words["software"], f"{result.software['name']} {result.software['version']}"),
+        (words["software"], f"{result.software.name} {result.software.version}"),
     ]
     return Table(header=(), rows=rows)
 
 
 def conditions_table(result: Result, readings: Readings | None, words: Mapping[str, str]) -> Table:
     """Return the conditions of the survey: what the result carries under ``conditions``, and what the readings say."""
-    conditions = result.extra.get("conditions")
-    flat = _leaves(conditions) if isinstance(conditions, dict) else []
+    flat = [] if result.conditions is None else _leaves(written(result.conditions))
     rows = [(_readable(name), _from_to(value)) for name, value in flat[:MOST_ROWS]]
     told = "material_temperature_c" in dict(flat)
     if readings is not None and not told and np.isfinite(readings.temperature_c).any():
@@ -94,19 +94,18 @@ def _from_to(value: object) -> str:
 
 def setups_table(result: Result, words: Mapping[str, str]) -> Table:
     """Return one row a setup: how it was driven, and how mirror, drift and repeatability stood."""
-    setups = {name: facts for name, facts in list(result.setups.items())[:MOST_ROWS] if isinstance(facts, dict)}
-    columns = [column for column in SETUP_COLUMNS if any(facts.get(column) not in (None, []) for facts in setups.values())]
-    rows = [(name, *(_setup_fact(facts.get(column)) for column in columns)) for name, facts in setups.items()]
+    setups = dict(list(result.setups.items())[:MOST_ROWS])
+    columns = [column for column in SETUP_COLUMNS if any(getattr(facts, column) not in (None, ()) for facts in setups.values())]
+    rows = [(name, *(_setup_fact(getattr(facts, column)) for column in columns)) for name, facts in setups.items()]
     return Table(header=(words["setup"], *map(_readable, columns)), rows=rows)
 
 
 def _setup_fact(value: object) -> str:
     """Return one fact of a setup; of several drifts the largest, with its standard uncertainty."""
-    if isinstance(value, list) and value and isinstance(value[0], dict):
-        drifts = [drift for drift in value if isinstance(drift.get("total_um"), int | float)]
-        worst = max(drifts, key=lambda drift: abs(drift["total_um"]), default=None)
-        return shown(None) if worst is None else f"{shown(worst['total_um'], 2)} ± {shown(worst.get('u_um'), 2)} µm"
-    return shown(None if value == [] else value, 3 if isinstance(value, float) else None)
+    if isinstance(value, tuple) and value and isinstance(value[0], Drift):
+        worst = max(value, key=lambda drift: abs(drift.total_um))
+        return f"{shown(worst.total_um, 2)} ± {shown(worst.u_um, 2)} µm"
+    return shown(None if value == () else value, 3 if isinstance(value, float) else None)
 
 
 def _leaves(facts: Mapping[str, Any], prefix: str = "") -> list[tuple[str, object]]:
@@ -161,15 +160,14 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     return Table(header=header, rows=[(axis, *(cells[name].get(axis, shown(None)) for name in names)) for axis in AXIS_LETTERS])
 
 
-def positioning_table(standards: object, words: Mapping[str, str], said: Callable[[str], str] = str) -> Table | None:
+def positioning_table(standards: Standards, words: Mapping[str, str], said: Callable[[str], str] = str) -> Table | None:
     """Return the figures along the axes and along the diagonals, one row a setup, each with its U where that is known (k = 2).
 
     ``standards`` is the entry of the result; columns that nothing is known of are left out. Of which lengths a
     figure is stands in its row only where they differ (`positioning_lengths`); ``said`` puts the name of a
     standard into the words' language.
     """
-    entries = standards if isinstance(standards, dict) else {}
-    first = {name: found[0] for name, found in entries.items() if isinstance(found, list) and found and isinstance(found[0], dict)}
+    first = {name: found[0] for name, found in standards.items() if found}
     known = {
         name: symbol for name, symbol in POSITIONING_FIGURES.items() if any(_figure(facts, name) is not None for facts in first.values())
     }
@@ -177,8 +175,8 @@ def positioning_table(standards: object, words: Mapping[str, str], said: Callabl
     rows = [
         (
             name,
-            ", ".join(filter(None, (said(shown(facts.get("standard"))), "" if once else _lengths(facts, words)))),
-            shown(facts.get("runs")),
+            ", ".join(filter(None, (said(facts.standard), "" if once else _lengths(facts, words)))),
+            shown(facts.runs),
             *(_with_u(facts, figure) for figure in known),
         )
         for name, facts in list(first.items())[:MOST_ROWS]
@@ -190,31 +188,27 @@ def positioning_table(standards: object, words: Mapping[str, str], said: Callabl
     )
 
 
-def positioning_lengths(standards: object, words: Mapping[str, str]) -> str:
+def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
     """Return of which lengths all figures along axes and diagonals are; empty where that is not said, or not the same of all."""
-    entries = standards.values() if isinstance(standards, dict) else ()
-    first = [found[0] for found in entries if isinstance(found, list) and found and isinstance(found[0], dict)]
-    said = {text for facts in first if (text := _lengths(facts, words))}
+    said = {text for found in standards.values() if found and (text := _lengths(found[0], words))}
     return said.pop() if len(said) == 1 else ""
 
 
-def _lengths(facts: Mapping[str, Any], words: Mapping[str, str]) -> str:
-    return {"as measured": words["figures_as_measured"], "at 20 C": words["figures_at_20_c"]}.get(str(facts.get("lengths")), "")
+def _lengths(facts: StandardFigures, words: Mapping[str, str]) -> str:
+    return {"as measured": words["figures_as_measured"], "at 20 C": words["figures_at_20_c"]}.get(facts.lengths or "", "")
 
 
 VDI_FIGURES = {"P": "P", "Pa": "Pa", "U_max": "U max", "U_mean": "U̅", "Ps_max": "Ps max", "Ps_mean": "P̅s"}
 """The figures of VDI/DGQ 3441 by their names in `solver.standards.iso230`; its U is the reversal, not an uncertainty."""
 
 
-def vdi_table(standards: object, words: Mapping[str, str]) -> Table | None:
+def vdi_table(standards: Standards, words: Mapping[str, str]) -> Table | None:
     """Return the figures of VDI/DGQ 3441 of the runs that have them, one row a run; None where none has."""
-    entries = standards if isinstance(standards, dict) else {}
     rows = []
-    for name, found in list(entries.items())[:MOST_ROWS]:
-        listed = [one for one in found if isinstance(one, dict)] if isinstance(found, list) else []
-        facts = next((one for one in listed if str(one.get("standard")).startswith("VDI")), None)
+    for name, found in list(standards.items())[:MOST_ROWS]:
+        facts = next((one for one in found if one.standard.startswith("VDI")), None)
         if facts is not None:
-            rows.append((name, shown(facts.get("standard")), *(shown(facts.get(figure), 2) for figure in VDI_FIGURES)))
+            rows.append((name, facts.standard, *(shown(getattr(facts, figure), 2) for figure in VDI_FIGURES)))
     return (
         Table(header=(words["setup"], words["standard"], *(f"{symbol} / µm" for symbol in VDI_FIGURES.values())), rows=rows)
         if rows
@@ -222,15 +216,16 @@ def vdi_table(standards: object, words: Mapping[str, str]) -> Table | None:
     )
 
 
-def _figure(facts: Mapping[str, Any], name: str) -> Any:
+def _figure(facts: StandardFigures, name: str) -> float | None:
     """Return a figure of a setup, or the machine's over all diagonals, whose names end in _d."""
-    return facts.get(name, facts.get(f"{name}_d"))
+    value: float | None = getattr(facts, name)
+    return getattr(facts, f"{name}_d", None) if value is None else value
 
 
-def _with_u(facts: Mapping[str, Any], name: str) -> str:
-    u = facts.get("U")
-    expanded = _figure(u, name) if isinstance(u, dict) else None
-    return shown(_figure(facts, name), 2) + (f" ± {shown(expanded, 2)}" if isinstance(expanded, int | float) else "")
+def _with_u(facts: StandardFigures, name: str) -> str:
+    u = facts.U or {}
+    expanded = u.get(name, u.get(f"{name}_d"))
+    return shown(_figure(facts, name), 2) + ("" if expanded is None else f" ± {shown(expanded, 2)}")
 
 
 HEAD_FIGURES = ("passes", "end_point_um", "least_squares_um", "minimum_zone_um", "u_um", "residual_um", "misclosure")
@@ -238,22 +233,18 @@ HEAD_FIGURES = ("passes", "end_point_um", "least_squares_um", "minimum_zone_um",
 
 def head_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return the straightness that the 4-DOF head measured, one row a function, where the result says it (``head_straightness``)."""
-    report = result.extra.get("head_straightness")
-    if not isinstance(report, dict):
-        return None
-    measured = {name: facts for name, facts in report.items() if isinstance(facts, dict)}
-    rows = [(name, *(shown(facts.get(figure)) for figure in HEAD_FIGURES)) for name, facts in measured.items()]
+    measured = result.head_straightness or {}
+    rows = [(name, *(shown(getattr(facts, figure)) for figure in HEAD_FIGURES)) for name, facts in measured.items()]
     return Table(header=(words["name"], *map(_readable, HEAD_FIGURES)), rows=rows) if rows else None
 
 
 def fit_table(result: Result) -> Table | None:
     """Return how well the readings agree with the model, where the result says it (``fit``, ``scale_sum_um``)."""
-    fit = result.extra.get("fit")
-    rows = [(_readable(name), shown(value)) for name, value in _leaves(fit)] if isinstance(fit, dict) else []
-    total = result.extra.get("scale_sum_um")
-    if isinstance(total, dict):
-        rows += [(_readable(f"scale sum {name}_um"), shown(value)) for name, value in _leaves(total)]
-    return Table(header=(), rows=rows[:MOST_ROWS]) if rows else None
+    fit = {} if result.fit is None else written(result.fit)
+    total = {} if result.scale_sum_um is None else written(result.scale_sum_um)
+    known = [*fit.items(), *((f"scale sum {name}_um", value) for name, value in total.items())]
+    rows = [(_readable(name), shown(value)) for name, value in known if value is not None]
+    return Table(header=(), rows=rows) if rows else None
 
 
 def unidentified(result: Result, words: Mapping[str, str]) -> list[str]:
@@ -282,22 +273,13 @@ def remarks(result: Result, words: Mapping[str, str], language: Language) -> lis
 
 def history_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return what happened while recording, where the result says it (``history``): it is past and hinders nothing."""
-    history = result.extra.get("history")
-    known = [one for one in history if isinstance(one, dict)] if isinstance(history, list) else []
-    rows = [(shown(one.get("code")), shown(one.get("text"))) for one in known[:MOST_ROWS]]
+    rows = [(one.code, one.text) for one in (result.history or ())[:MOST_ROWS]]
     return Table(header=(words["history_code"], words["history_text"]), rows=rows) if rows else None
-
-
-def budget_of(result: Result) -> dict[str, dict[str, float]]:
-    """Return quantity -> source -> standard uncertainty where the result carries a budget (``budget.shares``), else nothing."""
-    shares = _part_of_budget(result, "shares")
-    tables = {name: _numbers(sources) for name, sources in list(shares.items())[:MOST_ROWS] if isinstance(sources, dict)}
-    return {name: sources for name, sources in tables.items() if sources}
 
 
 def slips_table(result: Result, words: Mapping[str, str]) -> Table | None:
     """Return how large a slip of the count may be without being noticed, where the result says it (``unseen_slip``)."""
-    rows = [(shown(each.place), *(_size(um) for um in (each.half_um, each.nearly_um, each.volume_um))) for each in unseen_slips(result)]
+    rows = [(shown(each.place), *(_size(um) for um in (each.half_um, each.nearly_um, each.volume_um))) for each in result.unseen_slip or ()]
     header = tuple(words[f"slips_{name}"] for name in ("place", "half", "nearly", "volume"))
     return Table(header=header, rows=rows) if rows else None
 
@@ -309,15 +291,5 @@ def _size(um: float | None) -> str:
 
 def assumptions_table(result: Result) -> Table | None:
     """Return what each source of the budget assumes, where the result says it (``budget.assumptions``)."""
-    rows = [(source, shown(text)) for source, text in list(_part_of_budget(result, "assumptions").items())[:MOST_ROWS]]
+    rows = [] if result.budget is None else list(result.budget.assumptions.items())[:MOST_ROWS]
     return Table(header=(), rows=rows) if rows else None
-
-
-def _part_of_budget(result: Result, part: str) -> dict[str, Any]:
-    budget = result.extra.get("budget")
-    found = budget.get(part) if isinstance(budget, dict) else None
-    return found if isinstance(found, dict) else {}
-
-
-def _numbers(sources: Mapping[str, object]) -> dict[str, float]:
-    return {name: float(u) for name, u in sources.items() if isinstance(u, int | float) and not isinstance(u, bool)}

@@ -8,9 +8,8 @@ from rich.table import Table
 from stepdiag.solver.planning.foresight import Foresight
 from stepdiag.solver.planning.planner import Addition, Forecast
 from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
+from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 
-COVERAGE = 2.0
-"""Uncertainties are shown expanded, k = 2."""
 _ANGLES = {"assumed": "taken as the usual ones of a machine, not measured", "solved": "solved from the readings"}
 
 

@@ -10,12 +10,10 @@ from rich.text import Text
 
 from stepdiag.base.findings import Finding
 from stepdiag.exporters.safety.verify import Prediction
-from stepdiag.solver.result.interval import interval_of
 from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
+from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.terminal.printable import printable
 
-COVERAGE = 2.0
-"""Uncertainties are shown expanded, k = 2."""
 MARKS = {"error": "ERROR", "warning": "WARNING", "info": "note"}
 
 
@@ -29,7 +27,7 @@ def result_table(result: Result, out: Path | None) -> None:
     )
     console.print(function_table(result))
     console.print(quantity_table(result))
-    if any(isinstance(facts, dict) and facts.get("tilt_mrad") is not None for facts in result.setups.values()):
+    if any(facts.tilt_mrad is not None for facts in result.setups.values()):
         console.print(setup_table(result))
     for line in finding_lines(result.findings):
         console.print(line, markup=False, highlight=False, soft_wrap=True)
@@ -81,9 +79,7 @@ def setup_table(result: Result) -> Table:
     for column in ("setup", "tilt / mrad", "repeatability / um", "residual / um"):
         table.add_column(column, justify="left" if column == "setup" else "right")
     for name, facts in result.setups.items():
-        if isinstance(facts, dict):
-            cells = [facts.get(key) for key in ("tilt_mrad", "repeatability_um", "residual_um")]
-            table.add_row(Text(name), *(_shown(cell) if isinstance(cell, int | float) else "-" for cell in cells))
+        table.add_row(Text(name), *map(_shown, (facts.tilt_mrad, facts.repeatability_um, facts.residual_um)))
     return table
 
 
@@ -99,11 +95,9 @@ def effect_table(prediction: Prediction) -> Table:
     table = Table(title=f"predicted {what} / um, k = 2")
     for column in ("", "before", "after"):
         table.add_column(column, justify="right" if column else "left")
-    for name, figures in prediction.predicted().items():
-        for figure in ("largest_um", "rms_um"):
-            cells = [interval_of(figures[when][figure]) for when in ("before", "after")]
-            words = f"{figure.removesuffix('_um')}, {name.replace('_', ' ')}"
-            table.add_row(words, *("-" if cell is None else cell.bound() if figure == "largest_um" else cell.words() for cell in cells))
+    for name, figures in prediction.predicted.parts().items():
+        table.add_row(f"largest, {name}", *(each.largest_um.bound() for each in figures.values()))
+        table.add_row(f"rms, {name}", *(each.rms_um.words() for each in figures.values()))
     return table
 
 

@@ -97,3 +97,26 @@ def test_the_readme_names_every_control() -> None:
     missing = [name for name in TABLES if name != "neutral" and not any(name in row for row in rows)]
     assert missing == []
     assert {name for name in TABLES if any(name in row and "| yes" in row for row in rows)} == set(PROGRAMS)
+
+
+def test_the_readme_begins_with_what_was_met_and_says_it_of_every_row() -> None:
+    """No real machine, LinuxCNC in simulation, no rotary axes; an instrument without a word promises."""
+    readme = (CHECKOUT / "README.md").read_text(encoding="utf-8")
+    top = " ".join(readme.partition("\n## ")[0].split())
+    assert "No real machine and no real laser" in top
+    assert "LinuxCNC" in top
+    assert "Rotary axes are not measured" in top
+    tables = readme.partition("## What it works with")[2].partition("\n## ")[0]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in tables.splitlines() if line.startswith("| ")]
+    heads, rest = [row for row in rows if row[-1] == "met so far"], [row for row in rows if row[-1] != "met so far"]
+    assert len(heads) == 2
+    assert [row[0] for row in rest if not row[-1]] == ["any other"]
+    assert [row[0] for row in rest if "real" in row[-1] and "LinuxCNC" not in row[0]] == [
+        "uMD0, uMD1, uMD2 interferometer boards", "the machine's signals",
+    ]  # fmt: skip
+
+
+def test_no_page_gives_the_quick_look_a_step_of_its_own() -> None:
+    """A step that is not of the survey costs up to a micrometre: the commands that people copy leave it to the program."""
+    pages = [CHECKOUT / "README.md", *DOCS.rglob("*.md")]
+    assert [page.name for page in pages if re.search(r"^    .*(--step-mm|step_mm=)", page.read_text(encoding="utf-8"), re.MULTILINE)] == []

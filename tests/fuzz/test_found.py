@@ -297,8 +297,8 @@ def changed(path: list[str], value: str) -> str:
         (["volume", "size_mm"], "[1, 1, " + "9" * 400 + "]", "a finite number"),
         (["method"], '"\\ud800"', "surrogate"),
         (["closure_um"], '{"x": [1e999]}', "closure_um.x.0.: expected a finite number"),
-        (["fit"], "[" * 50 + "]" * 50, "at most 20 levels"),
-        (["budget"], '{"shares": {"EXX": {"air": ' + "9" * 400 + "}}}", "a finite number"),
+        (["fit"], "[" * 50 + "]" * 50, "fit: expected an object"),
+        (["budget"], '{"assumptions": {}, "combined": {}, "shares": {"EXX": {"air": ' + "9" * 400 + "}}}", "a finite number"),
         (["setups"], '{"ppp": 3}', "setups.ppp: expected an object"),
     ],
 )

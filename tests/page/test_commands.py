@@ -106,6 +106,31 @@ def test_a_refusal_says_why(watched: Watched, daemon: Served) -> None:
     watched.complaints = [one for one in watched.complaints if "409" not in one]
 
 
+def test_the_conclusion_is_words_and_open_to_everybody(watched: Watched, daemon: Served) -> None:
+    """The card says "read the conclusion": there it is, without the token. Curves and files stay locked."""
+    daemon.do(daemon.survey.complete)
+    page = watched.open(daemon.address)
+    expect(page.locator("#conclusion .reached li").last).to_contain_text("(rms, k = 2)")
+    expect(page.locator("#advice")).to_contain_text("Next step")
+    expect(page.locator("#result")).to_have_text("The curves and the files are open to whoever has the token.")
+    assert ask(daemon, "GET", "/conclusion.json")[0] == 200
+    for path in ("/result.json", "/downloads.json", "/download/conclusion.json"):
+        assert ask(daemon, "GET", path)[0] == 403, path
+    unlock(page)
+    expect(page.locator("#result table").first).to_be_visible()
+
+
+def test_a_doubt_offers_no_button_to_whom_cannot_accept_it(watched: Watched, daemon: Served) -> None:
+    """The button appears with the token."""
+    found = FindingStatus(code="stop-recovered", severity="warning", text="npp out, stop 5 of 30: ...", place="npp/1/5", state="open")
+    daemon.do(lambda: daemon.survey.publish(findings=(found,)))
+    page = watched.open(daemon.address)
+    expect(page.locator("#all-list li")).to_have_count(1)
+    expect(page.locator("#all-list button.accept")).to_have_count(0)
+    unlock(page)
+    expect(page.locator("#all-list button.accept")).to_have_count(1)
+
+
 def test_a_wrong_token_opens_nothing(watched: Watched, daemon: Served) -> None:
     """The orders stay hidden, and a request without the token does nothing."""
     page = watched.open(daemon.address)

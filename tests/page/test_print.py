@@ -1,6 +1,7 @@
 """The report as chromium prints it: what a customer holds in his hands, page by page."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from datetime import date
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.result import Result
 from stepdiag.texts.texts import LANGUAGES, Language, catalogue
 from testkit.exact.madeup import made_up_result
+from testkit.exact.members import members
 from testkit.exact.surveys import Bench
 
 A4_PT = (595, 842)
@@ -36,9 +38,7 @@ SURVEY = {
 @pytest.fixture(scope="module")
 def measured() -> tuple[Result, object]:
     readings = Bench(increments=4, angle_urad=3.0).survey()
-    result = solve(readings)
-    result.extra["survey"] = SURVEY
-    return result, readings
+    return replace(solve(readings), **members(survey=SURVEY)), readings
 
 
 def printed(page: pdfium.PdfPage) -> float:
@@ -107,7 +107,16 @@ def test_a_table_that_goes_on_has_its_head_again_and_no_row_torn(tmp_path: Path)
     names = [f"R{row:02d}" for row in range(24)]
     by = "ISO 230-6 " + "steps one after the other " * 9
     rows = {
-        name: [{"standard": f"{name}a {by} {name}z", "runs": 5, "E": 10.0 + row, "U": {"E": 1.0}, "lengths": "as measured"}]
+        name: [
+            {
+                "standard": f"{name}a {by} {name}z",
+                "source_status": "",
+                "runs": 5,
+                "E": 10.0 + row,
+                "U": {"E": 1.0},
+                "lengths": "as measured",
+            }
+        ]
         for row, name in enumerate(names)
     }
     document, *_ = write_report(build_report(made_up_result(standards=rows), source="r.json"), tmp_path / "report.html")
@@ -119,3 +128,11 @@ def test_a_table_that_goes_on_has_its_head_again_and_no_row_torn(tmp_path: Path)
     for page in over:
         assert [name for name in held[page] if not {f"{name}a", f"{name}z"} <= set(texts[page].split())] == []
         assert "Setup By Runs E / µm" in texts[page], "the head stands above the rows of every page"
+
+
+def test_a_report_named_as_a_pdf_is_one(tmp_path: Path, measured: tuple[Result, object]) -> None:
+    """`report --out x.pdf`: the print alone, under that name, and no folder."""
+    written = write_report(build_report(measured[0], source="result.json"), tmp_path / "x.pdf")
+    assert written == [tmp_path / "x.pdf"]
+    assert list(tmp_path.iterdir()) == written
+    assert written[0].read_bytes().startswith(b"%PDF-")

@@ -14,10 +14,10 @@ import pytest
 from playwright.sync_api import Browser, Page, expect
 
 from stepdiag.daq.capture.place.route import make_route
-from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot
+from stepdiag.daq.records.status import DriveStatus, FindingStatus, LinkStatus, SetupStatus, Snapshot
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
-from stepdiag.page.view import FAST_FIELDS, SLOW_FIELDS, TOLD, now_view, survey_view
+from stepdiag.page.view import FAST_FIELDS, SLOW_FIELDS, TOLD, grouped, now_view, survey_view
 from stepdiag.texts import LANGUAGES, catalogue
 from testkit.browser import Watched, violations
 from testkit.exact.madeup import VOLUME
@@ -72,12 +72,46 @@ def test_what_blocks_the_survey_comes_first(tmp_path: Path, fields: dict[str, An
     assert words(found.advice)
 
 
-@pytest.mark.parametrize(("again_from", "lead"), [(4, "Repeat npp from stop 4"), (0, "Repeat npp, pass 1")])
+@pytest.mark.parametrize(("again_from", "lead"), [(4, "Repeat npp, pass 1, from stop 4"), (0, "Repeat npp, pass 1")])
 def test_a_broken_pass_says_from_where_to_repeat(tmp_path: Path, again_from: int, lead: str) -> None:
     """Once the pass is over, the card says what to repeat; nothing burns any more."""
-    setups = [SetupStatus(name="npp", passes_wanted=2, passes_done=0, stops_wanted=62, stops_done=9, state="again", again_from=again_from)]
-    found = headline(snapshot(tmp_path, setups=tuple(setups)))
+    drives = (DriveStatus(setup="npp", pass_number=1, from_stop=again_from, stops=31 - again_from, again=True),)
+    found = headline(snapshot(tmp_path, to_drive=drives))
     assert (found.stage, found.alarm, words(found.lead)) == ("trouble", False, lead)
+
+
+def test_what_a_pass_lost_stays_on_the_card_while_the_next_one_runs(tmp_path: Path) -> None:
+    """The mirror still stands: whoever reads of it when all is driven sets it up once more."""
+    drives = (
+        DriveStatus(setup="npp", pass_number=1, from_stop=26, stops=5, again=True),
+        DriveStatus(setup="npp", pass_number=2, from_stop=6, stops=25),
+        DriveStatus(setup="pnp", pass_number=1, stops=31),
+    )
+    found = headline(snapshot(tmp_path, **RUNNING, expects_pass=2, to_drive=drives))
+    assert (found.stage, found.alarm, words(found.lead)) == ("trouble", False, "To stop 6 of 30")
+    assert words(found.advice) == "npp, pass 2: Y moves. Keep the beam free. Afterwards: Repeat npp, pass 1, from stop 26."
+    assert headline(snapshot(tmp_path, **RUNNING, to_drive=drives[1:])).stage == "drive"
+
+
+@pytest.mark.parametrize("fields", [{"phase": "paused"}, {"expects_setup": ""}])
+def test_the_card_asks_nobody_for_what_the_viewer_cannot_do(tmp_path: Path, fields: dict[str, Any]) -> None:
+    """Start and the choice of a setup are orders: without the token the card names neither."""
+    view = now_view(snapshot(tmp_path, **fields))
+    assert any(order in words(view["advice"]) for order in ("Press start", "choose a setup"))
+    assert not any(order in words(view["watching"]) for order in ("Press", "choose"))
+
+
+def test_errors_stand_above_warnings_whatever_came_last() -> None:
+    """Two hundred notes after it do not bury the one error; within a severity what is open stands first, then what is new."""
+    rows = [
+        ("lost", "error", "past"),
+        ("old", "warning", "open"),
+        ("new", "warning", "past"),
+        ("newest", "warning", "past"),
+        ("note", "info", "past"),
+    ]
+    findings = [FindingStatus(code=code, severity=severity, text="x", state=state) for code, severity, state in rows]
+    assert [entry["code"] for entry in grouped(findings)] == ["lost", "old", "newest", "new", "note"]
 
 
 @pytest.mark.parametrize(

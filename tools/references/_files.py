@@ -109,17 +109,6 @@ def rtl():
     }  # fmt: skip
 
 
-def trees():
-    """Return JSON, and what is none."""
-    deep = [f"{'[' * levels}1{']' * levels}" for levels in (19, 20, 21)]
-    return {
-        "texts": [
-            ['{"a": [1, 2.5, "x", true, null, {"b": -1e12}]}'], ["{"], ['{"a": 1,}'], ["", "nul"], ["[1e13]"], ["[NaN]"], ["[-Infinity]"], ['{"a": {"b": [1, 1e999]}}'], ["12345678901234567890"],
-            *[[one] for one in deep], ["9" * 4400], ['["\\ud800"]'], ['["\\ud83d\\ude00"]'], ['{"\\udc00": 1}'], ["3"], ['"text"'], ["[]"], ["{}"],
-        ]
-    }  # fmt: skip
-
-
 def results():
     """Return a result, and changes of it: a path with what stands there instead, or None where it is left out."""
     made = made_result(
@@ -216,7 +205,6 @@ FILES = {
     "angle-files": ("files of angles", "angles", angle_files),
     "straightness-files": ("files of straightness", "straightness", straightness_files),
     "rtl": (".rtl files", "rtl", rtl),
-    "trees": ("JSON that is kept", "trees", trees),
     "results": ("results read and written again, and changes that are refused", "results", results),
     "refused": ("surveys that are refused, and some that are not", "refused-surveys", surveys),
 }

@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from stepdiag.base.setups import Setup, setup_of
 from stepdiag.base.volume import AXES, Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
+from stepdiag.daq.capture.standing.dwell import STILL_MM
 
 STEP_TOLERANCE = 0.02
-STEP_TOLERANCE_MM = 0.02
-"""A step agrees with the geometry within two per cent and 20 um: twenty times a badly aligned mirror, a tenth of a wrong step."""
+"""A step agrees with the geometry within two per cent and `STILL_MM`: twenty times a badly aligned mirror, a tenth of a wrong step."""
 LEAST_BESIDE_MM, BESIDE_MM = 0.1, 0.25
 """A program of two decimals with G91 adds up 5 um an increment: 0.2 mm over forty. A tenth of a step leaves no doubt which stop it is."""
 
@@ -93,7 +93,7 @@ def make_route(volume: Volume, setup: str, axis_order: str, *, outward: bool) ->
 
 def agrees(measured_mm: float, nominal_mm: float) -> bool:
     """Tell whether a measured step is the nominal one, mirror tilt and machine errors allowed for."""
-    return abs(measured_mm - nominal_mm) <= STEP_TOLERANCE_MM + STEP_TOLERANCE * abs(nominal_mm)
+    return abs(measured_mm - nominal_mm) <= STILL_MM + STEP_TOLERANCE * abs(nominal_mm)
 
 
 def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, absolute_mm: float) -> tuple[str, str]:
@@ -114,7 +114,7 @@ def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, a
         return "missing-stop", f"{found}, and {route.step_mm(from_stop, to_stop + 1):.3f} mm to the stop after: a stop is missing"
     if other := _other_axis(route, to_stop, measured_mm):
         return "wrong-axis-order", f"{found}: that is a step of {other.upper()}, not of {route.axis_to(to_stop).upper()}"
-    if abs(absolute_mm) <= STEP_TOLERANCE_MM:
+    if abs(absolute_mm) <= STILL_MM:
         return "laser-reset", f"{found}: the laser was set to zero"
     return "step-mismatch", found
 

@@ -7,12 +7,9 @@ back every axis keeps the side of the way there until it moves.
 import numpy as np
 
 from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.capture.standing.dwell import IN_A_ROW, STILL_MM
 from stepdiag.daq.timing.stream import StreamBuffer
 
-BEYOND_MM = 0.02
-"""A standing machine may be so far off while it comes to rest; an overrun that takes up the backlash is longer."""
-IN_A_ROW = 3
-"""Single wrong lines are no move."""
 CLOSE_NS = 30_000_000
 """Samples further apart may miss an overrun: 2 mm and back take a quick machine a tenth of a second."""
 
@@ -34,5 +31,5 @@ def last_beyond_ns(laser: StreamBuffer, last: CapturedStop, towards: float, unti
     off_mm = (span.position_mm - last.reading_mm) * np.sign(towards)
     if len(off_mm) < IN_A_ROW:
         return None
-    beyond = np.flatnonzero(np.convolve(off_mm > BEYOND_MM, np.ones(IN_A_ROW), mode="valid") == IN_A_ROW)
+    beyond = np.flatnonzero(np.convolve(off_mm > STILL_MM, np.ones(IN_A_ROW), mode="valid") == IN_A_ROW)
     return float(span.time_ns[beyond[-1] + IN_A_ROW - 1]) if len(beyond) else None

@@ -82,6 +82,8 @@ def _without_signals(survey: Survey) -> Iterator[str]:
 def _without_position(survey: Survey) -> Iterator[str]:
     yield "the commanded position is not read, so every stop is taken to be where the plan has it"
     yield "a program that drives elsewhere is noticed only where a step is off by more than 2 % and 20 um"
+    if "setup" in survey.plc.said and len(_diagonals(survey)) > 1:
+        yield "a program that drives another diagonal than its setup code is not noticed: for the laser all body diagonals are alike"
     alike = _alike(survey)
     if alike:
         yield f"{' and '.join(alike)} make the same step along the diagonal, so the laser cannot tell which of them moved"

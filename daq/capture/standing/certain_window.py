@@ -6,7 +6,7 @@ from typing import Protocol
 
 import numpy as np
 
-from stepdiag.daq.capture.standing.dwell import Dwell
+from stepdiag.daq.capture.standing.dwell import IN_A_ROW, STILL_MM, Dwell
 from stepdiag.daq.capture.standing.steadiness import against_itself
 from stepdiag.daq.capture.standing.window import RESOLUTION_FLOOR_UM, Window, summarise
 from stepdiag.daq.survey.models import StopRules
@@ -18,11 +18,7 @@ LOOK_BACK_NS = 5_000_000_000
 AWAY_MM = 0.2
 """Who is further away is on the way: no machine swings so far, and no drive overshoots by it."""
 AWAY_SHARE = 0.25
-"""Of a step that is shorter, so much."""
-LEAST_AWAY_MM = 0.02
-"""A standing machine may be so far off while it comes to rest; of shorter steps nothing is said."""
-IN_A_ROW = 3
-"""Single wrong lines are no move."""
+"""Of a step that is shorter, so much; of one of which that is less than `STILL_MM` nothing is said."""
 
 
 class Placing(Protocol):
@@ -163,7 +159,7 @@ def came_along(stream: Placing, taken: Taken, begin_ns: float, step_mm: float) -
     saw: too short a step, no samples, a count that may have been lost on the way.
     """
     away_mm = min(AWAY_MM, AWAY_SHARE * abs(step_mm))
-    if away_mm < LEAST_AWAY_MM:
+    if away_mm < STILL_MM:
         return None
     span = stream.span(begin_ns - LOOK_BACK_NS, begin_ns)
     off_mm = (span.position_mm - taken.window.mean_mm) * np.sign(step_mm)

@@ -28,7 +28,11 @@ import numpy as np
 
 from stepdiag.daq.formats.signals import Signals
 
-POSITION_TOLERANCE_MM = 0.05
+STILL_MM = 0.02
+"""A standing machine may be so far off while it comes to rest; the shortest step, and an overrun that takes up the backlash, are longer."""
+IN_A_ROW = 3
+"""Single wrong lines of a laser are no move."""
+SAME_STOP_MM = 0.05
 """Two commanded positions closer than this are the same stop: the register counts tenths of micrometres."""
 COUNT_MODULUS = 65536
 MOST_PLACES = 256
@@ -163,7 +167,7 @@ def same_stop(one: Signals, other: Signals) -> bool:
         return False
     if one.commanded_mm is None or other.commanded_mm is None:
         return True
-    return all(abs(a - b) <= POSITION_TOLERANCE_MM for a, b in zip(one.commanded_mm, other.commanded_mm, strict=True))
+    return all(abs(a - b) <= SAME_STOP_MM for a, b in zip(one.commanded_mm, other.commanded_mm, strict=True))
 
 
 def count_steps(before: int, after: int) -> int:

@@ -10,10 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.daq.capture.standing.certain_window import Placing
-from stepdiag.daq.capture.standing.dwell import FLICKER_NS, Dwell, same_stop
+from stepdiag.daq.capture.standing.dwell import FLICKER_NS, STILL_MM, Dwell, same_stop
 
-STILL_MM = 0.02
-"""A machine that stands still does so within this; the shortest step is many times that."""
 STRAYS = 0.1
 """So large a share of the samples between two dwells may be wrong, and the machine stood all the same."""
 MOST = 0.5

@@ -7,6 +7,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+LONGEST_WRAP_GAP = 1000
+"""Samples believed to be missing across the end of a counter; more is taken for an instrument that was reset."""
 LONGEST_GAP = 10_000_000
 """Samples; hours at any known rate. A longer step forward is another count, not a gap."""
 

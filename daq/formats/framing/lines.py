@@ -5,6 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+LINE_CAP = 4096
+"""Bytes; no instrument that sends a line a sample comes near."""
 _QUOTED_BYTES = 40
 
 

@@ -9,15 +9,13 @@ from numpy.typing import NDArray
 from stepdiag.daq.formats.framing.batch import Batch, judge_beam, mark
 from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
 from stepdiag.daq.formats.framing.checksums import CHECKSUMS
-from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
+from stepdiag.daq.formats.framing.counter import LONGEST_WRAP_GAP, CounterTrack, Wrap
 from stepdiag.daq.formats.framing.frames import FrameBuffer, Frames, Junk
 from stepdiag.daq.formats.framing.layout import ByteOrder, Place, read_layout
 from stepdiag.daq.formats.framing.units import Unit, mm_per_unit
 from stepdiag.daq.timing.samples import Flag, Notice, Samples
 
 LARGEST_FRAME = 1024
-_LONGEST_WRAP_GAP = 1000
-"""Samples believed to be missing across the end of the counter; more is taken for an instrument that was reset."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -167,4 +165,4 @@ def _wraps(counter: Place | None) -> Sequence[Wrap]:
         return ()
     values = 1 << 8 * counter.size
     low = -values // 2 if counter.kind == "i" else 0
-    return (Wrap(low, low + values - 1, min(values // 2, _LONGEST_WRAP_GAP)),)
+    return (Wrap(low, low + values - 1, min(values // 2, LONGEST_WRAP_GAP)),)

@@ -12,7 +12,7 @@ import numpy as np
 
 from stepdiag.daq.formats.framing.batch import NOTHING, Batch, judge_beam
 from stepdiag.daq.formats.framing.checks import require, require_sign
-from stepdiag.daq.formats.framing.lines import LineBuffer, quote
+from stepdiag.daq.formats.framing.lines import LINE_CAP, LineBuffer, quote
 from stepdiag.daq.timing.samples import Flag, Notice, Samples
 
 
@@ -39,7 +39,6 @@ class Ids3010Settings:
         require_sign(self.sign)
 
 
-LINE_CAP = 4096
 QUALITY_EVERY_S, AIR_EVERY_S = 0.2, 5.0
 _DISPLACEMENT, _QUALITY = 1, 2
 _AIR = {

@@ -19,8 +19,8 @@ from numpy.typing import NDArray
 from stepdiag.base.errors import UsageError
 from stepdiag.daq.formats.framing.batch import NOTHING, Batch, judge_beam
 from stepdiag.daq.formats.framing.checks import require, require_interferometer, require_sign
-from stepdiag.daq.formats.framing.counter import CounterTrack, Wrap
-from stepdiag.daq.formats.framing.lines import LineBuffer, arrivals_of_lines, quote
+from stepdiag.daq.formats.framing.counter import LONGEST_WRAP_GAP, CounterTrack, Wrap
+from stepdiag.daq.formats.framing.lines import LINE_CAP, LineBuffer, arrivals_of_lines, quote
 from stepdiag.daq.formats.framing.units import Unit, mm_per_unit
 from stepdiag.daq.timing.samples import Flag, Notice, Samples
 
@@ -74,11 +74,6 @@ MOST_MEMORY_BYTES = 4_000_000
 """That a pattern may take; one that needs more is refused."""
 SAME_LINES = 1024
 """Kept as they were read: a laser that hangs says the same again and again, and a log holds several such lines in a byte."""
-LINE_CAP = 4096
-"""Bytes; no instrument that sends a line a sample comes near."""
-
-_LONGEST_WRAP_GAP = 1000
-"""Samples believed to be missing across the end of the counter; more is taken for an instrument that was reset."""
 _NUMBER = re.compile(r"\s*(?P<sign>[+-]?)\s*(?P<digits>(?:[0-9]+\.?[0-9]*|\.[0-9]+)(?:[eE][+-]?[0-9]{1,2})?)\s*")
 _COUNT = re.compile(r"\s*[+-]?[0-9]{1,18}\s*")
 
@@ -107,7 +102,7 @@ class LineDecoder:
         self._terminator = settings.terminator.encode()
         self._lines = LineBuffer(LINE_CAP, self._terminator)
         modulus = settings.counter_modulus
-        self._track = CounterTrack([Wrap(0, modulus - 1, min(modulus // 2, _LONGEST_WRAP_GAP))] if modulus else [])
+        self._track = CounterTrack([Wrap(0, modulus - 1, min(modulus // 2, LONGEST_WRAP_GAP))] if modulus else [])
         self._told = lru_cache(SAME_LINES)(self._read)
         self._first_line = True
         self._number = -1

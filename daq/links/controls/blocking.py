@@ -23,6 +23,8 @@ from stepdiag.daq.records.events import ModbusBlock, ReadRange
 from stepdiag.daq.timing.host_clock import stamp_ns
 
 Result = TypeVar("Result")
+CONNECT_S = 5.0
+"""How long a connection may take; it is a dozen questions and answers."""
 _PATIENCE = 3.0
 """One poll may take so many times plc.timeout_s, which is the wait for each part of it."""
 

@@ -12,15 +12,13 @@ from typing import TYPE_CHECKING, Any
 
 from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import message
-from stepdiag.daq.links.controls.blocking import BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
+from stepdiag.daq.links.controls.blocking import CONNECT_S, BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, lost
 from stepdiag.daq.records.events import ReadRange
 
 if TYPE_CHECKING:
     from pyLSV2 import LSV2
 
-CONNECT_S = 5.0
-"""How long a connection may take; it is a dozen questions and answers."""
 _LARGEST_READ = 65536
 _LARGEST_ANSWER = 1_000_000
 """What is read of a PLC's memory at once is 255 bytes; a network can bring gigabytes while the connection is still being made."""

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from stepdiag.base.errors import DeviceError
 from stepdiag.base.messages import message
-from stepdiag.daq.links.controls.blocking import BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
+from stepdiag.daq.links.controls.blocking import CONNECT_S, BlockingLink, Waiter, hang_up, not_installed, opened, silent, unreachable
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError, lost
 from stepdiag.daq.records.events import ReadRange
 
@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 logging.getLogger("snap7").setLevel(logging.CRITICAL)  # what it reports comes back as errors, said once by the reconnector
 
 Result = TypeVar("Result")
-CONNECT_S = 5.0
-"""How long the library waits for a connection."""
 AGAIN_FIRST_S, AGAIN_LONGEST_S = 1.0, 30.0
 """What was refused is asked for again after a second, for it may have passed, then after twice as long each time: somebody may load the
 block meanwhile, and the poll that finds out is not of one moment."""

@@ -51,11 +51,15 @@ class TableCase:
         )
         return replace(curve, forward_um=curve.at(at) - steps, reverse_um=None)
 
-    def off_um(self, curve: Curve, at: Vector, shift_mm: float) -> Vector:
-        """Return how far the table is from one that has, at its own points, all that acted before and what the curve asks for."""
+    def at_own_points_um(self, curve: Curve, at: Vector, shift_mm: float) -> tuple[Vector, Vector]:
+        """Return what the tables add, and what the curve asks for, both as a table with the points of this one holds them.
+
+        A table holds, at its own points, all that acted before and what the curve asks for, and straight lines between.
+        """
         own = self.table.position_mm + shift_mm
-        wanted = self.sum_um(self.before, own - shift_mm) - curve.at(own)
-        return centred(self.sum_um(self.together, at - shift_mm) - self.turn_um_mm * at - np.interp(at, own, wanted))
+        before = np.interp(at, own, self.sum_um(self.before, own - shift_mm))
+        added = self.sum_um(self.together, at - shift_mm) - self.turn_um_mm * at - before
+        return centred(added), centred(-np.interp(at, own, curve.at(own)))
 
     def _along(self, table: Table, position_mm: Vector, way: int) -> Vector:
         """Return what a table moves along the input axis of the judged one."""
@@ -79,4 +83,4 @@ class TableCase:
         return np.asarray(moved[:, axis].reshape(NODES, NODES, NODES))
 
     def says(self, code: Code, text: str, factor: float | None = None) -> Judgement:
-        return Judgement(table=self.table, code=code, text=f"{self.table.label}: {text}", factor=factor)
+        return Judgement(function=self.table.name, table=self.table, code=code, text=f"{self.table.label}: {text}", factor=factor)

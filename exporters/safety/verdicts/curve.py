@@ -10,7 +10,7 @@ import numpy as np
 
 from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.exporters.safety.verdicts.case import TableCase
-from stepdiag.exporters.safety.verdicts.measures import ALIKE, POINTS, SAME, SURE_UM, centred, rms
+from stepdiag.exporters.safety.verdicts.measures import ALIKE, POINTS, SAME, SIZED, SPIKE, SURE_UM, centred, rms
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
@@ -33,13 +33,15 @@ def of_curve(case: TableCase, wanted: Wanted, volume: Volume) -> Judgement:
     plain = replace(case, turn_um_mm=0.0)
     known = _fits(plain, own)
     turned = _fits(case, own) if case.turn_um_mm else []
-    if any(fit.is_right for fit in (*known, *turned)):
-        return case.says("right", "what the result asks for", min((*known, *turned), key=lambda fit: fit.left).factor)
+    right = [fit for fit in (*known, *turned) if fit.is_right]
+    if right:
+        return _measured(case.says("right", "what the result asks for"), min(right, key=lambda fit: fit.left))
     case = plain
     if known and all(fit.moved_um < fit.sure_um for fit in known):
-        return case.says("empty", f"no correction, where the result asks for {max(fit.wanted_um for fit in known):.1f} um")
+        return case.says("missing", f"no correction, where the result asks for {max(fit.wanted_um for fit in known):.1f} um")
     return (
         _turned(case, known)
+        or _nearly(case, (*known, *turned))
         or _swapped(case, wanted, min((fit.left_scaled for fit in known), default=1.0))
         or _shifted(case, own, volume)
         or _scaled(case, known)
@@ -49,20 +51,36 @@ def of_curve(case: TableCase, wanted: Wanted, volume: Volume) -> Judgement:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """A table against one curve, over the travel they share: sizes in um (rms), what it leaves as a share, and its factor."""
+    """What a table does, taken as ``factor`` times what one curve asks for and a rest, over the travel they share.
+
+    ``wanted_um`` and ``moved_um`` are sizes (rms), ``left`` and ``turned`` the share of the curve that the table leaves as it is and with
+    the opposite sign, ``off_um`` what the factor makes it too large or small by (rms); what no table of its points holds is taken off. The
+    rest has the size ``rest_um`` (rms) and is ``largest_um`` at ``largest_mm``; beyond ``spike_um`` that is no scatter any more.
+    """
 
     wanted_um: float
     moved_um: float
     left: float
     turned: float
     factor: float
+    off_um: float
     alike: float
     sure_um: float
+    rest_um: float
+    largest_um: float
+    largest_mm: float
+    spike_um: float
+
+    @property
+    def is_alike(self) -> bool:
+        """Return whether the table corrects the curve in its right size, or both are too small to tell, one place aside."""
+        sized = self.off_um <= max(SIZED * self.wanted_um, self.sure_um / 2.0)
+        return (self.left <= SAME and sized) or max(self.wanted_um, self.moved_um) < self.sure_um
 
     @property
     def is_right(self) -> bool:
-        """Return whether the table corrects the curve, or both are too small to tell."""
-        return self.left <= SAME or max(self.wanted_um, self.moved_um) < self.sure_um
+        """Return whether the table corrects the curve everywhere."""
+        return self.is_alike and self.largest_um <= self.spike_um
 
     @property
     def left_scaled(self) -> float:
@@ -79,19 +97,36 @@ class _Fit:
             return None
         at = np.linspace(low, high, POINTS)
         moved = centred(case.moved_um(at - shift_mm) - case.turn_um_mm * at)
-        wanted = centred(_held(-curve.at(at), at, position))
-        size, size_moved = rms(wanted), rms(moved)
+        before = case.sum_um(case.before, at - shift_mm)
+        # what a table of these points can hold of the whole error, less what acted: fewer points, or others, cannot hold the old one
+        asked = before - curve.at(at)
+        held = _held(asked, at, position)
+        unheld = rms(held - asked)
+        wanted = centred(held - before)
+        size, size_moved = rms(centred(curve.at(at))) if len(case.before) else rms(wanted), rms(moved)
         # what a survey is unsure of excuses little: the table is judged against what this result asks for, not against the machine
-        sure = max(SURE_UM, case.table.quantum_um, min(2.0 * _typical_u(curve), _EXCUSED * size))
-        product = float(np.mean(moved * wanted))
+        sure = max(SURE_UM, case.table.quantum_um, min(2.0 * typical_u(curve), _EXCUSED * size))
+        turned = rms(moved + wanted) / max(size, sure)
+        if not case.is_slope:  # the points of a slope lie anywhere on its line
+            moved, wanted = min(((moved, wanted), case.at_own_points_um(curve, at, shift_mm)), key=lambda pair: rms(pair[0] - pair[1]))
+        own, product = rms(wanted), float(np.mean(moved * wanted))
+        factor = product / own**2 if own > 0 else np.nan
+        rest = moved - (factor * wanted if own > 0 else 0.0)
+        worst = int(np.argmax(np.abs(rest)))
+        bent = wanted - np.polyval(np.polyfit(at, wanted, 1), at)
         return cls(
             wanted_um=size,
             moved_um=size_moved,
-            left=min(rms(moved - wanted), rms(case.off_um(curve, at, shift_mm))) / max(size, sure),
-            turned=rms(moved + wanted) / max(size, sure),
-            factor=product / size**2 if size > 0 else np.nan,
-            alike=product / (size * size_moved) if size > 0 and size_moved > 0 else 0.0,
+            left=float(np.maximum(0.0, rms(moved - wanted) - unheld)) / max(size, sure),
+            turned=turned,
+            factor=factor,
+            off_um=float(np.maximum(0.0, abs(product / own - own) - unheld)) if own > 0 else 0.0,
+            alike=product / (own * rms(moved)) if own > 0 and rms(moved) > 0 else 0.0,
             sure_um=sure,
+            rest_um=rms(rest),
+            largest_um=float(abs(rest[worst])),
+            largest_mm=float(at[worst]),
+            spike_um=SPIKE * max(sure, SIZED * rms(bent), unheld),
         )
 
 
@@ -103,6 +138,24 @@ def _turned(case: TableCase, fits: Iterable[_Fit]) -> Judgement | None:
     if any(fit.turned <= SAME and fit.wanted_um > fit.sure_um for fit in fits):
         return case.says("sign-turned", "the right shape with the opposite sign: it would double the error", -1.0)
     return None
+
+
+def _nearly(case: TableCase, fits: Iterable[_Fit]) -> Judgement | None:
+    """Return a judgement of a table that corrects most of the curve: too large or too small, or right but for one place."""
+    near = [fit for fit in fits if fit.is_alike or fit.left <= SAME]
+    if not near:
+        return None
+    fit = min(near, key=lambda each: each.rest_um)
+    if not fit.is_alike:
+        return _scaled(case, [fit])
+    point_mm = min(case.table.position_mm, key=lambda mm: abs(mm - fit.largest_mm))
+    where = f"{case.table.input_axis} {point_mm:g} mm"
+    return _measured(case.says("unlike", f"{fit.largest_um:.1f} um off at {where}, where the rest is what the result asks for"), fit)
+
+
+def _measured(judgement: Judgement, fit: _Fit) -> Judgement:
+    """Return a judgement with the figures of a comparison."""
+    return replace(judgement, factor=fit.factor, rms_um=fit.rest_um, largest_um=fit.largest_um)
 
 
 def _swapped(case: TableCase, wanted: Wanted, left_scaled: float) -> Judgement | None:
@@ -156,6 +209,7 @@ def _held(values: Vector, at: Vector, position_mm: Vector) -> Vector:
     return np.asarray(hats @ np.linalg.lstsq(hats, values, rcond=None)[0])
 
 
-def _typical_u(curve: Curve) -> float:
+def typical_u(curve: Curve) -> float:
+    """Return the standard uncertainty of a curve in um (rms over its nodes), 0 where nothing is known of it."""
     known = curve.u_um[np.isfinite(curve.u_um)]
     return float(np.sqrt(np.mean(known**2))) if len(known) else 0.0

@@ -6,6 +6,7 @@ table of another axis or function, shifted, and scaled.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
@@ -41,7 +42,9 @@ def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: 
         if fault is None:
             fault = of_product(case, result) if table.multiplier is not None else of_curve(case, wanted, result.volume)
         judged.append(fault)
-    return tuple(judged)
+    # a control has zeros for what nobody asked for, and zeros alone take every correction out, as restore files do
+    asked = set(profile.machine.functions) if any(table.value_um.any() for table in tables) else set()
+    return tuple(replace(each, code="empty") if each.code == "missing" and each.function not in asked else each for each in judged)
 
 
 def _turns(wanted: Wanted, after: Sequence[Table], before: Sequence[Table], volume: Volume) -> dict[str, float]:
@@ -84,7 +87,7 @@ def _measuring_system(table: Table, profile: Profile) -> Judgement | None:
     if profile.assumed or system is None or used is None or system == used:
         return None
     text = f"{table.label}: written for measuring system {system}, the profile says that {used} is in use: it would not act"
-    return Judgement(table=table, code="wrong-measuring-system", text=text)
+    return Judgement(function=table.name, table=table, code="wrong-measuring-system", text=text)
 
 
 def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | None:
@@ -94,7 +97,7 @@ def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | Non
     then, now = ([each for each in some if each.name == table.name] for some in (standing.before, standing.after))
     if not then or not now or not unchanged(now, then):
         return None
-    return Judgement(table=table, code="kept", text=f"{table.label}: as it was in the control before")
+    return Judgement(function=table.name, table=table, code="kept", text=f"{table.label}: as it was in the control before")
 
 
 def _emptied(case: TableCase) -> Judgement | None:

@@ -8,6 +8,10 @@ POINTS = 61
 """Points along an axis at which two movements are compared."""
 SAME = 0.4
 """What a table may leave of what it should correct and still be the right one."""
+SIZED = 0.15
+"""By what share a table may be larger or smaller than the right one: rounding stays below it in every export."""
+SPIKE = 3.0
+"""How often the rounding, the uncertainty or the share above a table may differ at one place: about the largest of a normal scatter."""
 ALIKE = 0.9
 """Correlation from which a table counts as the right one in another size."""
 SURE_UM = 0.2

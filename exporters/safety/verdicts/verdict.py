@@ -7,8 +7,8 @@ from typing import Literal
 from stepdiag.exporters.tables.tables import Table
 
 Code = Literal[
-    "right", "empty", "kept", "unidentified", "sign-turned", "axes-swapped", "input-output-swapped", "wrong-measuring-system", "scaled",
-    "beside-volume", "unlike",
+    "right", "empty", "kept", "unidentified", "missing", "sign-turned", "axes-swapped", "input-output-swapped", "wrong-measuring-system",
+    "scaled", "beside-volume", "unlike",
 ]  # fmt: skip
 HARMLESS: frozenset[Code] = frozenset({"right", "empty", "kept", "unidentified"})
 """Verdicts that do not stop anybody from loading a file."""
@@ -16,12 +16,19 @@ HARMLESS: frozenset[Code] = frozenset({"right", "empty", "kept", "unidentified"}
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judgement:
-    """What one table is, in a word for programs and a sentence; ``factor`` is its size against the right one where that is told."""
+    """The verdict on one table, or on a function that has none (``table`` None).
 
-    table: Table
+    ``factor`` is the table's size against the right one, ``rms_um`` and ``largest_um`` are its difference from the right one at that
+    size, along the axis; None where there is nothing to compare.
+    """
+
+    function: str
+    table: Table | None
     code: Code
     text: str
     factor: float | None = None
+    rms_um: float | None = None
+    largest_um: float | None = None
 
     @property
     def harmless(self) -> bool:
@@ -30,13 +37,16 @@ class Judgement:
 
     def as_json(self) -> dict[str, object]:
         """Return the entry of ``verify --json``."""
+        table = self.table
         return {
-            "function": self.table.name,
-            "kind": self.table.kind,
-            "place": dict(self.table.place),
-            "law": self.table.law.describe(),
+            "function": self.function,
+            "kind": None if table is None else table.kind,
+            "place": {} if table is None else dict(table.place),
+            "law": None if table is None else table.law.describe(),
             "verdict": self.code,
             "factor": None if self.factor is None else round(self.factor, 4),
+            "rms_um": None if self.rms_um is None else round(self.rms_um, 3),
+            "largest_um": None if self.largest_um is None else round(self.largest_um, 3),
             "text": self.text,
         }
 

@@ -16,7 +16,7 @@ class Wanted:
         other = {name: next(one for one in slopes if one != FOLD_DEFAULT[name]) for name, slopes in SQUARENESS_SLOPE.items()}
         self._curves: dict[str, list[Curve]] = {name: [] for name in FUNCTIONS}
         for fold in (FOLD_DEFAULT, other):
-            known = [name for name in FUNCTIONS if _is_known(result, name, fold)]
+            known = [name for name in FUNCTIONS if is_known(result, name, fold)]
             for curve in fitted(result, known, fold).curves:
                 self._curves[curve.name].append(curve)
 
@@ -30,7 +30,8 @@ class Wanted:
         return [replace(curve, forward_um=curve.forward_um + slope * curve.position_mm, reverse_um=None) for curve in self.of(name)]
 
 
-def _is_known(result: Result, name: str, fold: Mapping[str, str]) -> bool:
+def is_known(result: Result, name: str, fold: Mapping[str, str]) -> bool:
+    """Return whether a result identifies a function with the squareness that ``fold`` puts into it."""
     try:
         curves_of(result, [name], fold)
     except DataError:

@@ -7,6 +7,7 @@ const CONFIRM_MS = 4000;
 
 let token = sessionStorage.getItem("token") ?? "";
 let filesLocked = false;
+let ordering = false;
 let options = "";
 let armed = 0;
 let latest = null;
@@ -20,6 +21,9 @@ export function forget() {
 
 // Whether files are for those with the token, which has not been entered yet.
 export const lockedFiles = () => filesLocked;
+
+// Whether the viewer can give orders: the token has been entered.
+export const mayOrder = () => ordering;
 
 export function open(commandsExist) {
   if (!commandsExist) return;
@@ -60,6 +64,7 @@ export function update(snapshot) {
 function lock(words = say("locked")) {
   token = "";
   filesLocked = true;
+  ordering = false;
   sessionStorage.removeItem("token");
   place("unlock").hidden = false;
   place("orders").hidden = true;
@@ -77,6 +82,7 @@ async function unlock(given) {
   if (!answer.ok) return lock(say("wrong_token"));
   token = given;
   filesLocked = false;
+  ordering = true;
   sessionStorage.setItem("token", given);
   place("unlock").hidden = true;
   place("orders").hidden = false;

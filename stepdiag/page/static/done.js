@@ -27,8 +27,8 @@ export function update({ survey, result_ready: ready, stage, geometry }) {
   state = key;
   next = null;
   if (stage !== "done") return undefined;
-  if (ready && !locked) return fetchAll(geometry);
-  show("conclusion", node("p", { class: "quiet" }, say(ready ? "files_locked" : "no_result")));
+  if (ready) return fetchAll(geometry, locked);
+  show("conclusion", node("p", { class: "quiet" }, say("no_result")));
   return undefined;
 }
 
@@ -46,11 +46,13 @@ async function ask(address) {
   }
 }
 
-async function fetchAll(geometry) {
-  const [concluded, result] = await Promise.all([ask("/download/conclusion.json"), ask("/result.json")]);
+// The conclusion is words, which are open to whoever sees the page; the result is a file.
+async function fetchAll(geometry, locked) {
+  const [concluded, result] = await Promise.all([ask("/conclusion.json"), locked ? null : ask("/result.json")]);
   if (concluded) conclusion(concluded, geometry);
   else show("conclusion", node("p", { class: "quiet" }, say("no_conclusion")));
   if (result) figures(result);
+  else if (locked) show("result", node("p", { class: "quiet" }, say("files_locked")));
   else state = "";
 }
 

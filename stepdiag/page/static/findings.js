@@ -1,6 +1,6 @@
-// Findings grouped by cause (stepdiag/page/remarks.py), the newest cause first; what does not fit the screen is behind "all".
+// Findings grouped by cause (stepdiag/page/remarks.py), errors first; what does not fit the screen is behind "all".
 
-import { order } from "./commands.js";
+import { mayOrder, order } from "./commands.js";
 import { node, put } from "./draw.js";
 import { common, language, say } from "./words.js";
 
@@ -29,7 +29,7 @@ function ask(place) {
 }
 
 export function update({ findings }) {
-  const key = JSON.stringify(findings);
+  const key = JSON.stringify([findings, mayOrder()]);
   if (key === drawn) return;
   drawn = key;
   const open = findings.filter(({ state }) => state === "open");
@@ -42,7 +42,7 @@ export function update({ findings }) {
 
 // A doubt that keeps its pass open can be accepted by a person with the token, who says why.
 function item({ code, severity, said, advice, times, state, places, word }, whole = false) {
-  const accept = whole && state === "open" && places.length ? places.map((place) => button(place)) : [];
+  const accept = whole && mayOrder() && state === "open" && places.length ? places.map((place) => button(place)) : [];
   return node(
     "li",
     { class: `finding ${severity} state-${state}` },

@@ -1,5 +1,6 @@
 // The big card: the stage, the one sentence that matters, what to do about it; and the alarm in title, frame, text and sound.
 
+import { mayOrder } from "./commands.js";
 import { nextStep } from "./done.js";
 import { node, put } from "./draw.js";
 import { say, sentence, told } from "./words.js";
@@ -48,14 +49,14 @@ function beep() {
 }
 
 export function update(snapshot) {
-  const { stage, alarm, lead, advice, message, machine } = snapshot;
+  const { stage, alarm, lead, advice, watching, message, machine } = snapshot;
   alarmed = alarm;
   document.body.dataset.stage = stage;
   document.body.classList.toggle("alarm", alarm);
   const words = sentence(lead);
   put("lead", words);
   const next = stage === "done" ? nextStep() : "";
-  put("advice", next ? `${say("conclusion_next_step")}: ${next}` : sentence(advice));
+  put("advice", next ? `${say("conclusion_next_step")}: ${next}` : sentence(mayOrder() ? advice : watching));
   put("message", told(message));
   document.title = `${alarm ? `⚠ ${say("alarm_word")}: ` : ""}${words} – ${machine}`;
   stages(stage);

@@ -8,11 +8,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.report.drawings import svg
+from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 
 Vector = NDArray[np.float64]
 
-COVERAGE = 2.0
-"""Coverage factor of every band drawn (ISO/TR 230-9: k = 2)."""
 WIDTH, HEIGHT = 460.0, 250.0
 SEEN = 1e-3
 """Of the longest bar: what is shorter says nothing but the last digits of a computer. The table of the figure has it."""

@@ -10,6 +10,7 @@ from stepdiag.report.drawings import charts, slices, space
 from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+from stepdiag.solver.result.members import Budget
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language
@@ -87,31 +88,20 @@ def field_figures(result: Result, correction: Correction | None, words: dict[str
 
 def closure_figures(result: Result, words: dict[str, str]) -> list[Figure]:
     """Return the closure residual ppp - npp - pnp - ppn by axis and node where the result carries it, else nothing."""
-    closure = result.extra.get("closure_um")
-    if not isinstance(closure, dict):
+    closure = result.closure_um
+    if closure is None:
         return []
-    lines = [Series(label=axis.upper(), x=np.arange(len(column), dtype=np.float64), y=column) for axis, column in _columns(closure)]
-    if not lines:
-        return []
+    columns = [np.array(getattr(closure, axis)) for axis in AXES]
+    lines = [Series(label=axis.upper(), x=np.arange(len(y), dtype=np.float64), y=y) for axis, y in zip(AXES, columns, strict=True)]
     drawing = charts.line_chart(lines, label=words["closure"], x_label=words["node"], y_label="µm")
     rows = [(line.label, int(node), value) for line in lines for node, value in zip(line.x, line.y.tolist(), strict=True)]
     return [Figure(name="closure", title=words["closure"], drawing=drawing, table=csv_table(["axis", "node", "closure_um"], rows))]
 
 
-def _columns(closure: dict[str, object]) -> list[tuple[str, Vector]]:
-    """Return the axes whose column is a list of numbers, as arrays."""
-    known = []
-    for axis in ("x", "y", "z"):
-        column = closure.get(axis)
-        if isinstance(column, list | np.ndarray) and len(column) > 1 and all(isinstance(v, int | float) for v in column):
-            known.append((axis, np.asarray(column, dtype=np.float64)))
-    return known
-
-
-def budget_figures(budget: dict[str, dict[str, float]], units: dict[str, str], language: Language) -> list[Figure]:
+def budget_figures(budget: Budget | None, units: dict[str, str], language: Language) -> list[Figure]:
     """Return one bar chart a quantity: its standard uncertainty by source, largest first. Tables keep the sources' own names."""
     figures = []
-    for quantity, sources in budget.items():
+    for quantity, sources in ({} if budget is None else budget.shares).items():
         bars = sorted(sources.items(), key=lambda item: (-item[1], item[0]))
         unit = units.get(quantity) or units.get(quantity.split()[-1], "")
         title = translated(f"scale of {quantity}" if quantity.lower() in AXES else quantity, language)

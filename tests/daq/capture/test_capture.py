@@ -13,7 +13,7 @@ from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.records.events import Chunk, Loss
+from stepdiag.daq.records.events import Chunk, LinkEvent, Loss
 from stepdiag.daq.survey.file import parse_survey
 from testkit.examples import few
 from testkit.timeline import STOPPED_ONLY, Timeline, arrival, diagonal, skipped, survey_text
@@ -108,6 +108,59 @@ def test_what_a_stream_remarks_comes_before_what_was_lost_after_it():
     assert [outcome.code for event in (*events, loss) for outcome in capture.feed(event)] == ["laser-garbage", "recording-gap"]
 
 
+@few(6)
+@given(away_ms=st.integers(50, 300), stop=st.integers(1, 9), lost=st.sampled_from(["link", "recording"]))
+def test_bytes_that_nobody_saw_are_a_time_without_a_watch_on_the_laser(away_ms, stop, lost):
+    """The beam is cut for 10 ms meanwhile and 15 um are gone: too little for the geometry, so the stop after it is named."""
+    truth = diagonal("ppp")
+    begins = Timeline(truth).schedule()[stop][0] - 0.45
+    timeline = Timeline(truth, beam_lost=[(begins + 0.01, begins + 0.02)], lost_mm=0.015)
+    begin_ns, end_ns = (int((begins + away_s) * 1e9) for away_s in (0.0, away_ms * 1e-3))
+    seen = [each for each in timeline.events() if not (isinstance(each, Chunk) and begin_ns <= arrival(each) < end_ns)]
+    gone = {
+        "link": [LinkEvent(begin_ns, "laser", "lost", "gone"), LinkEvent(end_ns, "laser", "connected", "")],
+        "recording": [Loss(end_ns, 5, 60, "the disk is full")],
+    }
+    stops, codes, _ = run(sorted([*seen, *gone[lost]], key=arrival))
+    assert [each.stop for each in stops if each.unwatched] == [stop]
+    assert "laser-unwatched" in codes
+    book = PassBook(parse_survey(survey_text(), "survey.toml"))
+    book.add_all(stops)
+    assert [bool(book.passes[0].doubt(index)) for index in range(10)] == [index >= stop for index in range(10)]
+
+
+DOWN = "the laser's link is down: no stop has a reading until it is back"
+
+
+@pytest.mark.parametrize("before", [False, True], ids=["in the log", "before the log"])
+def test_a_link_that_is_down_is_named_once_in_place_of_every_stop_without_a_reading(before):
+    """Nobody dwells longer forty times because a plug is out. One finding an outage, also of one that the log does not hold."""
+    timeline = Timeline(diagonal("ppp"))
+    away_ns, back_ns = (int(timeline.schedule()[at][0] * 1e9) + 100_000_000 for at in (0, 6))
+    events = [each for each in timeline.events() if not (isinstance(each, Chunk) and arrival(each) < back_ns)]
+    events.append(LinkEvent(back_ns, "laser", "connected", ""))
+    events += [] if before else [LinkEvent(away_ns, "laser", "lost", "gone")]
+    survey = parse_survey(survey_text(), "survey.toml")
+    start = msgspec.structs.replace(PassBook(survey).start(skip_open_dwell=False), down=("laser",) if before else ())
+    capture = Capture(survey, start)
+    found = [each for event in sorted(events, key=arrival) for each in capture.feed(event)] + capture.finish()
+    said = [(each.code, each.text) for each in found if isinstance(each, Finding)]
+    assert [code for code, text in said if DOWN in text] == ["laser-gap"]
+    assert "stop-without-reading" not in [code for code, _ in said]
+    assert [each.stop for each in found if isinstance(each, CapturedStop)] == [6, 7, 8, 9]
+
+
+def test_a_stop_without_a_reading_while_the_link_is_up_is_named_as_such():
+    """Samples out of range all through a dwell: that is the beam's matter, or the dwell's, and each stop is named."""
+    truth = diagonal("ppp")
+    begin, end = Timeline(truth).schedule()[4]
+    timeline = Timeline(truth, beam_lost=[(begin - 0.1, end + 0.1)])
+    stops, codes, _ = run(timeline.events())
+    assert "stop-without-reading" in codes
+    assert "laser-gap" not in codes
+    assert 4 not in [each.stop for each in stops]
+
+
 def test_only_standing_samples_are_used():
     """A move at 10 m/min puts 167 um into a millisecond: no window may touch one."""
     timeline = Timeline(diagonal("ppp"), seed=3)
@@ -200,7 +253,7 @@ def assert_joined(each, truth, *, within_um=0.6):
     """Every stop of a pass reads what the machine truly did, once its stretches have one zero."""
     chosen = each.chosen()
     assert sorted(chosen) == list(range(len(truth)))
-    readings = [chosen[k][0].reading_mm + chosen[k][1] for k in range(len(truth))]
+    readings = [chosen[k].reading_mm for k in range(len(truth))]
     for k, true in enumerate(truth):
         assert abs(readings[k] - readings[0] - true.reading + truth[0].reading) * 1e3 < within_um, k
 

@@ -3,12 +3,13 @@
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 
 from stepdiag.daq.capture.place.route import make_route
-from stepdiag.daq.passes.alignment import tilt_effect_um
+from stepdiag.daq.passes.alignment import POSSIBLE_MRAD, mirror_tilt_mrad, tilt_effect_um
 from stepdiag.daq.passes.deviations import RecentStops
 from stepdiag.daq.passes.pass_book import PassBook
-from stepdiag.daq.service.time_left import seconds_left
 from stepdiag.daq.survey.file import parse_survey
 from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
@@ -56,10 +57,26 @@ def test_a_tilted_mirror_is_not_shown_as_error_of_the_machine() -> None:
     assert [one.deviation_um for one in shown(tilted)] == pytest.approx([0.0] * 10, abs=0.05)
 
 
-def test_the_time_left_counts_setting_up() -> None:
-    """Before the first stop it is the plan's; a setup begun is set up."""
+@given(zero_mm=st.floats(-50, 50), overlap=st.integers(1, 8), tilt=st.tuples(st.floats(-3, 3), st.floats(-3, 3)))
+def test_a_mended_pass_shows_the_tilt_and_the_deviations_of_one_zero(zero_mm, overlap, tilt) -> None:
+    """The count is lost, the machine goes back over some stops: no jump of the count becomes a tilt or a deviation."""
+    route = make_route(SURVEY.volume, "ppp", SURVEY.axis_order, outward=True)
+    effect_mm = tilt_effect_um(route, tilt, range(len(route))) * 1e-3
+    tilted = [msgspec.structs.replace(one, reading_mm=one.reading_mm + effect_mm[one.stop]) for one in stops_of()]
+    again = [msgspec.structs.replace(one, reading_mm=one.reading_mm + zero_mm) for one in tilted[overlap - 1 :]]
+    lost = msgspec.structs.replace(tilted[overlap], reading_mm=tilted[overlap].reading_mm + zero_mm, broken="beam lost")
     book = PassBook(SURVEY)
-    fresh = seconds_left(SURVEY, book)
-    assert fresh > 2 * 30 * 60
-    book.add_all(stops_of())
-    assert fresh - seconds_left(SURVEY, book) > 30 * 60
+    book.add_all([*tilted[:overlap], lost, *again])
+    (only,) = book.passes
+    assert mirror_tilt_mrad(route, list(only.chosen().values())) == pytest.approx(tilt, abs=1e-6)
+    assert [one.deviation_um for one in RecentStops().of(SURVEY, book)] == pytest.approx([0.0] * 10, abs=0.1)
+
+
+def test_a_tilt_that_no_beam_survives_is_not_known() -> None:
+    """40 mrad are the slope of something else: neither the card nor the deviations take it for the mirror's."""
+    route = make_route(SURVEY.volume, "ppp", SURVEY.axis_order, outward=True)
+    for tilt_mrad, known in ((POSSIBLE_MRAD - 0.1, True), (POSSIBLE_MRAD + 0.1, False)):
+        effect_mm = tilt_effect_um(route, (tilt_mrad, 0.0), range(len(route))) * 1e-3
+        book = PassBook(SURVEY)
+        book.add_all([msgspec.structs.replace(one, reading_mm=one.reading_mm + effect_mm[one.stop]) for one in stops_of()])
+        assert (mirror_tilt_mrad(route, list(book.passes[0].chosen().values())) is not None) == known

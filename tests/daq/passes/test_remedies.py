@@ -46,7 +46,7 @@ MIRROR = Alignment(mirror_mrad=(0.3, -0.2))
 
 def off_um(each, truth):
     """Return by how much the readings in use are off at the worst stop, counted from the first."""
-    read = np.array([stop.reading_mm + offset for stop, offset in each.chosen().values()])
+    read = np.array([stop.reading_mm for stop in each.chosen().values()])
     return float(np.max(np.abs(read - read[0] - (truth.reading_mm - truth.reading_mm[0])))) * 1e3
 
 

@@ -20,7 +20,7 @@ def book_of(*stops, **plan):
 
 
 def relative(only):
-    readings = {index: stop.reading_mm + offset for index, (stop, offset) in only.chosen().items()}
+    readings = {index: stop.reading_mm for index, stop in only.chosen().items()}
     return [readings[k] - readings[0] for k in range(10)]
 
 

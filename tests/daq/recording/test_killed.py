@@ -85,7 +85,7 @@ def killed(tmp_path, text, at_s):
 def assert_true(bench, passes):
     """What counts as a pass was driven as that pass: each stop where it says, in the direction that it says."""
     for each in passes:
-        for index, (stop, _) in each.chosen().items() if each.whole else ():
+        for index, stop in each.chosen().items() if each.whole else ():
             at = bench.where(stop)
             assert at is not None
             setup, number, driven = DRIVEN[at]

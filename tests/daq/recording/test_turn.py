@@ -74,7 +74,7 @@ def measured(folder, *, program=Program, signals="", setups=SETUPS, faults=()):
 
 
 def backlash(session):
-    return solve(tabulate(session.survey, session.book.passes), chain="FXYZ").extra["backlash"]
+    return solve(tabulate(session.survey, session.book.passes), chain="FXYZ").backlash
 
 
 @pytest.mark.parametrize("signals", [COUNTED, STOPPED], ids=["counted", "stopped"])
@@ -84,8 +84,9 @@ def test_who_turns_round_at_a_stop_has_each_axis_on_its_side_until_it_moves(tmp_
     session, codes = measured(tmp_path, program=program, signals=signals)
     assert session.book.complete(), session.book.doubts()
     assert codes - {"position-unchecked", "setup-unchecked"} == {"turned-round"}
-    for axis, told in backlash(session).items():
-        assert abs(told["value"] - PLAY_UM[f"E{axis}{axis}"]) < 2.0 * told["u"] < 1.5
+    found = backlash(session)
+    for axis, told in (("X", found.X), ("Y", found.Y), ("Z", found.Z)):
+        assert abs(told.value - PLAY_UM[f"E{axis}{axis}"]) < 2.0 * told.u < 1.5
 
 
 def test_who_goes_beyond_the_stop_and_comes_back_says_nothing(tmp_path):
@@ -123,7 +124,7 @@ def test_what_is_driven_again_without_an_overrun_is_doubted_until_every_axis_has
 def test_the_turn_joins_no_counts_and_says_its_side_whatever_becomes_of_the_way_out(tmp_path):
     """Its axes stood on the other side: measured again, it differs by the backlash, which is no slip and no loss of the count."""
     session, _ = measured(tmp_path, program=TurningRound, setups=("ppp",))
-    out, back = ([stop for stop, _ in each.chosen().values()] for each in session.book.passes)
+    out, back = (list(each.chosen().values()) for each in session.book.passes)
     apart = structs.replace(back[0], turned=False, reading_mm=back[0].reading_mm - 0.004)
     unseen = structs.replace(back[1], unwatched="nobody looked", doubtful="a doubt, so that the way back is driven again")
     book = PassBook(session.survey)

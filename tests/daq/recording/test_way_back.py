@@ -61,7 +61,7 @@ def driven_again(folder, seen, back_at, again, comes_s=ON_THE_WAY_S):
 def of_the_other_direction(each):
     """Return the stops of a pass that were driven in the other direction; the first one may be the last of the pass before."""
     wrong = []
-    for index, (stop, _) in each.chosen().items():
+    for index, stop in each.chosen().items():
         at = bisect.bisect([begin for begin, _ in bench()[1]], (stop.window_from_ns + stop.window_to_ns) * 0.5e-9) - 1
         number, driven = divmod(at, STOPS)
         if (number + 1 - each.number) % 2 and not (index == 0 and driven == STOPS - 1):

@@ -12,26 +12,32 @@ import pytest
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.findings import Finding
-from stepdiag.exporters.export.export import export
+from stepdiag.exporters.export.export import MET_UM, export
 from stepdiag.exporters.export.planning import _as_it_was
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, run_checks
 from stepdiag.exporters.safety.compensation import stated
+from stepdiag.exporters.safety.remarks import missed_um
 from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
 from stepdiag.exporters.siemens.control import Siemens
 from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Table, correction_um
+from stepdiag.solver.methods.solve import solve
+from stepdiag.solver.result.members import SetupReport
 from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.siemens import SiemensControl
+from testkit.exact.beside import Beside
 from testkit.exact.machines import MACHINES, profile_of
 from testkit.exact.results import VOLUME, made_result
+from testkit.exact.surveys import Bench
 from testkit.german import in_german
 
 TODAY = date(2026, 6, 1)
+IRREGULAR = (0.0, 17.31, 33.333, 51.2, 77.0, 98.765, 130.1, 165.5, 201.25, 250.0, 300.4, 344.4, 390.0, 444.4, 480.8, 500.0)
 ERRORS = {"EXX": [0, 3, 8, 12, 20], "EYY": [0, -2, -5, -7, -9], "EYX": [0, 1.5, 2, 1, 0], "EXZ": [0, -2, 1, 2, 0]}
 SQUARE = {"C0Y": 20.0, "B0Z": 8.0, "A0Z": -15.0}
 RESULT = made_result(ERRORS, squareness=SQUARE)
@@ -59,7 +65,7 @@ def refusal_of(result, profile, tmp_path, **options) -> SafetyError:
 
 def noisy(result: Result, repeatability_um: float) -> Result:
     """The result of a survey whose stops repeat only to this."""
-    return replace(result, setups={"ppp": {"passes": [1, 2], "repeatability_um": repeatability_um}})
+    return replace(result, setups={"ppp": SetupReport(passes=(1, 2), repeatability_um=repeatability_um)})
 
 
 def test_a_stretch_in_which_the_tables_harm_is_told_by_the_export_as_by_verify(tmp_path):
@@ -108,9 +114,37 @@ class TestQuickLook:
         assert "EXX: ONLY THE SHAPE" in report.text
         assert ("shape-only", "warning") in {(item.code, item.severity) for item in report.findings}
 
-    def test_neither_profile_nor_step_is_wrong_usage(self, tmp_path):
-        with pytest.raises(UsageError, match="--step-mm"):
-            export(RESULT, "siemens", None, out_dir=tmp_path)
+    @pytest.mark.parametrize("control", ["siemens", "heidenhain", "beckhoff", "mitsubishi", "neutral", "lattice"])
+    @pytest.mark.parametrize("increments", [4, 7, 10, 24])
+    def test_a_quick_look_has_its_points_where_the_errors_were_measured(self, control, increments, tmp_path):
+        """No step leaves less, and none of 50 mm less by a micrometre: the points of a table cut what lies beside them."""
+        measured = solve(Bench(increments=increments).survey())
+        left = {}
+        for step in (None, 50.0, 12.5):
+            report = export(measured, control, None, step_mm=step, accept=("slope-steep",), out_dir=tmp_path / f"{step}")
+            coarse = [item for item in report.findings if item.code == "step-coarse"]
+            assert step is not None or coarse == []
+            left[step] = (
+                0.0 if report.prediction is None else report.prediction.predicted()["without_rigid_motion"]["after"]["rms_um"]["value"]
+            )
+        assert left[None] <= min(left.values()) + 0.02
+
+    @pytest.mark.parametrize(("targets", "sections"), [(20, 20), (10, 10), (None, None)])
+    def test_a_quick_look_meets_the_targets_of_a_run(self, targets, sections, tmp_path):
+        """Finer than the diagonals', or irregular (ISO 230-2): the largest part of the increments that meets them."""
+        own = None if targets is None else tuple(np.linspace(0.0, 500.0, targets + 1))
+        measured = solve(Beside(bench=Bench(), u_um=0.1, targets_mm={"linear-x": own or IRREGULAR}).readings())
+        report = export(measured, "neutral", None, accept=("slope-steep",), out_dir=tmp_path / "out")
+        (table,) = (each for each in report.tables if each.label.startswith("EXX"))
+        assert sections is None or len(table.position_mm) - 1 == sections
+        missed = missed_um(table.position_mm, measured.errors["EXX"].position_mm, measured.errors["EXX"].value)
+        coarse = missed_um(np.linspace(0.0, 500.0, 11), measured.errors["EXX"].position_mm, measured.errors["EXX"].value)
+        assert missed <= max(MET_UM, 0.5 * coarse)
+
+    def test_a_lattice_of_axes_alone_is_refused(self, tmp_path):
+        alone = solve(Beside(bench=Bench(), setups=("linear-x",), u_um=0.1).readings())
+        with pytest.raises(DataError, match="a survey of the volume"):
+            export(alone, "lattice", None, out_dir=tmp_path / "out")
 
     @pytest.mark.parametrize("step", [0.0, -5.0, float("nan"), float("inf")])
     def test_a_step_that_is_none_is_wrong_usage(self, step, tmp_path):
@@ -330,7 +364,7 @@ def left_um(old: bytes, folder: Path) -> float:
 def measured_with(result: Result, active: Sequence[ControlFile]) -> Result:
     """The result of a survey that says what was active in the control."""
     statement = stated("on", {file.name: file.data for file in active}, date(2026, 5, 30), "archive")
-    return replace(result, extra={"survey": statement.as_json()})
+    return replace(result, survey=statement.facts())
 
 
 class TestActiveTables:

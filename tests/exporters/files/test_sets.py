@@ -64,8 +64,8 @@ class TestWriting:
 
     def test_what_brings_the_control_back_is_written_first(self, tmp_path, monkeypatch):
         order = []
-        through = sets._write_through
-        monkeypatch.setattr(sets, "_write_through", lambda path, data: (order.append(path.name), through(path, data)))
+        through = sets.write_through
+        monkeypatch.setattr(sets, "write_through", lambda path, data: (order.append(path.name), through(path, data)))
         write_set(tmp_path / "out", files(1))
         assert order == ["T1_RESTORE.INI", "T3_RESTORE.INI", "T0.INI", "T2.INI", "T4.INI", SUMS]
 
@@ -100,6 +100,7 @@ class TestWriting:
         assert all(name.startswith(".out.") for name in names(tmp_path) if name != "out")
         assert write_set(tmp_path / "out", files(1))
         assert whole(tmp_path / "out")
+        assert names(tmp_path) == ["out"], "what the killed writer left is gone"
 
     def test_of_many_writers_one_wins_and_its_set_is_whole(self, tmp_path):
         """Twenty folders, four writers each with other bytes: never files of two exports in one folder."""
@@ -125,14 +126,14 @@ class TestWriting:
         assert names(tmp_path) == sorted(map(str, range(20)))
 
     def test_the_same_set_written_meanwhile_by_another_is_ours_and_nothing_is_left_beside_it(self, tmp_path, monkeypatch):
-        through = sets._write_through
+        through = sets.write_through
 
         def overtaken(path, data):
-            monkeypatch.setattr(sets, "_write_through", through)
+            monkeypatch.setattr(sets, "write_through", through)
             write_set(tmp_path / "out", files(1))
             through(path, data)
 
-        monkeypatch.setattr(sets, "_write_through", overtaken)
+        monkeypatch.setattr(sets, "write_through", overtaken)
         write_set(tmp_path / "out", files(1))
         assert whole(tmp_path / "out")
         assert names(tmp_path) == ["out"]

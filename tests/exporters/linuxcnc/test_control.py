@@ -12,7 +12,9 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.safety.compensation import stated
+from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
+from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import correction_um, total_correction_um
@@ -182,7 +184,7 @@ class TestBacklash:
         again = self.with_backlash(8.0, direction="both", measured_with="on")
         again = replace(again, existing=tuple(file for file in files if file.role == "data"))
         statement = stated("on", {file.name: file.data for file in again.existing}, date(2026, 5, 30), "copied from the machine")
-        residual = replace(made_result({"EXX": [0, 1, 1, 1, 1]}), extra={"survey": statement.as_json()})
+        residual = replace(made_result({"EXX": [0, 1, 1, 1, 1]}), survey=statement.facts())
         report = export(residual, "linuxcnc", again, out_dir=tmp_path / "out")
         points = np.column_stack([VOLUME.nodes_mm(0), np.zeros((5, 2))])
         forward, reverse = (total_correction_um(report.tables, points, way)[:, 0] for way in (1, -1))
@@ -194,7 +196,7 @@ class TestBacklash:
         old = ControlFile(name="screw_x.comp", data=b"-200.0 -199.99 -199.99\n200.0 200.01 200.01\n")
         profile = replace(self.with_backlash(8.0, measured_with="on"), existing=(old,))
         statement = stated("on", {old.name: old.data}, date(2026, 5, 30), "copied from the machine")
-        residual = replace(made_result({"EXX": [0, 1, 1, 1, 1]}), extra={"survey": statement.as_json()})
+        residual = replace(made_result({"EXX": [0, 1, 1, 1, 1]}), survey=statement.facts())
         report = export(residual, "linuxcnc", profile, out_dir=tmp_path / "out")
         points = np.column_stack([VOLUME.nodes_mm(0), np.zeros((5, 2))])
         forward, reverse = (total_correction_um(report.tables, points, way)[:, 0] for way in (1, -1))
@@ -235,3 +237,29 @@ def test_an_old_function_that_is_written_once_more_is_listed_once(tmp_path):
     heads = [line.split(" = ")[0] for line in report.text.splitlines() if line.startswith(("EXY = ", "EYX = "))]
     assert sorted(heads) == sorted(set(heads))
     assert "EXY" in heads
+
+
+LEANING = made_result({"EXX": [0, 3, 8, 12, 20]}, squareness={"C0Y": 290.0, "B0Z": 0.0, "A0Z": 0.0}, u_um=0.1)
+
+
+def test_a_squareness_is_judged_over_the_travel_of_the_machine():
+    """290 urad are 116 um on 400 mm; one metre from the zero they were 290 um, beyond what has to be accepted."""
+    profile = profile_of("linuxcnc", VOLUME)
+    plan = LINUXCNC.plan(fitted(LEANING, profile.machine.functions, profile.machine.squareness_into).curves, profile)
+    files = [file for file in LINUXCNC.render(plan.tables, profile) if file.role == "data"]
+    found = verify_files(LEANING, files, profile)
+    assert "value-large" not in {finding.code for finding in found.findings}
+    assert found.right
+    (lean,) = (table for table in found.tables if table.name == "EXY")
+    assert lean.position_mm.tolist() == [VOLUME.origin_mm[1], VOLUME.origin_mm[1] + VOLUME.size_mm[1]]
+
+
+def test_no_squareness_file_where_the_control_has_no_matrixkins():
+    """Debian's LinuxCNC has none: the file would be a promise that nothing keeps; `verify` does not miss it either."""
+    profile = profile_of("linuxcnc", VOLUME)
+    profile = replace(profile, options=msgspec.structs.replace(profile.options, matrixkins=False))
+    plan = LINUXCNC.plan(fitted(LEANING, profile.machine.functions, profile.machine.squareness_into).curves, profile)
+    assert {table.kind for table in plan.tables} == {"comp"}
+    assert "tables-left-out" in {finding.code for finding in plan.findings}
+    files = [file for file in LINUXCNC.render(plan.tables, profile) if file.role == "data"]
+    assert verify_files(LEANING, files, profile).right

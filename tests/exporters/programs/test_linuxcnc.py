@@ -73,6 +73,18 @@ class TestBlock:
         pins["stopped"] = pins["in-position"] = True
         assert struct.unpack(">H", reply[2:])[0] & 1 == bit
 
+    @pytest.mark.parametrize(("state", "bit"), [(1, 0), (2, 1), (3, 1)])
+    def test_is_stopped_only_while_a_program_runs(self, state: int, bit: int) -> None:
+        """The output stays set where a program was aborted at a stop: the jog that follows would count as this stop."""
+        status = COMPONENT.linuxcnc.stat()
+        pins = {"setup": 1.0, "count": 3.0, "stopped": True, "in-position": True, **COMPONENT.USUAL}
+        pins |= {f"position-{axis}": 0.0 for axis in "xyz"}
+        status.interp_state, before = state, status.interp_state
+        try:
+            assert COMPONENT.Block(pins, 1.0).registers()[2] & 1 == bit
+        finally:
+            status.interp_state = before
+
     @pytest.mark.parametrize("request_", [struct.pack(">BHH", 6, 100, 41), struct.pack(">BHHBH", 16, 100, 1, 2, 41)])
     def test_takes_the_answer_of_the_handshake(self, served: tuple[Pins, int], request_: bytes) -> None:
         pins, port = served

@@ -12,7 +12,7 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.volume import BODY_DIAGONALS, SETUP_NUMBERS, Volume, diagonal_stops_mm, linear_stops_mm
 from stepdiag.exporters.programs import CONTROLS, Sequence, Signals, default_decimals, default_signals, nc_programs, program_name
 from stepdiag.exporters.programs.settings import program_section, program_template
-from testkit.exact.nc import Walk, walk_program
+from testkit.exact.nc import RefusedError, Walk, walk_program
 
 VOLUME = Volume(origin_mm=(-100.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=4)
 PLAIN = Sequence(name="hall 3", volume=VOLUME)
@@ -82,6 +82,38 @@ def test_every_stop_of_a_pass_is_approached_from_one_side(control: str, setup: s
         travel = np.sign(driven[-1] - driven[1])
         assert (steps * travel >= 0).all()
         np.testing.assert_allclose(steps[0], 5.0 * travel)
+
+
+LEFT = [
+    ("fanuc", {"#5021": 100.0, "#5041": 87.5}, "WORK IS NOT MACHINE POS"),
+    ("fanuc", {"#5043": 0.01}, "WORK IS NOT MACHINE POS"),
+    ("fanuc", {"#4016": 68.0}, "G68 ROTATION IS ACTIVE"),
+    ("fanuc", {"#4016": 68.2}, "G68 ROTATION IS ACTIVE"),
+    ("fanuc", {"#4011": 51.0}, "G51 SCALING IS ACTIVE"),
+    ("fanuc", {"#4022": 51.1}, "G51.1 MIRROR IS ACTIVE"),
+    ("siemens", {"$AA_IM2": 250.0, "$AA_IB2": 249.0}, "Stopped: machine and basic position differ, a transformation is active"),
+    ("heidenhain", {"ID210 NR6": -1.0}, "stopped: the working plane is tilted, PLANE RESET first"),
+]
+
+
+@pytest.mark.parametrize(("control", "left", "words"), LEFT)
+def test_what_was_left_active_stops_the_program_by_name_before_the_first_move(control: str, left: dict[str, float], words: str) -> None:
+    """A rotation, a shift, a transformation: the axes would drive elsewhere than the survey says."""
+    (program,) = nc_programs(replace(PLAIN, setups=("ppp",)), control)
+    with pytest.raises(RefusedError, match=re.escape(words)):
+        walk_program(program.data, control, left)
+
+
+@pytest.mark.parametrize(("control", "checks"), [("fanuc", 4), ("siemens", 1), ("heidenhain", 1), ("linuxcnc", 0)])
+def test_a_program_says_what_it_checks_and_what_it_cannot_see(control: str, checks: int) -> None:
+    """Once a program, and the header has it in words; offsets that a block leaves out by itself stop nothing."""
+    harmless = {"fanuc": {"#5021": 12.5, "#5041": 12.5}, "siemens": {"$AA_IW1": 12.5}}.get(control, {})
+    (program,) = nc_programs(replace(PLAIN, setups=("ppp",)), control)
+    walk = walk_program(program.data, control, harmless)
+    assert walk.checks == checks
+    header = " ".join(walk.comments[:20]).lower()
+    assert "it does not see" in header
+    assert ("before the first move it stops by name" in header) == bool(checks)
 
 
 @pytest.mark.parametrize("control", CONTROLS)

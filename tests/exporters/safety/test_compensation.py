@@ -17,9 +17,11 @@ from stepdiag.exporters.safety.levers import left_out, without_levers
 from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
+from stepdiag.solver.result.members import Facts
 from stepdiag.solver.result.result import ROTATIONS, Result, parse_result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import profile_of
+from testkit.exact.members import members
 from testkit.exact.results import VOLUME, made_result
 
 TODAY = date(2026, 6, 1)
@@ -72,7 +74,7 @@ def errs_um(control: SiemensControl) -> float:
 def measured(truly: str, said: Statement) -> Result:
     """What a survey finds on the worn machine with the first tables on or off, and what its survey file says of it."""
     errors = WORN if truly == "on" else summed(MACHINE, WORN)
-    return replace(made_result(errors), extra={"survey": {"machine": "test machine", **(said.as_json() if said.state else {})}})
+    return replace(made_result(errors), survey=said.facts(Facts(machine="test machine")))
 
 
 def loaded(files: tuple[ControlFile, ...]) -> SiemensControl:
@@ -106,13 +108,13 @@ def test_no_combination_makes_the_machine_worse_unseen(truly, said, tmp_path):
 class TestStatement:
     def test_stands_in_the_result_and_is_read_back(self):
         said = STATEMENTS["on"]
-        result = parse_result(replace(made_result(), extra={"survey": said.as_json()}).to_json())
+        result = parse_result(replace(made_result(), survey=said.facts()).to_json())
         assert stated_in(result) == said
         assert said.words().startswith("on: AX_EEC.INI sha256 ")
 
     def test_readings_have_no_survey_to_say_it_and_a_survey_that_does_not_leaves_it_open(self):
         assert stated_in(made_result()).state is None
-        assert stated_in(replace(made_result(), extra={"survey": {"machine": "m"}})).state == "?"
+        assert stated_in(replace(made_result(), survey=Facts(machine="m"))).state == "?"
 
     @pytest.mark.parametrize("controller", ["lattice", "etalon", "neutral"])
     def test_no_form_of_export_goes_on_without_it(self, controller, tmp_path):
@@ -121,10 +123,13 @@ class TestStatement:
         assert refusal.value.code == "compensation-unanswered"
         assert not (tmp_path / "out").exists()
 
-    @pytest.mark.parametrize("survey", [{"compensation": "yes"}, {"compensation": "on"}, {"compensation": "on", "active_files": [{}]}])
+    def test_a_word_that_is_no_answer_leaves_it_open(self):
+        assert stated_in(replace(made_result(), **members(survey={"compensation": "yes"}))).state == "?"
+
+    @pytest.mark.parametrize("survey", [{"compensation": "on"}, {"compensation": "on", "active_files": [{}]}])
     def test_a_damaged_one_is_refused(self, survey):
         with pytest.raises(DataError, match="survey"):
-            stated_in(replace(made_result(), extra={"survey": survey}))
+            stated_in(replace(made_result(), **members(survey=survey)))
 
 
 class TestReadingsThatSayNothing:
@@ -175,7 +180,7 @@ class TestAnglesWhoseLeversAreGone:
 
     @pytest.mark.parametrize("given", [{"lattice.csv": LATTICE}, {"NC_CEC.INI": WHOLE["NC_CEC.INI"]}])
     def test_an_export_of_a_result_with_angles_is_refused(self, given, tmp_path):
-        result = replace(made_result(MACHINE, angles=ANGLES), extra={"survey": stated("on", given, TODAY, "archive").as_json()})
+        result = replace(made_result(MACHINE, angles=ANGLES), survey=stated("on", given, TODAY, "archive").facts())
         files = tuple(ControlFile(name=name, data=data) for name, data in given.items())
         with pytest.raises(SafetyError) as refusal:
             export(result, "siemens", profile("on", files), out_dir=tmp_path / "out", accept=ACCEPT, today=TODAY)
@@ -183,5 +188,5 @@ class TestAnglesWhoseLeversAreGone:
         assert "solve without the angles file" in str(refusal.value)
 
     def test_with_tables_of_one_axis_the_levers_are_still_there(self, tmp_path):
-        result = replace(made_result(WORN, angles=ANGLES), extra={"survey": STATEMENTS["on"].as_json()})
+        result = replace(made_result(WORN, angles=ANGLES), survey=STATEMENTS["on"].facts())
         assert export(result, "siemens", profile("on", GIVEN["right"]), out_dir=tmp_path / "out", accept=ACCEPT, today=TODAY).files

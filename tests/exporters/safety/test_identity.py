@@ -12,6 +12,7 @@ from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.solver.result.result import Result
 from testkit.exact.machines import profile_of
+from testkit.exact.members import members
 from testkit.exact.results import made_result
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 400.0, 400.0), increments=4)
@@ -20,7 +21,7 @@ VOLUME = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 400.0, 400.0), increm
 def named(machine: str) -> Result:
     position_mm = VOLUME.nodes_mm(0)
     result = made_result({"EXX": 0.02 * position_mm}, volume=VOLUME)
-    return replace(result, extra={**result.extra, "survey": {"machine": machine, "compensation": "off"}})
+    return replace(result, **members(survey={"machine": machine, "compensation": "off"}))
 
 
 @pytest.mark.parametrize("machine", ["test machine", " Test  MACHINE", "machine", "", "?"])

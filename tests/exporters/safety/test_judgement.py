@@ -6,6 +6,8 @@ from datetime import date
 import msgspec
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.compensation import stated
@@ -13,7 +15,7 @@ from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.judge import judge
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
-from stepdiag.exporters.safety.verify import verify_files
+from stepdiag.exporters.safety.verify import Verification, verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
 from stepdiag.exporters.tables.fit import fitted
@@ -52,7 +54,7 @@ def changed(tables: list[Table], name: str, **changes: object) -> list[Table]:
 
 
 def verdict_on(name: str, tables: list[Table], profile: Profile, result: Result = RESULT) -> str:
-    by_name = {each.table.name: each for each in judged_as(result, tables, [], profile)}
+    by_name = {each.function: each for each in judged_as(result, tables, [], profile)}
     others = {each.code for key, each in by_name.items() if key != name}
     assert others <= {"right"}, others
     return by_name[name].code
@@ -84,7 +86,7 @@ class TestMistakes:
         (table,) = (table for table in tables if table.name == function)
         wrong = changed(tables, function, value_um=factor * table.value_um)
         assert verdict_on(function, wrong, profile) == "scaled"
-        judged = next(each for each in judged_as(RESULT, wrong, [], profile) if each.table.name == function)
+        judged = next(each for each in judged_as(RESULT, wrong, [], profile) if each.function == function)
         assert judged.factor == pytest.approx(factor, rel=0.2)
 
     def test_beside_the_volume(self, function):
@@ -122,9 +124,97 @@ def test_a_table_for_the_encoder_that_is_not_in_use():
     assert verdict_on("EXX", wrong, profile) == "wrong-measuring-system"
 
 
-def test_zeros_correct_nothing_and_harm_nothing():
+def test_zeros_alone_correct_nothing_and_harm_nothing():
+    """Restore files of a control that held no table."""
     tables, profile = tables_of()
-    assert verdict_on("EXX", changed(tables, "EXX", value_um=np.zeros(9)), profile) == "empty"
+    assert codes([replace(table, value_um=0.0 * table.value_um) for table in tables], profile) == {"empty"}
+
+
+def verified(tables: list[Table], profile: Profile, result: Result = RESULT) -> Verification:
+    files = [file for file in controller_named(profile.machine.controller).render(tables, profile) if file.role == "data"]
+    return verify_files(result, files, profile)
+
+
+WHOLE = ("fanuc", "mitsubishi")
+"""Controls whose file holds the parameters of every axis."""
+
+
+@pytest.mark.parametrize("name", sorted(CONTROLLERS))
+def test_a_set_without_some_of_its_tables_is_not_right(name):
+    """Left out as a file, or zeros in it: the control goes on without that correction, and the rest of the set promises it."""
+    tables, profile = tables_of(name)
+    for function in ("EXX", "EYY", "EZZ"):
+        rest = [table for table in tables if table.name != function]
+        zeros = changed(tables, function, value_um=np.zeros(9))
+        for some in (zeros,) if name in WHOLE else (rest, zeros):
+            found = verified(some, profile)
+            assert {each.function for each in found.judgements if each.code == "missing"} == {function}
+            assert not found.right
+    assert verified(tables, profile).right
+
+
+def test_the_cross_tables_of_a_set_forgotten():
+    """EEC loaded, CEC not: six functions are missing; a profile that asks for three asks for no more."""
+    tables, profile = tables_of()
+    eec = [table for table in tables if table.kind == "eec"]
+    found = verified(eec, profile)
+    missing = {each.function for each in found.judgements if each.code == "missing"}
+    assert missing == {"EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ"}
+    assert not found.right
+    assert found.judgements[-1].as_json()["kind"] is None
+    files = [file for file in controller_named("siemens").render(eec, profile) if file.role == "data"]
+    assert {each.function for each in verify_files(RESULT, files).judgements if each.code == "missing"} == missing
+    few = replace(profile, machine=msgspec.structs.replace(profile.machine, functions=["EXX", "EYY", "EZZ"]))
+    assert verified(eec, few).right
+
+
+def test_a_function_that_asks_for_nothing_is_not_missing():
+    """A straightness below rounding, or below its own uncertainty, needs no table."""
+    for small, u_um in (([0, 0.1, -0.1, 0.1, 0], 0.05), ([0, 1.0, -1.0, 1.0, 0], 1.0)):
+        result = made_result({**ERRORS, "EYX": small}, squareness={"C0Y": 15.0, "B0Z": -12.0, "A0Z": 11.0}, u_um=u_um)
+        tables, profile = tables_of(result=result)
+        found = verified([table for table in tables if table.name != "EYX"], profile, result)
+        assert "missing" not in {each.code for each in found.judgements}
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+@settings(max_examples=25)
+@given(off=st.floats(0.28, 0.39), sign=st.sampled_from([-1.0, 1.0]))
+def test_a_table_too_large_or_too_small_by_a_third_is_scaled(function, off, sign):
+    """On the way from 0.15 to 0.4 a table was right, and 0.7 of a correction leaves a third of the error."""
+    tables, profile = tables_of()
+    (table,) = (table for table in tables if table.name == function)
+    wrong = changed(tables, function, value_um=(1.0 + sign * off) * table.value_um)
+    assert verdict_on(function, wrong, profile) == "scaled"
+
+
+@pytest.mark.parametrize("function", FUNCTIONS)
+@settings(max_examples=25)
+@given(point=st.integers(1, 7), off_um=st.floats(4.0, 6.0), sign=st.sampled_from([-1.0, 1.0]))
+def test_one_point_that_is_off_is_found(function, point, off_um, sign):
+    """A digit mistyped moves the rms little; the largest difference shows it, and where it is."""
+    tables, profile = tables_of()
+    (table,) = (table for table in tables if table.name == function)
+    value = table.value_um.copy()
+    value[point] += sign * off_um
+    wrong = changed(tables, function, value_um=value)
+    judged = next(each for each in judged_as(RESULT, wrong, [], profile) if each.function == function)
+    assert not judged.harmless
+    if judged.code == "unlike" and judged.largest_um is not None:
+        assert judged.largest_um > 0.5 * off_um
+
+
+def test_a_long_screw_does_not_hide_one_wrong_point():
+    """100 um along the travel are no excuse for 4.9 um at one place; the sentence names it."""
+    result = made_result({**ERRORS, "EXX": [0, 27, 52, 76, 100]}, u_um=0.1)
+    tables, profile = tables_of(result=result)
+    (table,) = (table for table in tables if table.name == "EXX")
+    value = table.value_um.copy()
+    value[3] += 4.9
+    (judged,) = (each for each in judged_as(result, changed(tables, "EXX", value_um=value), [], profile) if each.function == "EXX")
+    assert judged.code == "unlike"
+    assert judged.largest_um == pytest.approx(4.9, abs=1.5)
+    assert f"X {table.position_mm[3]:g} mm" in judged.text
 
 
 def test_what_the_result_does_not_identify_is_not_judged():
@@ -143,9 +233,9 @@ def test_old_and_new_together_are_right_after_a_survey_with_the_old_one_active()
         replace(table, value_um=table.value_um + np.interp(table.position_mm, VOLUME.nodes_mm(0), [0, 4, -3, 5, 6]) * (table.name == "EXX"))
         for table in old
     ]
-    judged = {each.table.name: each.code for each in judged_as(residual, new, old, profile)}
+    judged = {each.function: each.code for each in judged_as(residual, new, old, profile)}
     assert judged["EXX"] == "right"
-    assert {each.code for each in judged_as(residual, new, [], profile) if each.table.name == "EXX"} == {"unlike"}
+    assert {each.code for each in judged_as(residual, new, [], profile) if each.function == "EXX"} == {"unlike"}
 
 
 @pytest.mark.parametrize(("factor", "code"), [(1.0, "right"), (-1.0, "sign-turned"), (10.0, "scaled"), (0.1, "scaled")])
@@ -206,7 +296,7 @@ class TestLattice:
         held = held or lattice.lattice_of(TURNING, 50.0)
         file = lattice.render(replace(held, vectors_um=vectors(held.vectors_um)))
         found = verify_files(result, [file], profile)
-        return {each.table.name: each.code for each in found.judgements}, found
+        return {each.function: each.code for each in found.judgements}, found
 
     def test_what_an_export_writes_is_right_function_by_function(self):
         codes, found = self.told(lambda v: v)
@@ -248,10 +338,10 @@ class TestLattice:
         known = replace(profile, machine=machine, existing=(half,))
         plain = lattice.lattice_of(left, 50.0)
         held = replace(plain, vectors_um=plain.vectors_um + whole.vectors_um / 2)
-        codes, found = self.told(lambda v: v, held, replace(left, extra={"survey": said.as_json()}), known)
+        codes, found = self.told(lambda v: v, held, replace(left, survey=said.facts()), known)
         assert {codes[name] for name in FUNCTIONS} == {"right"}
         assert found.right
-        codes, found = self.told(lambda v: v, plain, replace(left, extra={"survey": said.as_json()}), known)
+        codes, found = self.told(lambda v: v, plain, replace(left, survey=said.facts()), known)
         assert not found.right
 
 

@@ -6,7 +6,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from stepdiag.base.errors import SafetyError
+from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
@@ -71,6 +71,59 @@ class TestSiemens:
                 control.load(file.data.decode("ascii"))
         np.testing.assert_allclose(self.moved_um(control), stood, atol=1e-6)
         assert {plain_name(file.name): file.data for file in restore}.items() >= {file.name: file.data for file in own}.items()
+
+    @pytest.mark.parametrize("asked", ["files", "profile"])
+    @pytest.mark.parametrize(("enabled", "weight"), [(False, 1.0), (True, 0.5), (False, 0.5)])
+    def test_switches_and_weights_come_back(self, asked, enabled, weight):
+        """Tables that were off stay off, half a weight stays half: as the backup holds it, else as the profile states it."""
+        functions = ("EXX", "EYX", "EXY")
+        before = list(planned("siemens", FIRST, siemens(functions))[2])
+        control = SiemensControl()
+        for file in before:
+            control.load(file.data.decode("ascii"))
+        switched = [
+            "$MA_ENC_COMP_ENABLE[0,AX1]=1", *(f"$SN_CEC_TABLE_ENABLE[{index}]={str(enabled).upper()}" for index in (0, 1)),
+            *(f"$SN_CEC_TABLE_WEIGHT[{index}]={weight:g}" for index in (0, 1)),
+            *(f"$MA_CEC_ENABLE[{axis}]={str(enabled).upper()}" for axis in ("AX1", "AX2")),
+        ]  # fmt: skip
+        if not enabled:
+            switched[0] = "$MA_ENC_COMP_ENABLE[0,AX1]=0"
+        control.load("\n".join(["CHANDATA(1)", *switched, "M17", ""]))
+        stood = self.moved_um(control)
+        own = tuple(file for file in before if file.name.endswith("INI"))
+        profile = replace(siemens(functions), existing=own)
+        options = msgspec.structs.replace(profile.options, old_enabled=enabled, old_weight=weight)
+        if asked == "files":
+            options = msgspec.structs.replace(profile.options, old_enabled=None, old_weight=None)
+            own = tuple(replace(file, data=file.data.replace(b"M17", "\n".join([*switched, "M17"]).encode())) for file in own)
+        tables, settled, files = planned("siemens", SECOND, replace(profile, options=options, existing=own))
+        for file in files:
+            control.load(file.data.decode("ascii"))
+        assert np.max(np.abs(self.moved_um(control) - stood)) > 5.0
+        for file in restore_files(controller_named("siemens"), tables, settled):
+            if file.name.endswith("MPF"):
+                control.load(file.data.decode("ascii"))
+        np.testing.assert_allclose(self.moved_um(control), stood, atol=1e-6)
+
+    @pytest.mark.parametrize(("key", "functions"), [("old_enabled", ("EXX",)), ("old_enabled", ("EYX",)), ("old_weight", ("EYX",))])
+    def test_unanswered_switches_refuse_the_export(self, key, functions):
+        own = tuple(file for file in planned("siemens", FIRST, siemens(functions))[2] if file.name.endswith("INI"))
+        profile = siemens(functions)
+        profile = replace(profile, existing=own, options=msgspec.structs.replace(profile.options, **{key: None}))
+        tables, settled, _ = planned("siemens", SECOND, profile)
+        with pytest.raises(SafetyError, match=f"siemens.{key}") as refusal:
+            restore_files(controller_named("siemens"), tables, settled)
+        assert refusal.value.code == "switches-unasked"
+
+    def test_tables_that_acted_while_measuring_had_weight_one(self):
+        """What they did is part of the measurement, and it is read at weight 1."""
+        own = tuple(file for file in planned("siemens", FIRST, siemens(("EYX",)))[2] if file.name.endswith("INI"))
+        profile = siemens(("EYX",))
+        machine = msgspec.structs.replace(profile.machine, measured_with="on")
+        options = msgspec.structs.replace(profile.options, old_weight=0.5)
+        tables, settled, _ = planned("siemens", SECOND, replace(profile, existing=own, machine=machine, options=options))
+        with pytest.raises(UsageError, match="weight 1"):
+            restore_files(controller_named("siemens"), tables, settled)
 
     def test_what_was_not_there_is_switched_off(self):
         """The loader leaves tables that never were disabled, and an axis without any table too."""

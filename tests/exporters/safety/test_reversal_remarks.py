@@ -13,11 +13,12 @@ from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.solver.result.result import Result
 from testkit.exact.machines import profile_of
+from testkit.exact.members import members
 from testkit.exact.results import VOLUME, made_result
 
 PLAYING = made_result(reversal={"EXX": [8.0] * 5})
 NUMBERS = {"X": {"value": 8.21, "u": 0.2, "unit": "um"}}
-KNOWN = replace(PLAYING, extra={"backlash": NUMBERS})
+KNOWN = replace(PLAYING, **members(backlash=NUMBERS))
 
 
 def said_of(result: Result, code: str, direction: str = "mean", name: str = "siemens", **axis: object) -> list[str]:
@@ -64,7 +65,7 @@ def test_a_table_for_each_direction_leaves_nothing_for_the_parameter():
 
 def test_a_number_that_is_chance_is_not_offered():
     """A reversal of +8 at one end and -8 at the other is significant, its mean is nothing."""
-    chance = replace(PLAYING, extra={"backlash": {"X": {"value": 0.4, "u": 0.2, "unit": "um"}}})
+    chance = replace(PLAYING, **members(backlash={"X": {"value": 0.4, "u": 0.2, "unit": "um"}}))
     assert said_of(chance, "reversal-value") == []
 
 

@@ -35,7 +35,7 @@ class TestPrediction:
         assert before.largest_um > 15
         assert after.largest_um < 0.25
         assert not prediction.worse
-        assert 0 < prediction.predicted()["as_it_is"]["after"]["largest_um"]["value"] < 0.25, "between the points of the grid too"
+        assert 0 < prediction.predicted.as_it_is["after"].largest_um.value_um < 0.25, "between the points of the grid too"
 
     def test_a_file_with_the_wrong_sense_makes_it_worse(self):
         """The sign test of the program itself: negated values must not pass as an improvement."""
@@ -97,7 +97,7 @@ class TestPrediction:
         """A grid lies on the nodes of the survey, where coarse steps of a control hit the curve: between them they are off."""
         made = made_result({"EXX": [0.0, 4.0, 0.0, 4.0, 0.0]}, volume=VOLUME)
         prediction = predict(made, ())
-        told = prediction.predicted()["without_rigid_motion"]["before"]["rms_um"]["value"]
+        told = prediction.predicted.without_rigid_motion["before"].rms_um.value_um
         assert prediction.figures(rigid_motion=False)[0].rms_um == pytest.approx(told, rel=1e-9)
 
     def test_picture_holds_plain_lists_of_the_grid(self):

@@ -115,7 +115,7 @@ def test_verify_finds_every_table_right_and_a_turned_angle_wrong(name: str, chai
     turned = replace(
         turned, errors={key: replace(each, value=-each.value) if key == "EAX" else each for key, each in turned.errors.items()}
     )
-    told = {each.table.name: each.code for each in verify_files(turned, data, of).judgements}
+    told = {each.function: each.code for each in verify_files(turned, data, of).judgements}
     assert told["EYX*Z"] == told["EZX*Y"] == "sign-turned"
 
 
@@ -210,7 +210,7 @@ def test_a_second_calibration_takes_the_place_of_the_first(name, tmp_path) -> No
     worn = made_result({"EXX": 6 * np.linspace(0.0, 1.0, 11) ** 2, "EYX": 4 * np.sin(np.pi * np.linspace(0, 1, 11))}, volume=VOLUME)
     said = stated("on", {file.name: file.data for file in active}, date(2026, 1, 31), "read out")
     on = replace(of, machine=msgspec.structs.replace(of.machine, measured_with="on"), existing=active)
-    told = replace(worn, extra={"survey": said.as_json()})
+    told = replace(worn, survey=said.facts())
     accept = ("slope-steep", "column-widths-assumed", "change-large")
     export(told, name, on, accept=accept, out_dir=tmp_path / "out", today=date(2026, 2, 1))
     new = [replace(file, name=file.name.replace("_UNTESTED_SIGN", "")) for file in read_given([tmp_path / "out"])]

@@ -12,7 +12,7 @@ from stepdiag.daq.records.events import Chunk, Event, LinkEvent, Loss, ModbusBlo
 
 SECOND_NS = 1_000_000_000
 START_NS = 5_000 * SECOND_NS
-WALL_OFFSET_NS = 1_700_000_000 * SECOND_NS
+WALL_OFFSET_NS = 1_800_000_000 * SECOND_NS
 SURVEY = '[survey]\nname = "Prüfung"\n'
 HEADER = LogHeader(survey_text=SURVEY, wall_offset_ns=WALL_OFFSET_NS, start_ns=START_NS, run={"machine": "m", "setup": "ppp"})
 BLOCK = (ReadRange("holding", 0, 14),)

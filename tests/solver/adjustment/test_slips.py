@@ -30,7 +30,7 @@ def survey(seed, increments, passes):
         seed=seed, increments=increments, diagonal_noise_um=0.2, linear_noise_um=0.2, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0)
     )
     readings = bench.survey((*DIAGONALS, *LINEAR), passes=passes)
-    return readings, solve(readings, assumed=IDEAL).extra["unseen_slip"]
+    return readings, solve(readings, assumed=IDEAL).unseen_slip
 
 
 def said(readings):
@@ -39,10 +39,10 @@ def said(readings):
 
 def slipped(readings, at, size_um):
     """Return the readings with a step on the way to a stop of a pass: way back, it is there from the stops with a lower number on."""
-    mine = (np.array(readings.setup) == at["setup"]) & (np.array(readings.pass_number) == at["pass"])
+    mine = (np.array(readings.setup) == at.setup) & (np.array(readings.pass_number) == at.pass_number)
     stop = np.array(readings.stop)
     rows = np.flatnonzero(mine)
-    late = rows[np.flatnonzero(stop[rows] == at["stop"])[0] :]
+    late = rows[np.flatnonzero(stop[rows] == at.stop)[0] :]
     reading = np.array(readings.reading_mm)
     reading[late] += size_um * 1e-3
     return replace(readings, reading_mm=reading)
@@ -64,7 +64,7 @@ def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result()
     """Half the size, which nothing names: the result moves over the volume by half of what is said."""
     readings, slips = survey(41, 3, (1,))
     at = slips["diagonals"]
-    clean, wrong = solve(readings, assumed=IDEAL), solve(slipped(readings, at, 0.5 * at["half_um"]), assumed=IDEAL)
+    clean, wrong = solve(readings, assumed=IDEAL), solve(slipped(readings, at, 0.5 * at.half_um), assumed=IDEAL)
     nodes = np.array([0, 1, 2, 3])
     x, y, z = np.meshgrid(nodes, nodes, nodes, indexing="ij")
     off = {name: np.array(wrong.errors[name].value) - np.array(clean.errors[name].value) for name in clean.errors if name[1] in "XYZ"}
@@ -73,7 +73,7 @@ def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result()
     along["X"] = along["X"] + 1e-3 * (square["B0Z"] * 100.0 / 3 * z - square["C0Y"] * 200.0 / 3 * y)
     along["Y"] = along["Y"] - 1e-3 * square["A0Z"] * 100.0 / 3 * z
     rms_um = float(np.sqrt(np.mean(sum(each**2 for each in along.values()))))
-    assert rms_um == pytest.approx(0.5 * at["volume_um"], rel=0.25)
+    assert rms_um == pytest.approx(0.5 * at.volume_um, rel=0.25)
 
 
 @pytest.mark.parametrize("increments", [2, 5])
@@ -87,10 +87,10 @@ def test_a_slip_of_2_um_that_nobody_noticed_is_held_by_what_is_said_of_its_pass(
         points = np.random.default_rng(1).uniform(size=(200, 3)) * (300.0, 200.0, 100.0)
         moved = error_field_um(wrong, points) - error_field_um(clean, points)
         rms_um = float(np.sqrt(np.mean(np.sum(moved**2, axis=1))))
-        told = wrong.extra["unseen_slip"]["diagonals"]
+        told = wrong.unseen_slip.diagonals
         if not {each.code for each in wrong.findings if each.severity != "info"} & NAMED:
-            assert f"{at['setup']}/1" in told["passes"]
-            assert rms_um <= 1.3 * told["volume_um"] * 2.0 / told["half_um"]
+            assert f"{at.setup}/1" in told.passes
+            assert rms_um <= 1.3 * told.volume_um * 2.0 / told.half_um
         assert slips["diagonals"]["passes"] == [f"{name}/1" for name in DIAGONALS]
 
 
@@ -112,34 +112,33 @@ def test_a_slip_at_the_turn_that_harms_nothing_does_not_hide_those_that_do(setup
     """On one count it looks like backlash and is seen least of all, without runs not at all: the conclusion said that 5 um there make
     0.0 um of the volume, or that nothing would tell a slip there and driving out and back would."""
     bench = Bench(seed=1, increments=3, diagonal_noise_um=0.1, linear_noise_um=0.1, angle_urad=2.0)
-    slips = solve(bench.survey(setups, passes=(1, 2), joined=True)).extra["unseen_slip"]
-    for each in slips.values():
-        assert (each["pass"], each["stop"]) != (2, 0)
-        assert each["volume_um"] > each["readings_um"]
-        assert {name[-1] for name in each["passes"]} == {"1", "2"}
+    slips = solve(bench.survey(setups, passes=(1, 2), joined=True)).unseen_slip
+    for each in slips:
+        assert (each.pass_number, each.stop) != (2, 0)
+        assert each.volume_um > each.readings_um
+        assert {name[-1] for name in each.passes} == {"1", "2"}
 
 
 def test_two_passes_hide_less_than_one_and_each_kind_of_setup_has_its_own():
     once, both = survey(40, 3, (1,))[1], survey(40, 3, (1, 2))[1]
-    assert set(once) == {"diagonals", "runs"}
-    assert both["diagonals"]["nearly_um"] < once["diagonals"]["nearly_um"]
-    assert once["diagonals"]["nearly_um"] == pytest.approx(1.6 * once["diagonals"]["half_um"])
-    assert once["diagonals"]["setup"] in DIAGONALS
-    assert once["runs"]["setup"] in LINEAR
+    assert both.diagonals.nearly_um < once.diagonals.nearly_um
+    assert once.diagonals.nearly_um == pytest.approx(1.6 * once.diagonals.half_um)
+    assert once.diagonals.setup in DIAGONALS
+    assert once.runs.setup in LINEAR
 
 
 def test_a_diagonal_alone_tells_no_slip_at_all():
     lone = Bench(seed=1, increments=3, angle_urad=2.0).survey(("ppp",))
-    assert solve(lone).extra["unseen_slip"]["diagonals"]["half_um"] is None
+    assert solve(lone).unseen_slip.diagonals.half_um is None
 
 
 def test_in_a_run_of_three_stops_a_slip_of_any_size_goes_unnoticed_and_nobody_blames_the_machine():
     """A slip in it looks like a machine that grows: the export stops, where the growth was taken off and the scales 8 um off."""
     bench = Bench(seed=3, increments=2, diagonal_noise_um=0.2, linear_noise_um=0.2, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0))
     readings = bench.survey()
-    runs = solve(readings).extra["unseen_slip"]["runs"]
-    assert runs["half_um"] is None
-    assert runs["setup"].startswith("linear-")
+    runs = solve(readings).unseen_slip.runs
+    assert runs.half_um is None
+    assert runs.setup.startswith("linear-")
     result = solve(slipped(readings, {"setup": "linear-x", "pass": 1, "stop": 1}, 20.0))
     assert "machine-warms" not in {each.code for each in result.findings}
     assert any(each.severity == "error" and "linear-x" in each.text for each in result.findings)
@@ -148,5 +147,5 @@ def test_in_a_run_of_three_stops_a_slip_of_any_size_goes_unnoticed_and_nobody_bl
 def test_a_slip_below_what_anything_is_looked_for_is_not_said_to_be_noticed():
     """With readings to 20 nm: half a micrometre is the least that is named at all."""
     bench = Bench(seed=1, increments=6, diagonal_noise_um=0.02, linear_noise_um=0.02, angle_urad=2.0, size_mm=(300.0, 200.0, 100.0))
-    sizes = solve(bench.survey()).extra["unseen_slip"].values()
-    assert all(each["half_um"] >= 0.5 and each["nearly_um"] > each["half_um"] for each in sizes)
+    sizes = solve(bench.survey()).unseen_slip
+    assert all(each.half_um >= 0.5 and each.nearly_um > each.half_um for each in sizes)

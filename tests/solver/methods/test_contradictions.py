@@ -76,7 +76,7 @@ def test_a_setup_that_drifts_far_more_than_usual_is_named_and_harms_nothing(um):
     since = np.array(clean.time_s) - np.min(np.array(clean.time_s)[mine])
     result, without = solve(shifted(clean, mine, um * since[mine] / np.ptp(since[mine]))), solve(clean)
     assert [each.text.split()[1] for each in result.findings if each.code == "drift-large"] == ["npp:"]
-    assert result.setups["npp"]["drift"][0]["total_um"] == pytest.approx(um, rel=0.2)
+    assert result.setups["npp"].drift[0].total_um == pytest.approx(um, rel=0.2)
     for name, function in result.errors.items():
         assert np.max(np.abs(function.value - without.errors[name].value)) < 0.1 + 0.01 * um, name
 

@@ -17,6 +17,6 @@ def test_the_factor_is_that_of_the_table(freedom, factor):
 def test_only_noise_that_nobody_stated_wants_another_factor(states_u):
     result = solve(Bench(increments=3, states_u=states_u).survey(DIAGONALS))
     assert any(finding.code == "coverage-factor" for finding in result.findings) is not states_u
-    assert ("coverage" in result.extra) is not states_u
-    for told in result.extra.get("coverage", {}).values():
-        assert told["k"] > 2.1
+    assert (result.coverage is not None) is not states_u
+    for told in (result.coverage or {}).values():
+        assert told.k > 2.1

@@ -51,8 +51,8 @@ def test_golden_separable_survey():
     assert result.squareness["C0Y"].value == pytest.approx(-20.0, abs=0.02)
     assert result.squareness["B0Z"].value == pytest.approx(-15.0, abs=0.02)
     assert result.squareness["A0Z"].value == pytest.approx(-8.0, abs=0.02)
-    assert result.extra["scale_sum_um"]["value"] == pytest.approx(6.379, abs=0.002)
-    assert [report["tilt_mrad"] for report in result.setups.values()] == pytest.approx([0.4] * 4, abs=0.02)
+    assert result.scale_sum_um.value == pytest.approx(6.379, abs=0.002)
+    assert [report.tilt_mrad for report in result.setups.values()] == pytest.approx([0.4] * 4, abs=0.02)
     assert all(np.all(result.errors[name].u_readings < 0.02) for name in DISPLACEMENTS)
 
 
@@ -235,10 +235,10 @@ def test_out_and_back_separates_reversal_and_drift():
     assert max(abs(score) for score in scores(bench, result)) < 8.0
     after, _ = left_um(bench, result)
     assert after < 0.3**2
-    drift = result.setups["ppp"]["drift"][0]
-    assert drift["unit"] == "um/h"
-    true_um = np.array([4.0, -3.0, 2.0]) @ np.array([5, 4, 3]) / np.sqrt(50) * drift["total_um"] / drift["rate"]
-    assert abs(drift["total_um"] - true_um) < 3 * drift["u_um"] < 3.0
+    drift = result.setups["ppp"].drift[0]
+    assert drift.unit == "um/h"
+    true_um = np.array([4.0, -3.0, 2.0]) @ np.array([5, 4, 3]) / np.sqrt(50) * drift.total_um / drift.rate
+    assert abs(drift.total_um - true_um) < 3 * drift.u_um < 3.0
 
 
 def test_a_drift_far_above_the_usual_is_told_at_its_size_and_of_its_setup():
@@ -248,16 +248,16 @@ def test_a_drift_far_above_the_usual_is_told_at_its_size_and_of_its_setup():
     since = np.where(mine, readings.time_s - readings.time_s[mine].min(), 0.0)
     drifting = replace(readings, reading_mm=readings.reading_mm + 0.03 * since / since.max())
     result = solve(drifting)
-    told = {name: report["drift"][0] for name, report in result.setups.items()}
-    assert 24.0 < told["npp"]["total_um"] < 36.0
-    assert max(abs(each["total_um"]) for name, each in told.items() if name != "npp") < 4.0
+    told = {name: report.drift[0] for name, report in result.setups.items()}
+    assert 24.0 < told["npp"].total_um < 36.0
+    assert max(abs(each.total_um) for name, each in told.items() if name != "npp") < 4.0
     assert [each.text.split()[1] for each in result.findings if each.code == "drift-large"] == ["npp:"]
 
 
 def test_one_way_passes_claim_no_reversal_and_no_drift():
     result = solve(Bench().survey())
     assert result.reversal == {}
-    assert all(report["drift"] == [] for report in result.setups.values())
+    assert all(report.drift == () for report in result.setups.values())
 
 
 def test_beam_offsets_resolve_all_eighteen_functions():
@@ -353,6 +353,6 @@ def test_of_readings_noisier_than_stated_the_noise_is_estimated_and_named():
 
 def test_repeats_tell_the_repeatability():
     result = solve(Bench(increments=6).survey(passes=(1, 2, 3, 4)))
-    assert result.setups["pnp"]["repeatability_um"] == pytest.approx(0.3, rel=0.3)
-    assert result.setups["pnp"]["passes"] == [1, 2, 3, 4]
-    assert solve(Bench().survey()).setups["pnp"]["repeatability_um"] is None
+    assert result.setups["pnp"].repeatability_um == pytest.approx(0.3, rel=0.3)
+    assert result.setups["pnp"].passes == (1, 2, 3, 4)
+    assert solve(Bench().survey()).setups["pnp"].repeatability_um is None

@@ -13,6 +13,7 @@ from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.result.basis import basis_of
 from stepdiag.solver.result.result import ROTATIONS, Function, Scale, parse_result
+from stepdiag.solver.result.typed import written
 from stepdiag.solver.standards.expansion import expansion_um
 from stepdiag.texts.sentences import translated
 from testkit.exact.surveys import Bench
@@ -44,7 +45,7 @@ def both():
 def test_each_way_says_both_lengths_and_both_hold_the_truth(both):
     """7 C of 11.7 um/m/C are 81.9 um/m; whichever way the readings came, 2 u hold the truth at both temperatures."""
     for result in both:
-        lengths = result.extra["lengths"]
+        lengths = written(result.lengths)
         for axis, letter in enumerate("XYZ"):
             function = BENCH.truth.errors[f"E{letter}{letter}"]
             at_20 = 1e3 * (function[-1] - function[0]) / BENCH.size_mm[axis]
@@ -52,13 +53,13 @@ def test_each_way_says_both_lengths_and_both_hold_the_truth(both):
                 found = lengths[name][letter]
                 assert abs(found["value"] - true) <= 2.5 * found["u"], (name, letter)
     as_measured, reduced = both
-    assert (as_measured.extra["lengths"]["tables"], reduced.extra["lengths"]["tables"]) == ("as_measured", "at_20_c")
+    assert (as_measured.lengths.tables, reduced.lengths.tables) == ("as_measured", "at_20_c")
 
 
 def test_the_tables_correct_what_is_said_and_the_others_carry_the_material(both):
     """u at 20 C holds 0.3 C of 11.7 um/m/C and 1 um/m/C of 7 C: 7.8 um/m; as measured neither (theory 8.7)."""
     for result, here, other in ((both[0], "as_measured", "at_20_c"), (both[1], "at_20_c", "as_measured")):
-        lengths = result.extra["lengths"]
+        lengths = written(result.lengths)
         for letter, scale in result.scale.items():
             assert lengths[here][letter]["value"] == scale.value
             assert lengths[here][letter]["u"] == scale.u
@@ -77,7 +78,7 @@ def test_readings_that_were_brought_to_20_c_say_so_in_their_file(both):
     assert render_readings(again) == text
     assert "at_20_c" not in render_readings(readings())
     result = solve(again)
-    assert result.extra["lengths"]["tables"] == "at_20_c"
+    assert result.lengths.tables == "at_20_c"
     for letter, scale in both[1].scale.items():
         # the file's rounding moves the sizes that are found a little: a hundredth of u
         assert result.scale[letter].value == pytest.approx(scale.value, abs=0.01 * scale.u)
@@ -97,7 +98,7 @@ def test_what_nobody_measured_is_not_20_c():
     """Without a thermometer the lengths at 20 C are not known, however near 20 C the usual default is."""
     made = readings()
     result = solve(replace(made, temperature_c=np.full(len(made), np.nan)))
-    lengths = result.extra["lengths"]
+    lengths = written(result.lengths)
     assert lengths["material_c"] is None
     assert all(entry["value"] is None and entry["u"] is None for entry in lengths["at_20_c"].values())
     basis = basis_of(parse_result(result.to_json()))
@@ -129,7 +130,7 @@ def test_what_the_user_states_of_the_temperature_stands_and_is_said(stated_c):
     assert said.severity == "warning"
     assert f"within {stated_c:.2g} C (k = 1), as u_material_c states it" in said.text
     assert "wie u_material_c es angibt" in translated(said.text, "de")
-    assert result.extra["assumed"]["u_material_c"] == stated_c
+    assert result.assumed.u_material_c == stated_c
     for scale in result.scale.values():
         assert stated_c * STEEL < scale.u < np.hypot(stated_c * STEEL, 10.0)
     template = parse_uncertainty("[uncertainty]\nu_material_c = 0.3\n", "u.toml")
@@ -145,7 +146,7 @@ def test_a_temperature_of_some_readings_is_none_of_the_survey():
 
 def test_a_scale_that_is_not_identified_has_no_length_anywhere():
     scales = {letter: Scale(value=None, u=None, identified=False) for letter in "XYZ"}
-    report = lengths_report(scales, Assumptions(material_c=(25.0,) * 3), known=True)
+    report = written(lengths_report(scales, Assumptions(material_c=(25.0,) * 3), known=True))
     assert all(entry["value"] is None for name in ("as_measured", "at_20_c") for entry in report[name].values())
 
 

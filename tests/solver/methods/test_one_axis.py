@@ -41,7 +41,7 @@ def published(name: str) -> Readings:
 
 def test_figures_of_a_published_run_are_those_of_the_standard():
     result = solve(published("iso230_2_ecmc_11358_axis1"))
-    figures = next(one for one in result.extra["standards"]["linear-x"] if one["standard"].startswith("ISO 230-2"))
+    figures = next(one for one in result.standards["linear-x"] if one.standard.startswith("ISO 230-2"))
     with (DATA / "iso230_2_expected.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["dataset"] == "ecmc_11358_axis1" and row["standard"].startswith("ISO 230-2")]
     expected = {row["quantity"]: 1e3 * float(row["value_mm"]) for row in rows}
@@ -74,7 +74,7 @@ def test_the_axis_is_measured_and_everything_else_is_null_and_named():
 def test_nothing_is_stated_about_a_volume():
     result = solve(ALONE.readings())
     assert result.posterior is None
-    assert not {"predicted", "volumetric_u_um", "tool", "unseen_slip", "scale_sum_um"} & set(result.extra)
+    assert not {"predicted", "volumetric_u_um", "tool", "unseen_slip", "scale_sum_um"} & json.loads(result.to_json()).keys()
     assert not result.expected
     assert parse_result(result.to_json()).to_json() == result.to_json()
 

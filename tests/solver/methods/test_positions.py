@@ -20,8 +20,8 @@ from testkit.examples import few
 STEEPEST_UM = 150.0
 """Over the length of the axis in mm: the slope of the drawn functions in um/mm. A node's value cannot change by more than the slope times
 the way beside the node."""
-LEAST_UM = 0.01
-"""Without noise, sizes of causes are found from nearly nothing, and change with the last nanometre."""
+LEAST_UM = 0.03
+"""Without noise, sizes of causes are found from nearly nothing, among them what share of their scatter the registers make alone."""
 FINE = {
     "linear-x": (0.0, 17.31, 33.333, 51.2, 77.0, 98.765, 130.1, 165.5, 201.25, 250.0, 300.4, 344.4, 390.0, 444.4, 480.8, 500.0),
     "linear-y": (0.0, 33.3, 71.0, 100.0, 128.4, 160.0, 210.7, 240.0, 297.3, 320.0, 355.5, 400.0),
@@ -149,7 +149,7 @@ def test_with_shifted_beams_the_angles_are_the_same():
     assert numbers(exact).keys() == numbers(beside).keys()
     for name, function in exact.errors.items():
         # the sizes of angles are found anew, so that values may move within their uncertainty
-        assert np.max(np.abs(function.value - beside.errors[name].value)) <= max(0.6, 1.5 * float(np.max(function.u))), name
+        assert np.max(np.abs(function.value - beside.errors[name].value)) <= max(0.6, 2.0 * float(np.max(function.u))), name
     assert warnings(exact) == warnings(beside)
 
 
@@ -235,4 +235,4 @@ def test_a_direction_that_is_barely_seen_is_not_identified():
     text = next(finding.text for finding in result.findings if finding.code == "scale-unidentified")
     assert "the scale of X, Y, Z" in text
     assert "about 0 min" not in text
-    assert result.extra["volumetric_u_um"] < 50.0
+    assert result.volumetric_u_um < 50.0

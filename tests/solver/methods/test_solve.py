@@ -98,7 +98,7 @@ def test_a_survey_with_gaps_is_solved_within_its_uncertainty_and_repeats_are_com
     at = zip(whole.setup, whole.pass_number.tolist(), whole.stop.tolist(), strict=True)
     result, full = solve(whole.select([row for row, key in enumerate(at) if key not in gaps])), solve(whole)
     assert "stop-missing" in {finding.code for finding in result.findings}
-    assert result.setups["ppp"]["repeatability_um"] == pytest.approx(full.setups["ppp"]["repeatability_um"], rel=0.5)
+    assert result.setups["ppp"].repeatability_um == pytest.approx(full.setups["ppp"].repeatability_um, rel=0.5)
     for name, quantity in full.squareness.items():
         assert abs(quantity.value - result.squareness[name].value) < quantity.u
 

@@ -11,6 +11,7 @@ from stepdiag.solver.methods.standard_figures import linear_runs, standards_repo
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.readings.readings import make_readings
+from stepdiag.solver.result.typed import written
 from testkit.exact.surveys import DATA, DIAGONALS, Bench
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 300.0, 200.0), increments=4)
@@ -39,7 +40,7 @@ def test_linear_runs_are_targets_by_outward_runs():
 
 def test_report_states_the_figures_and_how_well_the_standard_is_known():
     """E_up is the range of the means (0 to 5 um); R_up = 2 k s with s = sqrt(2) um at the last target (ISO 230-2: k = 2; 1988: k = 3)."""
-    report = standards_report(lay_out(run_of([[0, 1, 2, 3, 4], [0, 2, 3, 4, 6]]), volume=BOX))
+    report = written(standards_report(lay_out(run_of([[0, 1, 2, 3, 4], [0, 2, 3, 4, 6]]), volume=BOX)))
     by_name = {figures["standard"]: figures for figures in report["linear-x"]}
     assert by_name["ISO 230-2:2014"]["E_up"] == pytest.approx(5.0)
     assert by_name["ISO 230-2:2014"]["R_up"] == pytest.approx(4 * np.sqrt(2.0))
@@ -66,7 +67,7 @@ def both_ways(backlash_um, *, stretches=(1, 1, 1, 1, 1), noise_um=0.0):
 
 def test_both_directions_on_one_count_give_the_bidirectional_figures():
     """4 um over 400 mm and 3 um of backlash: E_up 4, B 3, E 7, M 4 (ISO 230-2); VDI 3441: Pa 4, U 3."""
-    report = standards_report(both_ways(3.0))["linear-x"]
+    report = written(standards_report(both_ways(3.0)))["linear-x"]
     iso = report[0]
     found = {name: iso[name] for name in ("E_up", "E_down", "E", "B", "B_mean", "M", "R", "A")}
     assert found == pytest.approx({"E_up": 4.0, "E_down": 4.0, "E": 7.0, "B": 3.0, "B_mean": 3.0, "M": 4.0, "R": 3.0, "A": 7.0})
@@ -76,14 +77,14 @@ def test_both_directions_on_one_count_give_the_bidirectional_figures():
 
 @pytest.mark.parametrize(("runs", "told"), [(1, False), (2, True)])
 def test_vdi_asks_for_two_runs_each_way(runs, told):
-    report = standards_report(both_ways(3.0, stretches=(1,) * runs))["linear-x"]
+    report = written(standards_report(both_ways(3.0, stretches=(1,) * runs)))["linear-x"]
     assert any(figures["standard"].startswith("VDI") for figures in report) is told
 
 
 def test_every_figure_comes_with_its_uncertainty_and_length_counts_in_none_of_backlash():
-    iso = standards_report(both_ways(3.0, noise_um=0.3), Assumptions(reduced_to_20_c=True))["linear-x"][0]
+    iso = written(standards_report(both_ways(3.0, noise_um=0.3), Assumptions(reduced_to_20_c=True)))["linear-x"][0]
     assert iso["lengths"] == "at 20 C"
-    as_it_is = standards_report(both_ways(3.0, noise_um=0.3))["linear-x"][0]
+    as_it_is = written(standards_report(both_ways(3.0, noise_um=0.3)))["linear-x"][0]
     assert as_it_is["lengths"] == "as measured"
     # how warm the machine was is uncertain at 20 C only
     assert as_it_is["U"]["E"] < iso["U"]["E"]
@@ -94,7 +95,7 @@ def test_every_figure_comes_with_its_uncertainty_and_length_counts_in_none_of_ba
 
 def test_runs_on_another_count_do_not_pretend_to_share_the_zero():
     """Two of five pairs were driven after the count had been lost: the three that share one are evaluated."""
-    report = standards_report(both_ways(3.0, stretches=(1, 1, 1, 2, 2)))["linear-x"][0]
+    report = written(standards_report(both_ways(3.0, stretches=(1, 1, 1, 2, 2))))["linear-x"][0]
     assert report["runs"] == 3
     assert report["B"] == pytest.approx(3.0)
 
@@ -106,11 +107,11 @@ def test_a_run_from_the_high_end_has_the_same_backlash():
     error_um = np.concatenate([np.full(5, -1.5), np.full(5, 1.5)])
     along = 400.0 - np.array(columns["position_mm"])[:, 0]
     layout = lay_out(make_readings(setup=["linear-x"] * 10, reading_mm=along - 1e-3 * error_um, zero=[1] * 10, **columns), volume=BOX)
-    assert standards_report(layout)["linear-x"][0]["B"] == pytest.approx(3.0)
+    assert written(standards_report(layout))["linear-x"][0]["B"] == pytest.approx(3.0)
 
 
 def test_step_diagonals_are_not_called_iso_230_6():
-    report = standards_report(lay_out(Bench(seed=1).survey()))
+    report = written(standards_report(lay_out(Bench(seed=1).survey())))
     assert "diagonals" not in report
     assert "step diagonals" in report["step-diagonals"][0]["standard"]
     assert all("step diagonals" in report[name][0]["standard"] for name in DIAGONALS)
@@ -144,7 +145,7 @@ def test_published_readings_give_the_published_figures_as_runs_of_a_survey(datas
     """tests/data/iso230_2_expected.csv through the door: rows of a linear run in, ISO 230-2 and VDI/DGQ 3441 out, each with U."""
     readings, length = as_readings(f"iso230_2_{dataset}")
     box = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(length, 100.0, 100.0), increments=4)
-    report = standards_report(lay_out(readings, volume=box))["linear-x"]
+    report = written(standards_report(lay_out(readings, volume=box)))["linear-x"]
     iso, vdi = (next(one for one in report if one["standard"].startswith(name)) for name in ("ISO 230-2:2014", "VDI"))
     with (DATA / "iso230_2_expected.csv").open(encoding="utf-8") as file:
         rows = [row for row in csv.DictReader(file) if row["dataset"] == dataset]
@@ -170,7 +171,7 @@ def test_body_diagonals_are_iso_230_6_and_the_machine_has_the_largest():
             for key in ("pass_number", "stop", "position_mm", "reading_mm", "zero")
         },
     )
-    report = standards_report(lay_out(joined, volume=Volume(origin_mm=(0.0,) * 3, size_mm=(side,) * 3, increments=4)))
+    report = written(standards_report(lay_out(joined, volume=Volume(origin_mm=(0.0,) * 3, size_mm=(side,) * 3, increments=4))))
     assert "step-diagonals" not in report
     (machine,) = report["diagonals"]
     assert machine["standard"] == "ISO 230-6:2002"

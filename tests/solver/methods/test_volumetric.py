@@ -54,14 +54,14 @@ def test_what_a_heads_angles_are_said_to_leave_is_what_they_leave(setups):
     found, with_angles = solve(readings, assumed=IDEAL), solve(readings, angles=bench.angles(1.0), assumed=IDEAL)
     text = next(finding.text for finding in found.findings if finding.code == "angles-unmeasured")
     told = float(re.search(r"with a head's angles about (\S+) um", text)[1])
-    assert told == pytest.approx(with_angles.extra["volumetric_u_um"], rel=0.03)
-    assert told < 0.98 * found.extra["volumetric_u_um"]
+    assert told == pytest.approx(with_angles.volumetric_u_um, rel=0.03)
+    assert told < 0.98 * found.volumetric_u_um
 
 
 def test_exact_readings_without_linear_runs_leave_the_usual_of_the_scales():
     """Metres were said of them: what is usual was beyond the last digits of sums of weights of exact readings."""
     exact, noisy = (Bench(seed=3, diagonal_noise_um=noise).survey(DIAGONALS) for noise in (0.0, 0.05))
-    assert solve(exact).extra["volumetric_u_um"] == pytest.approx(solve(noisy).extra["volumetric_u_um"], rel=0.05)
+    assert solve(exact).volumetric_u_um == pytest.approx(solve(noisy).volumetric_u_um, rel=0.05)
 
 
 def test_four_diagonals_alone_promise_what_comes_true():

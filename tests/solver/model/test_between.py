@@ -81,7 +81,7 @@ def test_a_program_with_one_decimal_knows_no_more_between_the_nodes_than_an_exac
     layout, position_mm = lay_out(exact), np.round(exact.position_mm, 1)
     moved_mm = np.sum((position_mm - exact.position_mm) * layout.direction, axis=1)
     found, rounded = solve(exact), solve(replace(exact, position_mm=position_mm, reading_mm=exact.reading_mm + moved_mm))
-    assert rounded.extra["volumetric_u_um"] == pytest.approx(found.extra["volumetric_u_um"], rel=0.02)
+    assert rounded.volumetric_u_um == pytest.approx(found.volumetric_u_um, rel=0.02)
     for name in ("EXX", "EYY", "EZZ"):
         assert rounded.errors[name].position_mm == pytest.approx(found.errors[name].position_mm)
 

@@ -51,23 +51,35 @@ def test_a_machine_that_is_said_not_to_grow_has_none():
     assert GROWTH not in effects(READINGS, growth_um_m=0.0)
 
 
-def test_registers_that_scatter_while_an_axis_stands_do_so_alone():
-    """What the registers scatter while an axis stands cannot be the machine; two thirds of it are seen, for a stay has three stops."""
-    scatter_mm = 1e-3 * np.random.default_rng(1).normal(size=READINGS.position_mm.shape)
-    readings = replace(READINGS, position_mm=READINGS.position_mm + scatter_mm)
-    found, layout = effects(readings), lay_out(readings)
-    assert found["registers"].count == 1
-    along_um = np.sum(layout.beside_mm * layout.direction, axis=1) * 1e3
-    assert np.corrcoef(found["registers"].pattern_um[:, 0], -along_um)[0, 1] > 0.5
-
-
-def test_registers_that_stay_as_long_as_the_axis_stands_may_be_the_machine():
-    layout = lay_out(READINGS)
+def reported_beside(moves_um, stops_um):
+    """Return the readings with positions that scatter from move to move, and from stop to stop while an axis stands."""
+    layout, rng = lay_out(READINGS), np.random.default_rng(1)
     order = np.concatenate(list(READINGS.passes().values()))
-    moved_mm = 1e-3 * np.random.default_rng(1).normal(size=int(layout.arrival.max()) + 2)
-    position = READINGS.position_mm.copy()
+    moved_mm = 1e-3 * moves_um * rng.normal(size=int(layout.arrival.max()) + 2)
+    position = READINGS.position_mm + 1e-3 * stops_um * rng.normal(size=READINGS.position_mm.shape)
     position[order] += np.where(layout.arrival >= 0, moved_mm[layout.arrival], 0.0)
-    assert "registers" not in effects(replace(READINGS, position_mm=position))
+    return replace(READINGS, position_mm=position)
+
+
+def test_registers_that_scatter_from_stop_to_stop_may_do_so_alone():
+    """One amount for the scatter while an axis stands, which cannot be the machine, and one for what its moves end beside each other by."""
+    readings = reported_beside(0.0, 1.0)
+    layout, pattern = lay_out(readings), effects(readings)["registers"].pattern_um
+    assert pattern.shape[1] == 2
+    along_um = np.sum(layout.beside_mm * layout.direction, axis=1) * 1e3
+    assert np.corrcoef(np.sum(pattern, axis=1), -along_um)[0, 1] > 0.8
+
+
+def test_registers_that_stay_as_long_as_the_axis_stands_have_one_amount():
+    assert effects(reported_beside(1.0, 0.0))["registers"].count == 1
+
+
+def test_a_rounded_program_is_no_scatter_of_registers():
+    """The same at each target, and in G91 a straight line of each pass."""
+    rounded = replace(READINGS, position_mm=READINGS.position_mm + 1e-3 * np.sin(READINGS.position_mm))
+    grown = replace(READINGS, position_mm=READINGS.position_mm * (1.0 + 1e-5))
+    assert "registers" not in effects(rounded)
+    assert "registers" not in effects(grown)
 
 
 def test_commanded_positions_have_no_scatter_of_registers():

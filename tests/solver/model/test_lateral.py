@@ -80,11 +80,11 @@ def test_offset_and_slope_of_the_head_do_not_touch_the_machine(seed, chain):
 
 def test_every_line_gives_the_straightness_of_the_head():
     """ISO 230-1: the minimum zone is never wider than the other two; the figures stand in the result for each function."""
-    report = surveyed(replace(MACHINE, seed=1, increments=4), PITCH_YAW).extra["head_straightness"]
+    report = surveyed(replace(MACHINE, seed=1, increments=4), PITCH_YAW).head_straightness
     assert set(report) == set(STRAIGHT)
     for facts in report.values():
-        assert facts["passes"] == 2
-        assert 0 < facts["minimum_zone_um"] <= min(facts["end_point_um"], facts["least_squares_um"]) + 1e-9
+        assert facts.passes == 2
+        assert 0 < facts.minimum_zone_um <= min(facts.end_point_um, facts.least_squares_um) + 1e-9
 
 
 def test_a_head_that_contradicts_the_diagonals_is_not_averaged_away():
@@ -101,7 +101,7 @@ def test_a_head_that_contradicts_the_diagonals_is_not_averaged_away():
     assert function.value == pytest.approx(without.errors["EZX"].value)
     true = bench.truth.errors["EZX"]
     assert np.all(np.abs(function.value - true) <= 2 * function.u + 1e-9)
-    told = result.extra["head_straightness"]["EZX"]["difference_um"]["value"]
+    told = result.head_straightness["EZX"].difference_um.value
     assert told == pytest.approx(-2 * true, abs=2.0)
     assert 2 * function.u[1:-1] == pytest.approx(np.hypot(2 * without.errors["EZX"].u, told)[1:-1])
     agreeing = solve(bench.survey(passes=(1, 2)), straightness=right)
@@ -182,7 +182,7 @@ def test_a_bow_of_the_heads_beam_does_not_hide_between_the_nodes():
 def test_a_sign_that_the_diagonals_see_is_no_doubt(stops):
     _, result = beside_the_nodes(6, stops)
     assert said(result, "straightness-unchecked") == []
-    assert not any("sign_hidden" in facts for facts in result.extra["head_straightness"].values())
+    assert not any(facts.sign_hidden for facts in result.head_straightness.values())
 
 
 @pytest.mark.parametrize("wrong", [(), ("EZX",)])
@@ -194,8 +194,8 @@ def test_a_sign_that_the_diagonals_do_not_see_is_said(wrong):
     (finding,) = [finding for finding in result.findings if finding.code == "straightness-unchecked"]
     assert finding.severity == "warning"
     assert "a wrong sign of the 4-DOF head would not be seen" in finding.text
-    assert result.extra["head_straightness"]["EZX"]["sign_hidden"] is True
-    assert "sign_hidden" not in result.extra["head_straightness"]["EYX"]
+    assert result.head_straightness["EZX"].sign_hidden
+    assert not result.head_straightness["EYX"].sign_hidden
     off = np.abs(result.errors["EZX"].value - bench.truth.errors["EZX"])
     assert np.mean(off <= 2 * result.errors["EZX"].u + 1e-9) >= 0.8
 

@@ -97,8 +97,18 @@ def test_additions_come_with_their_price_and_the_best_first(bare):
         assert addition.minutes == pytest.approx(addition.forecast.minutes - bare.minutes)
         assert addition.gain_um == pytest.approx(bare.volumetric_um - addition.forecast.volumetric_um)
     # nothing is worth more on bare diagonals than the scales that they do not see
-    assert added[0].text.startswith("a linear run along")
-    assert added[0].newly_identified == (added[0].text[-1],)
+    runs = [addition for addition in added if "increments" not in addition.text]
+    assert runs[0].text.startswith("a linear run along")
+    assert runs[0].newly_identified == (runs[0].text[-1],)
+
+
+def test_no_head_is_advised_where_there_is_none():
+    about = Circumstances(head=False)
+    now = forecast(BARE, about)
+    assert not [addition.text for addition in (*rank(now, about), *resolving(now, about)) if "4-DOF" in addition.text]
+    best = best_survey(BARE, about, available_min=400.0)
+    assert best is not None
+    assert not any(run.is_fourdof for run in best.plan.runs)
 
 
 def test_more_of_everything_is_never_worse(bare):
@@ -145,10 +155,10 @@ def test_the_forecast_is_what_the_result_will_predict():
     survey = bare_survey(Plan(volume=replace(BOX, increments=10), runs=())).with_runs(*LINEAR)
     ahead = forecast(survey, USUAL)
     result = solve(Bench(angle_urad=10.0).survey())
-    told = result.extra["predicted"]["without_rigid_motion"]["after"]["rms_um"]
-    assert ahead.left_um.value_um == pytest.approx(told["value"], rel=0.25)
-    assert ahead.left_um.low_um < told["value"] < ahead.left_um.high_um
-    assert ahead.volumetric_um == pytest.approx(result.extra["volumetric_u_um"], rel=0.25)
+    told = result.predicted.without_rigid_motion["after"].rms_um
+    assert ahead.left_um.value_um == pytest.approx(told.value_um, rel=0.25)
+    assert ahead.left_um.low_um < told.value_um < ahead.left_um.high_um
+    assert ahead.volumetric_um == pytest.approx(result.volumetric_u_um, rel=0.25)
 
 
 @pytest.mark.parametrize(("increments", "left_um"), [(3, (6.1, 9.6)), (4, (4.6, 7.5)), (6, (2.5, 3.2)), (10, (1.2, 1.7))])

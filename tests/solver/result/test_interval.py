@@ -2,7 +2,9 @@
 
 import pytest
 
-from stepdiag.solver.result.interval import Interval, decimals_of, interval_of
+from stepdiag.solver.result.interval import Interval, decimals_of
+from stepdiag.solver.result.json_tree import Node
+from stepdiag.solver.result.typed import read, read_or_none, written
 
 
 @pytest.mark.parametrize(
@@ -36,10 +38,9 @@ def test_two_digits_are_what_a_figure_is_worth(um, decimals):
     assert decimals_of(um) == decimals
 
 
-def test_every_form_of_a_result_is_read():
-    """Contract 4: an interval in version 2, a bare number before, and whatever else a stranger may have written."""
+def test_an_interval_is_read_as_it_is_written():
+    """Contract 4: value, low and high; one that is no interval is refused, whatever a stranger may have written."""
     whole = Interval(value_um=2.0, low_um=1.0, high_um=3.0)
-    assert interval_of(whole.as_json()) == whole
-    assert interval_of(2) == Interval(value_um=2.0)
-    assert interval_of({"value": 2.0, "low": 1.0}) == interval_of({"value": 2.0, "high": 3.0, "low": "one"}) == Interval(value_um=2.0)
-    assert [interval_of(strange) for strange in (True, None, "2", {}, {"value": "2"}, [2.0])] == [None] * 6
+    assert read(Node(written(whole), "r", "rms_um", strict=True), Interval) == whole
+    assert read(Node({"value": 2.0, "high": 3.0, "low": "one"}, "r", ""), Interval) == Interval(value_um=2.0, high_um=3.0)
+    assert [read_or_none(Node(strange, "r", ""), Interval) for strange in (2, True, None, "2", {}, {"value": "2"}, [2.0])] == [None] * 7

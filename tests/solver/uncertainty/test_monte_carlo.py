@@ -8,6 +8,7 @@ from hypothesis import strategies as st
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
+from stepdiag.solver.result.typed import written
 from stepdiag.solver.uncertainty.monte_carlo import monte_carlo, shortest_interval
 from testkit.exact.surveys import Bench
 
@@ -23,7 +24,7 @@ def test_drawn_surveys_scatter_as_the_result_states():
 
 def test_a_result_says_how_drawn_surveys_scatter_beside_its_own_u():
     """JCGM 101, 5.3.4 and 7.9: the shortest 95 % interval of a number; a function has one figure, the rms over its nodes."""
-    told = solve(Bench(increments=3).survey(), monte_carlo=4000).extra["monte_carlo"]
+    told = written(solve(Bench(increments=3).survey(), monte_carlo=4000).monte_carlo)
     assert told["trials"] == 4000
     assert told["EYX"].keys() == {"u", "u_stated"}
     for name in ("EYX", "C0Y", "X"):
@@ -31,7 +32,7 @@ def test_a_result_says_how_drawn_surveys_scatter_beside_its_own_u():
     for name in ("C0Y", "X"):
         assert told[name]["low"] < 0 < told[name]["high"]
         assert told[name]["high"] - told[name]["low"] == pytest.approx(2 * 1.96 * told[name]["u_stated"], rel=0.2)
-    assert "monte_carlo" not in solve(Bench(increments=3).survey()).extra
+    assert solve(Bench(increments=3).survey()).monte_carlo is None
 
 
 def test_the_same_seed_gives_the_same_intervals():

@@ -97,7 +97,7 @@ def test_a_run_more_never_makes_u_larger_by_much():
     """Sizes are found anew with every survey, so values differ a little; nothing may be lost that was known."""
     bench = Bench(increments=4, angle_urad=10.0)
     less, more = (solve(bench.survey(setups)) for setups in ((*DIAGONALS, *LINEAR[:2]), (*DIAGONALS, *LINEAR)))
-    assert more.extra["volumetric_u_um"] < 1.1 * less.extra["volumetric_u_um"]
+    assert more.volumetric_u_um < 1.1 * less.volumetric_u_um
 
 
 def test_angles_beyond_the_usual_are_found_by_the_closure():

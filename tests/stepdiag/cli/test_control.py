@@ -15,7 +15,9 @@ from stepdiag.exporters.safety.sign_test import bump
 from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.readings.readings import make_readings, render_readings
-from stepdiag.solver.result.interval import interval_of
+from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.json_tree import Node
+from stepdiag.solver.result.typed import read, written
 from testkit.cli import stepdiag
 from testkit.exact.machines import profile_text
 from testkit.exact.results import VOLUME, made_result
@@ -143,7 +145,7 @@ class TestVerify:
     def test_says_what_u_takes_for_granted(self, result, tmp_path):
         found = json.loads(result.read_text(encoding="utf-8"))
         said = tmp_path / "said.json"
-        said.write_text(json.dumps({**found, "assumed": Assumptions(angles_urad=7.0).as_json()}), encoding="utf-8")
+        said.write_text(json.dumps({**found, "assumed": written(Assumptions(angles_urad=7.0).stated())}), encoding="utf-8")
         exported = stepdiag("export", said, "--controller", "siemens", "--step-mm", 25, "--out", tmp_path / "out")
         for told in (exported, stepdiag("verify", said, tmp_path / "out")):
             assert "U (k = 2) takes for granted, where the readings do not say it: angular errors over 7 µrad" in told.out
@@ -187,7 +189,7 @@ class TestVerify:
         stepdiag("verify", result, out, "--out", tmp_path / "p.svg")
         picture = (tmp_path / "p.svg").read_text(encoding="utf-8")
         for name, when in (("before", "before"), ("after, predicted", "after")):
-            rms, largest = (interval_of(figures[when][figure]) for figure in ("rms_um", "largest_um"))
+            rms, largest = (read(Node(figures[when][figure], "verify", figure), Interval) for figure in ("rms_um", "largest_um"))
             assert f"{name}: rms {rms.words()} µm, largest {largest.bound()} µm (k = 2)" in picture
 
     def test_a_picture_of_another_kind_is_refused(self, result, tmp_path):

@@ -121,7 +121,8 @@ class TestPlan:
         assert said["forecast"]["u"]["X"] is None, "four diagonals cannot separate the three scales (theory 3)"
         gains = [each["gain_um_per_minute"] for each in said["additions"]]
         assert gains == sorted(gains, reverse=True)
-        assert said["additions"][0]["newly_identified"], "the scales are what is worth most"
+        assert said["additions"][0]["text"] == "4 increments in place of 2", "waves between targets are most of it"
+        assert said["additions"][1]["newly_identified"], "of the runs the scales are what is worth most"
         assert said["best"] is None
 
     def test_for_a_person(self, survey):
@@ -141,10 +142,14 @@ class TestPlan:
     def test_writes_its_advice_into_the_survey(self, survey):
         """The first addition, without a wish; what is driven then is what the file says."""
         done = stepdiag("plan", survey, "--json", "--apply")
-        assert json.loads(done.out)["additions"][0]["text"] == "a linear run along Z"
-        assert "[plan] now drives ppp, npp, pnp, ppn, npp+1, linear-z; repeats = " in done.refusal
+        assert json.loads(done.out)["additions"][0]["text"] == "4 increments in place of 2"
+        assert "[plan] now drives ppp, npp, pnp, ppn, npp+1; repeats = 1; 4 increments" in done.refusal
+        survey.write_text(survey.read_text(encoding="utf-8").replace("increments = 4", "increments = 8"), encoding="utf-8")
+        done = stepdiag("plan", survey, "--json", "--apply")
+        assert json.loads(done.out)["additions"][0]["text"].startswith("a linear run along")
+        added = json.loads(done.out)["additions"][0]["text"][-1].lower()
         runs = json.loads(stepdiag("plan", survey, "--json").out)["forecast"]["runs"]
-        assert [run["setup"] for run in runs] == ["ppp", "npp", "pnp", "ppn", "linear-z", "npp+1"]
+        assert [run["setup"] for run in runs] == ["ppp", "npp", "pnp", "ppn", f"linear-{added}", "npp+1"]
 
     def test_writes_nothing_where_nothing_fits(self, survey):
         before = survey.read_bytes()
@@ -162,3 +167,46 @@ def _broken_at(count):
             raise OSError(28, "No space left on device")
 
     return fsync
+
+
+COARSE = """\
+[survey]
+name = "coarse"
+machine = "test"
+[volume]
+size_mm = [500.0, 400.0, 300.0]
+increments = 4   # two days ago
+[plan]
+setups = ["ppp", "npp", "pnp", "ppn"]
+[laser]
+format = "umd"
+port = "/dev/null"
+"""
+
+
+class TestAdviceThatCanBeFollowed:
+    @pytest.mark.parametrize("asked", [(), ("--minutes", 240), ("--minutes", 600), ("--target-um", 3)])
+    def test_the_file_takes_what_it_is_advised(self, asked, tmp_path):
+        """A head that the file does not name was advised, and refused when it was to be written."""
+        path = tmp_path / "survey.toml"
+        path.write_text(COARSE, encoding="utf-8")
+        advice = json.loads(stepdiag("plan", path, *asked, "--json").out)
+        assert not [run for run in (advice["best"] or {"runs": []})["runs"] if "fourdof" in run["setup"]]
+        assert not any("4-DOF" in each["text"] for each in (*advice["additions"], *advice["resolving"]))
+        told = stepdiag("plan", path, *asked, "--apply")
+        assert told.code == 0, told.refusal
+        again = json.loads(stepdiag("plan", path, "--json").out)["forecast"]
+        expected = advice["best"] or max(advice["additions"], key=lambda each: each["gain_um_per_minute"])
+        assert again["increments"] == expected.get("increments", again["increments"])
+        assert again["minutes"] == pytest.approx(expected["minutes"] if asked else advice["forecast"]["minutes"] + expected["minutes"])
+
+    def test_more_increments_are_among_the_advice(self, tmp_path):
+        """With four increments the waves between the targets are most of what is left: twice as many cost minutes."""
+        path = tmp_path / "survey.toml"
+        path.write_text(COARSE, encoding="utf-8")
+        advice = json.loads(stepdiag("plan", path, "--target-um", 3, "--json").out)
+        (finer,) = (each for each in advice["additions"] if each["text"] == "8 increments in place of 4")
+        assert finer == max(advice["additions"], key=lambda each: each["gain_um_per_minute"])
+        assert advice["best"]["increments"] >= 8
+        assert stepdiag("plan", path, "--target-um", 3, "--apply").code == 0
+        assert f"increments = {advice['best']['increments']}   # two days ago" in path.read_text(encoding="utf-8")

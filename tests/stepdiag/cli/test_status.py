@@ -116,6 +116,24 @@ def test_each_doubt_of_a_pass_is_said_in_words_before_the_command_that_accepts_i
         assert lines[command - 1] == f"npp out, stop {stop} of 9: {words}"
 
 
+def test_a_clock_that_was_never_set_is_named_until_the_time_is_stated(survey):
+    """`status` gives the command, the result the time that was stated, and the page hears of it through the same file."""
+    unset = [msgspec.structs.replace(stop, time_s=60.0 * stop.stop) for setup in ("ppp", "npp") for stop in stops_of(setup)]
+    record(survey, 1, unset)
+    line = next(line for line in stepdiag("status", survey).out.splitlines() if "clock-unset" in line)
+    assert "the survey is dated 1970-01-01" in line
+    (command,) = recommended(line)
+    assert stepdiag(*command).code == 2, "TIME is no time"
+    for wrong in ("1999-01-01T08:00", "tomorrow"):
+        assert "the time of the first stop" in stepdiag(*(wrong if word == "TIME" else word for word in command)).refusal
+    assert "as what is accepted" in stepdiag("accept", survey, "ppp/1", "--reason", "x", "--begun", "2027-01-15T08:00").refusal
+    assert stepdiag(*("2027-01-15T08:00+00:00" if word == "TIME" else word for word in command)).code == 0
+    said = told(survey)
+    assert [(each["code"], each["severity"]) for each in said["findings"]] == [("clock-unset", "info")]
+    assert "2027-01-15T08:00+00:00" in said["findings"][0]["text"]
+    assert "clock-unset" not in stepdiag("status", survey).out
+
+
 def test_of_a_way_back_that_the_plan_does_not_want_nothing_is_asked(survey):
     """A daemon that came back while the machine stood at its last stop begins one: who did as told drove a pass that nobody wants."""
     back = stops_of("ppp", outward=False, only=range(3))
@@ -187,6 +205,22 @@ def test_a_log_that_cannot_be_read_is_named_and_the_others_count(survey):
     told_ = stepdiag("status", path.parent)
     assert told_.code == 3
     assert "at least one log that can be read" in told_.refusal
+
+
+@pytest.mark.parametrize(
+    "damage",
+    [{"setup": ""}, {"setup": "linear-q"}, {"setup": "xyz"}, {"setup": "ppp+x"}, {"stop": -1}, {"time_s": -1e300}, {"time_s": 1e300}],
+)
+def test_a_log_with_a_stop_that_no_pass_can_have_is_named_and_the_others_count(survey, damage):
+    """`status` and `accept` ended in a traceback where a stop named no setup."""
+    record(survey, 1, stops_of("ppp"))
+    stops = stops_of("npp")
+    stops[4] = msgspec.structs.replace(stops[4], **damage)
+    record(survey, 2, stops)
+    said = told(survey)
+    assert [setup["state"] for setup in said["setups"]] == ["done", "to-do"]
+    assert [bool(log["trouble"]) for log in said["logs"]] == [False, True]
+    assert stepdiag("accept", survey, "npp/1", "--reason", "looked at it").code == 2
 
 
 def test_a_folder_without_logs_is_refused(tmp_path):

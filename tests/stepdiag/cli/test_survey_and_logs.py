@@ -10,7 +10,7 @@ from typer.testing import CliRunner
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.cli import logs, survey
 from stepdiag.daq.survey.file import load_survey
-from stepdiag.solver.result.result import software
+from stepdiag.solver.result.members import software
 from testkit.cli import stepdiag
 from testkit.recording import recording, write_log
 
@@ -110,4 +110,4 @@ def test_info_of_what_is_no_log_is_refused(tmp_path: Path) -> None:
 
 def test_the_version_is_that_which_logs_and_results_carry():
     """The remedy of a log that a newer version wrote names this option."""
-    assert stepdiag("--version").out == f"stepdiag {software()['version']}\n"
+    assert stepdiag("--version").out == f"stepdiag {software().version}\n"

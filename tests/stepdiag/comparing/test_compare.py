@@ -17,9 +17,11 @@ from stepdiag.report.as_left import build_as_left
 from stepdiag.report.certificate import as_left
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.members import Facts
 from stepdiag.solver.result.result import Function, Quantity, Result
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
+from testkit.exact.members import members
 
 
 def noisy(result: Result, random: np.random.Generator) -> Result:
@@ -143,8 +145,8 @@ def test_the_command_prints_a_table_and_json(tmp_path: Path) -> None:
 def test_what_u_takes_for_granted_stands_once_or_under_each_name(tmp_path: Path) -> None:
     """A difference is more than U only as far as U is right: what it rests on is printed beside it, and where two results differ in it."""
     for name, angles_urad in (("a", 10.0), ("b", 10.0), ("c", 5.0)):
-        assumed = Assumptions(angles_urad=angles_urad).as_json()
-        result = replace(made_up_result(amplitude_um=8.0), extra={"assumed": assumed})
+        assumed = Assumptions(angles_urad=angles_urad).stated()
+        result = replace(made_up_result(amplitude_um=8.0), assumed=assumed)
         (tmp_path / f"{name}.json").write_text(result.to_json(), encoding="utf-8")
     same, other = (CliRunner().invoke(build(), ["compare", str(tmp_path / "a.json"), str(tmp_path / f"{name}.json")]) for name in "bc")
     assert same.output.count("takes for granted") == 1
@@ -209,8 +211,8 @@ def test_a_prediction_of_next_to_nothing_is_no_gain() -> None:
 
 
 def test_the_last_page_refuses_another_machine(tmp_path: Path) -> None:
-    before = replace(made_up_result(), extra={"survey": {"machine": "mill"}})
-    after = replace(made_up_result(), extra={"survey": {"machine": "lathe"}})
+    before = replace(made_up_result(), survey=Facts(machine="mill"))
+    after = replace(made_up_result(), survey=Facts(machine="lathe"))
     (tmp_path / "before.json").write_text(before.to_json(), encoding="utf-8")
     (tmp_path / "after.json").write_text(after.to_json(), encoding="utf-8")
     told = stepdiag("compare", tmp_path / "before.json", tmp_path / "after.json", "--out", tmp_path / "left.html")
@@ -244,7 +246,8 @@ def test_as_left_says_the_figure_of_its_own_report(tmp_path: Path) -> None:
 
     def saying(low: float, high: float) -> Result:
         figure = {"rms_um": {"value": 10.0, "low": low, "high": high}, "largest_um": {"value": 20.0, "low": 15.0, "high": 25.0}}
-        return made_up_result(predicted={"without_rigid_motion": {"before": figure, "after": figure}})
+        both = {"before": figure, "after": figure}
+        return made_up_result(predicted={"without_rigid_motion": both, "as_it_is": both})
 
     both = (tmp_path / "before.json", tmp_path / "after.json")
     for path, result in zip(both, (saying(9.0, 11.0), saying(8.0, 9.5)), strict=True):
@@ -278,7 +281,7 @@ def test_as_left_of_a_smaller_volume_is_refused(tmp_path: Path, command: str) ->
 
 def test_lengths_at_20_c_and_as_measured_are_not_compared():
     """Six degrees are 70 um/m of a steel scale, which no machine lost."""
-    one, other = (replace(made_up_result(), extra={"lengths": {"tables": tables}}) for tables in ("as_measured", "at_20_c"))
+    one, other = (replace(made_up_result(), **members(lengths={"tables": tables})) for tables in ("as_measured", "at_20_c"))
     with pytest.raises(DataError, match=r"expected lengths as measured as in .* found lengths at 20 C"):
         compare(one, other)
     assert compare(other, other).changes

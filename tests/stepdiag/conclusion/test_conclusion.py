@@ -24,7 +24,7 @@ from stepdiag.conclusion import (
     render,
     words_of,
 )
-from stepdiag.conclusion.intervals import reach_of
+from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
 from stepdiag.exporters.export.export import export
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_in, exported_of
@@ -35,6 +35,7 @@ from stepdiag.solver.result.result import Quantity, Result, parse_result
 from stepdiag.texts import LANGUAGES
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
+from testkit.exact.members import members
 from testkit.exact.results import VOLUME, made_result
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 from testkit.german import is_english
@@ -51,6 +52,11 @@ def predicted(rms: tuple[float, float, float], largest: tuple[float, float, floa
         "after": {"rms_um": figure(*rms), "largest_um": figure(*largest)},
     }
     return {"without_rigid_motion": both, "as_it_is": both}
+
+
+def reach_of_json(document: dict[str, Any]) -> Reach:
+    """Return the reach of a ``predicted`` of contract 4."""
+    return reach_of(members(predicted=document)["predicted"])
 
 
 class TestWhatIsWrong:
@@ -86,7 +92,7 @@ def leaning(c0y_urad: float) -> dict[str, Quantity]:
 class TestReach:
     def test_is_an_interval_and_rounding_never_narrows_it(self) -> None:
         """1.31 .. 2.64 is written 1.3 to 2.7."""
-        exports = [Export(controller="siemens", reach=reach_of(predicted((1.9, 1.31, 2.64), (4.0, 3.0, 6.01))))]
+        exports = [Export(controller="siemens", reach=reach_of_json(predicted((1.9, 1.31, 2.64), (4.0, 3.0, 6.01))))]
         words = words_of(conclusion_document(conclude(made_up_result(), exports)), "en")
         assert words["reached"][1] == "After compensation, predicted: 1.3 to 2.7 µm (rms, k = 2), largest up to 6.1 µm."
 
@@ -96,7 +102,7 @@ class TestReach:
         for when in ("before", "after"):
             for figure in document["without_rigid_motion"][when].values():
                 figure["low"] = figure["high"] = None
-        words = words_of(conclusion_document(conclude(made_up_result(), [Export(controller="fanuc", reach=reach_of(document))])), "en")
+        words = words_of(conclusion_document(conclude(made_up_result(), [Export(controller="fanuc", reach=reach_of_json(document))])), "en")
         assert "at best 0.1 µm" in words["reached"][1]
         assert "Measure again to know" in words["reached"][1]
 
@@ -108,10 +114,10 @@ class TestReach:
         assert float(shown[1]) >= low + width - 1e-6
 
     @given(st.recursive(st.none() | st.floats() | st.text(), lambda inner: st.dictionaries(st.sampled_from(
-        ["without_rigid_motion", "before", "after", "rms_um", "largest_um", "value", "low", "high"]), inner)))  # fmt: skip
+        ["without_rigid_motion", "as_it_is", "before", "after", "rms_um", "largest_um", "value", "low", "high"]), inner)))  # fmt: skip
     def test_a_strange_prediction_is_none_rather_than_an_error(self, document: object) -> None:
         """A result of a stranger may hold anything under ``predicted``."""
-        reach_of(document)
+        assert reach_in(made_up_result(predicted=document)).rms_before.value_um >= 0.0
 
     def test_says_where_files_harm_in_the_words_of_the_export(self, tmp_path: Path) -> None:
         """The warning of `verify` and export stands beside what compensation reaches, in every language; without one nothing is added."""
@@ -252,7 +258,7 @@ class TestBasis:
     LENGTHS: ClassVar = {"tables": "as_measured", "material_c": [23.4] * 3, "as_measured": SCALES, "at_20_c": SCALES}
 
     def said(self, language="en", **extra):
-        return words_of(conclusion_document(conclude(replace(made_up_result(), extra=extra))), language)["basis"]
+        return words_of(conclusion_document(conclude(replace(made_up_result(), **members(**extra)))), language)["basis"]
 
     def test_which_lengths_the_tables_correct(self) -> None:
         (text,) = self.said(lengths=self.LENGTHS)
@@ -266,7 +272,7 @@ class TestBasis:
         assert "X +3,2 ± 3,0" in text
 
     def test_what_u_takes_for_granted(self) -> None:
-        (text,) = self.said(assumed=Assumptions(angles_urad=7.5, index=3e-7).as_json())
+        (text,) = self.said(assumed=Assumptions(angles_urad=7.5, index=3e-7).stated())
         assert "angular errors over 7.5 µrad" in text
         assert "air and wavelength 0.3 ppm" in text
         (text,) = self.said(tool={"up_to_um_per_100_mm": 3.21})
@@ -319,7 +325,7 @@ class TestUnseenSlip:
     def said(self, **changed: Any) -> list[str]:
         slip = {**self.SLIP, **changed}
         extra = {"unseen_slip": {"diagonals": slip}, "predicted": predicted((1.9, 1.3, 2.7), (4.0, 3.0, 6.0))}
-        return [render(each, "en") for each in conclude(replace(made_up_result(), extra=extra)).unknown if "slip" in each.key]
+        return [render(each, "en") for each in conclude(replace(made_up_result(), **members(**extra))).unknown if "slip" in each.key]
 
     def test_is_said_with_the_sizes_that_are_noticed(self) -> None:
         (words,) = self.said()
@@ -345,11 +351,11 @@ class TestUnseenSlip:
             readings = bench.survey((*DIAGONALS, *LINEAR), passes=passes, joined=len(passes) > 1)
             result = solve(readings)
             assert "unknown_slip" in {each.key for each in conclude(result).unknown}
-            sizes.append(result.extra["unseen_slip"]["diagonals"]["half_um"])
+            sizes.append(result.unseen_slip.diagonals.half_um)
         assert sizes == sorted(sizes)
-        monkeypatch.setattr("stepdiag.solver.methods.estimate.slips_report", lambda *_: {})
+        monkeypatch.setattr("stepdiag.solver.methods.estimate.slips_report", lambda *_: None)
         without = solve(readings)
-        assert "unseen_slip" not in without.extra
+        assert without.unseen_slip is None
         for each in ("errors", "squareness", "scale"):
             told, alone = getattr(result, each), getattr(without, each)
             known = [name for name in alone if alone[name].u is not None]

@@ -31,15 +31,18 @@ from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.drawings.space import LATTICE, lattice_mm, view_matrix
 from stepdiag.report.exported import Exported, ExportedFile
 from stepdiag.report.measured import layout_of, setup_figures
+from stepdiag.report.output import write_report
 from stepdiag.report.sections import conditions_table
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
 from stepdiag.solver.model.reported import SCALE_SUM, backlash, reversal, shape, sloped
 from stepdiag.solver.readings.readings import Readings, parse_readings
 from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.members import SetupReport
 from stepdiag.solver.result.result import Result
 from stepdiag.texts.texts import LANGUAGES, SECTIONS, Language, catalogue
 from testkit.exact.madeup import VOLUME, made_up_result
+from testkit.exact.members import members
 from testkit.recording import START_NS, write_log
 
 
@@ -101,7 +104,7 @@ def test_what_a_stranger_wrote_stays_text() -> None:
         budget={"shares": {HOSTILE: {HOSTILE: 1.0}}, "assumptions": {HOSTILE: HOSTILE}},
     )
     hostile = Finding(code=HOSTILE, severity="error", text=HOSTILE)
-    result.setups[HOSTILE] = {HOSTILE: HOSTILE}
+    result.setups[HOSTILE] = SetupReport(kind=HOSTILE)
     object.__setattr__(result, "findings", (hostile,))
     exported = [Exported(controller=HOSTILE, files=(ExportedFile(name=HOSTILE, size_bytes=1, sha256=HOSTILE),))]
     outline = Outline(build_report(result, source=HOSTILE, exported=exported).html)
@@ -159,7 +162,7 @@ def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Lan
     """Whatever is drawn in the document has a value at each of its points, in the numbers of the language, and its CSV beside it."""
     result, readings = golden()
     budget = {"shares": {name: {"reading": 0.3, "air": 0.1} for name in ("EXX", "X", SCALE_SUM, *(kind("EXX") for kind in KINDS))}}
-    result = replace(result, extra={**result.extra, "budget": budget, "closure_um": {"x": [0.0, 1.0, 2.0]}})
+    result = replace(result, **members(budget=budget, closure_um={"x": [0.0, 1.0, 2.0]}))
     exported = [Exported(controller="siemens", files=(), correction=np.zeros_like)]
     report = build_report(result, source="r", readings=readings, exported=exported, language=language)
     kinds = {one.name.split("-")[0] for one in report.figures}
@@ -246,10 +249,10 @@ def test_figures_of_the_standards_stand_in_the_report_with_their_uncertainty() -
     for name in ("ppp", "npp", "pnp", "ppn"):
         rows = [row for row, setup in enumerate(readings.setup) if setup == name and readings.stop[row] % 3 == 0]
         way = np.linalg.norm(readings.position_mm[rows] - readings.position_mm[rows[0]], axis=1)
-        assert figures[name][0]["E_up"] == pytest.approx(np.ptp(readings.reading_mm[rows] - way) * 1e3, abs=1e-6)
+        assert figures[name][0].E_up == pytest.approx(np.ptp(readings.reading_mm[rows] - way) * 1e3, abs=1e-6)
     html = build_report(result, source="r", readings=readings).html
     for name in ("ppp", "npp", "pnp", "ppn"):
-        assert f"{figures[name][0]['E_up']:.2f} ± {figures[name][0]['U']['E_up']:.2f}" in html
+        assert f"{figures[name][0].E_up:.2f} ± {figures[name][0].U['E_up']:.2f}" in html
     assert "on step diagonals (axes one after the other)" in html
 
 
@@ -444,7 +447,7 @@ def test_what_was_active_while_measuring_stands_in_the_report(language: str, off
     """State, files with their hashes, when and how they were read out; nothing where the survey says nothing."""
     words = {**catalogue("common", language), **catalogue("report", language)}
     said = {
-        state: dict(facts_table(replace(made_up_result(), extra={"survey": statement.as_json()}), words).rows)[words["compensation"]]
+        state: dict(facts_table(replace(made_up_result(), survey=statement.facts()), words).rows)[words["compensation"]]
         for state, statement in (
             ("off", Statement(state="off")),
             ("on", stated("on", {"A.INI": b"table"}, date(2026, 1, 31), "archive")),
@@ -453,3 +456,12 @@ def test_what_was_active_while_measuring_stands_in_the_report(language: str, off
     }
     assert (said["off"], said["?"]) == (off, unstated)
     assert f"A.INI (archive, 2026-01-31) SHA-256 {sha256(b'table').hexdigest()}" in said["on"]
+
+
+def test_a_report_named_like_another_file_makes_no_folder(tmp_path: Path) -> None:
+    """A folder is one whose name says nothing of a file."""
+    with pytest.raises(UsageError, match=r"expected FILE\.html, FILE\.pdf, or a folder, found the name of a \.csv file"):
+        write_report(build_report(made_up_result(), source="result.json"), tmp_path / "x.csv")
+    assert list(tmp_path.iterdir()) == []
+    written = write_report(build_report(made_up_result(), source="result.json"), tmp_path / "mill.2026")
+    assert written[0] == tmp_path / "mill.2026" / "report.html"

@@ -26,6 +26,31 @@ def test_every_sentence_reads_in_german(key: str) -> None:
     assert not is_english(translated(SENTENCES[key].format(**given), "de"))
 
 
+MAY_BE = "pass 1: stops 5, 6 may be off ({why}): to make sure, {again}, or accept it"
+STEP = "a step of +2.5 um inside the dwell: a slip of the count, a jerk of the machine, or the mirror"
+READ = [
+    "pass 1: stops 5, 6 do not reach back to the start (beam lost, laser head error): drive again from stop 4 on, or the whole pass",
+    "stops 5 do not go with the others: the stops measured twice disagree by 2.5 um, the mirror was moved: drive the whole pass again",
+    MAY_BE.format(why=STEP, again="drive again from stop 2 on"),
+    MAY_BE.format(why="2.5 of 40 samples lie far from the others: more than noise explains", again="drive the whole pass again"),
+    MAY_BE.format(why="the laser sent one value 2.5 times of 41: it is frozen", again="drive the whole pass again"),
+    "air_temperature_c reads 2.5 C after 20.1 C, 12 s ago: 20.1 C is held, u = 0.3 C; check the sensor, or solve with --environment FILE",
+    "12 events (2.5 bytes) were not recorded: the disk is full",
+    "laser: 2.5 samples missing between counts 65203 and 65205",
+    "laser: the count went from 6 to 2.5: the instrument began anew",
+    "the spot is off its detector in 2.5 of 16 samples of the dwell",
+]
+
+
+@pytest.mark.parametrize("text", READ)
+def test_what_the_recording_says_reads_in_german_with_its_figures(text: str) -> None:
+    """A reason of a setup, a doubt, a finding: none stays English, and none is told by its code alone without its figures."""
+    assert is_known(text)
+    german = translated(text, "de")
+    assert not is_english(german), german
+    assert "2,5" in german or "5, 6" in german
+
+
 @pytest.mark.parametrize("code", catalogue("finding", "en"))
 def test_no_finding_is_half_english(code: str) -> None:
     """What no pattern knows is told by what the code means; its advice is German too."""

@@ -93,7 +93,7 @@ def test_a_window_that_contradicts_itself_keeps_its_pass_open(tmp_path, code, wo
     assert not book.complete()
     assert "may be off" in told
     assert "drive again from stop 1 on" in told
-    doubted = book.passes[0].chosen()[2][0]
+    doubted = book.passes[0].chosen()[2]
     assert doubted.u_um > LEAST_U_UM, "a reading that stands still is no better than its resolution"
 
 
@@ -302,4 +302,4 @@ def test_a_stop_signal_that_flickers(tmp_path):
         assert each["reading_mm"] == pytest.approx(nominal_mm, abs=0.1)
         assert each["deviation_um"] == pytest.approx(1e3 * (each["reading_mm"] - nominal_mm), abs=0.01)
     assert [each["waits_for"].partition(", ")[0] for each in stops[:3]] == ["ppp 1/3", "ppp 2/3", "ppp 3/3"]
-    assert only.chosen()[2][0].window_to_ns - only.chosen()[2][0].window_from_ns > 0.3e9
+    assert only.chosen()[2].window_to_ns - only.chosen()[2].window_from_ns > 0.3e9

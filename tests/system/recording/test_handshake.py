@@ -47,7 +47,7 @@ def test_a_dwell_that_is_open_when_a_pass_ends_belongs_to_the_next(tmp_path):
         book = nothing_silently_wrong(place)
     assert said[-1]["kind"] == "complete"
     out, back = book.passes
-    assert back.chosen()[0][0].window_from_ns > out.chosen()[3][0].window_to_ns, "it stands twice at the turn, with the backlash in between"
+    assert back.chosen()[0].window_from_ns > out.chosen()[3].window_to_ns, "it stands twice at the turn, with the backlash in between"
     assert not book.doubts()
 
 

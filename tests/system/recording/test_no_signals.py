@@ -77,7 +77,7 @@ def error_um(place, book):
     for each in book.passes:
         true = simulate_pass(machine, box, each.route.setup, each.number, alignment=alignment_of(config, each.route.setup))
         chosen = each.chosen()
-        off = [(stop.reading_mm + offset - true.reading_mm[index]) * 1e3 for index, (stop, offset) in sorted(chosen.items())]
+        off = [(stop.reading_mm - true.reading_mm[index]) * 1e3 for index, stop in sorted(chosen.items())]
         errors += list(np.array(off) - np.mean(off))
     return float(np.sqrt(np.mean(np.square(errors))))
 

@@ -52,7 +52,7 @@ def test_the_first_stop_of_the_way_back_is_told_from_the_last_one_out(tmp_path, 
     out, back = book.passes
     assert "ppp back, stop 0 of 3" in findings_of(said, code)[0]
     assert [doubt.place for doubt in book.doubts()] == doubts
-    shared = out.chosen()[3][0].window_from_ns == back.chosen()[0][0].window_from_ns
+    shared = out.chosen()[3].window_from_ns == back.chosen()[0].window_from_ns
     assert shared is (code == "turned-round")
 
 

@@ -23,10 +23,10 @@ HOST = subprocess.run(["dpkg", "--print-architecture"], capture_output=True, tex
 
 @pytest.fixture(scope="module")
 def package(request, tmp_path_factory):
-    """A package of one architecture, built as `make deb` builds it: its architecture and its file."""
+    """A package of one architecture, built as `make deb` builds it by somebody whose files everybody may write: architecture and file."""
     folder = tmp_path_factory.mktemp(request.param)
     made = ["tools/deb", built_wheel(folder), request.param, folder]
-    done = subprocess.run([*map(str, made)], cwd=CHECKOUT, capture_output=True, text=True, timeout=500, check=False)
+    done = subprocess.run([*map(str, made)], cwd=CHECKOUT, capture_output=True, text=True, timeout=500, check=False, umask=0)
     assert done.returncode == 0, done.stderr
     return request.param, Path(done.stdout.strip())
 
@@ -64,6 +64,18 @@ def test_a_package_says_what_it_is_and_holds_it(package, tmp_path):
     assert "Apache" in (tmp_path / "usr/share/doc/stepdiag/copyright").read_text(encoding="utf-8")
     texts = [path for folder in ("bin", "share") for path in (tmp_path / "opt/stepdiag" / folder).rglob("*") if path.is_file()]
     assert not [path for path in texts if not path.is_symlink() and str(CHECKOUT).encode() in path.read_bytes()]
+
+
+@pytest.mark.parametrize("package", MACHINES, indirect=True)
+def test_nobody_but_root_may_write_what_a_package_installs(package):
+    """And no lock of who built it is in it; the sums beside it name it."""
+    _, file = package
+    listed = subprocess.run(["dpkg-deb", "--contents", file], capture_output=True, text=True, check=True).stdout.splitlines()
+    rows = [(mode, owner, path) for mode, owner, _, _, _, path in (line.split(maxsplit=5) for line in listed)]
+    assert [row for row in rows if row[0][0] != "l" and (row[0][5], row[0][8]) != ("-", "-")] == [], "writable by others"
+    assert {row[1] for row in rows} == {"root/root"}
+    assert [path for *_, path in rows if path.endswith(".lock")] == []
+    assert file.name in (file.parent / "SHA256SUMS").read_text()
 
 
 @pytest.mark.parametrize("package", [HOST], indirect=True)

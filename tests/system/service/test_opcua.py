@@ -4,6 +4,7 @@ import asyncio
 import json
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from asyncua import Client, ua
@@ -12,11 +13,12 @@ from asyncua.ua.ua_binary import extensionobject_to_binary
 
 from stepdiag.virtual.base.reserved import reserved_port
 from testkit.running.brokers import PATIENCE_S
-from testkit.running.opcua import MACHINE, MODEL, NOW, Serving, prepared
+from testkit.running.opcua import MACHINE, MODEL, NOW, Serving, prepared, subtyped_values
 
 pytestmark = [pytest.mark.system, pytest.mark.timeout(600)]
 
 USER, PASSWORD = "mes", "not-to-be-guessed"
+NODE = Path(__file__).parents[1] / "node"
 
 
 @pytest.fixture(scope="module")
@@ -35,13 +37,19 @@ def asked(serving, work):
 
     async def run():
         async with Client(serving.url, timeout=PATIENCE_S, watchdog_intervall=PATIENCE_S) as client:
-            await client.load_data_type_definitions()
-            index = await client.get_namespace_index(MODEL)
-            own = await client.get_namespace_index("urn:stepdiag:publish")
-            machine = await client.nodes.objects.get_child(ua.QualifiedName(MACHINE, own))
-            return await work(client, index, own, machine, await machine.get_child(f"{index}:ResultManagement"))
+            with subtyped_values():
+                await client.load_data_type_definitions()
+                return await work(client, *(await named(client)))
 
     return asyncio.run(asyncio.wait_for(run(), 4 * PATIENCE_S))
+
+
+async def named(client):
+    """Return the two namespaces, the machine and its management of results."""
+    index = await client.get_namespace_index(MODEL)
+    own = await client.get_namespace_index("urn:stepdiag:publish")
+    machine = await client.nodes.objects.get_child(ua.QualifiedName(MACHINE, own))
+    return index, own, machine, await machine.get_child(f"{index}:ResultManagement")
 
 
 async def until(look, wanted):
@@ -92,14 +100,37 @@ def test_results_are_read_by_variable_and_by_method(serving, survey):
     assert release == [0, -1], "a handle is released once"
 
 
+def test_a_client_of_another_maker_decodes_a_result_from_its_definition(serving):
+    """node-opcua builds its decoders from the definitions that the server offers; asyncua alone would share our mistakes."""
+    done = subprocess.run(["node", "results.mjs", serving.url], cwd=NODE, capture_output=True, text=True, timeout=PATIENCE_S, check=False)
+    assert done.returncode == 0, done.stderr
+    found = json.loads(next(line for line in done.stdout.splitlines() if line.startswith("{")))
+    assert found["variable"] == found["method"]
+    told = found["method"]
+    assert (told["type"], told["part"], told["job"]) == ("ResultMetaDataType", MACHINE, "bench")
+    assert told["content"] == ["stepdiag-result", "stepdiag-findings"]
+
+
+def test_the_definition_of_a_result_is_the_published_one(serving):
+    """A field that lets subtypes in, and no field of the abstract structure, for which clients have no decoder."""
+
+    async def work(client, index, _own, _machine, _management):
+        return index, await client.get_node(ua.NodeId(3008, index)).read_data_type_definition()
+
+    index, found = asked(serving, work)
+    meta, content = found.Fields
+    assert found.StructureType == ua.StructureType.StructureWithSubtypedValues
+    assert (meta.Name, meta.DataType, meta.IsOptional) == ("ResultMetaData", ua.NodeId(3007, index), True)
+    assert (content.Name, content.DataType, content.ValueRank) == ("ResultContent", ua.NodeId(24), 1)
+
+
 def test_the_meta_data_are_on_the_wire_as_an_extension_object(serving):
     """OPC 40001-101 lets subtypes stand there; a client with the published nodeset decodes it so."""
 
     async def work(_client, index, _own, _machine, management):
-        return index, (await management.call_method(f"{index}:GetLatestResult", NOW))[1]
+        return index, extensionobject_to_binary((await management.call_method(f"{index}:GetLatestResult", NOW))[1])
 
-    index, latest = asked(serving, work)
-    wire = extensionobject_to_binary(latest)
+    index, wire = asked(serving, work)
     node = lambda number: bytes((1, index)) + number.to_bytes(2, "little")  # noqa: E731
     assert wire.startswith(node(5008) + b"\1"), "Default Binary of ResultDataType"
     assert wire[9:].startswith(node(5005) + b"\1"), "Default Binary of ResultMetaDataType, within"

@@ -28,6 +28,33 @@ def test_nothing_younger_than_two_weeks_is_taken():
     assert tomllib.loads((CHECKOUT / "uv.lock").read_text())["options"]["exclude-newer-span"] == "P2W"
 
 
+def test_the_floors_of_the_dependencies_follow_the_lock():
+    """Who installs the wheel without the lock gets no version with an advisory that the lock is past."""
+    project = tomllib.loads((CHECKOUT / "pyproject.toml").read_text())
+    locked = {each["name"]: each.get("version") for each in tomllib.loads((CHECKOUT / "uv.lock").read_text())["package"]}
+    groups = [
+        project["project"]["dependencies"],
+        *project["project"]["optional-dependencies"].values(),
+        *project["dependency-groups"].values(),
+    ]
+    floors = dict(re.match(r"([a-z0-9-]+)>=([0-9.]+)", each).groups() for group in groups for each in group)
+    assert floors == {name: locked[name] for name in floors}
+    assert {"starlette", "pyarrow"} <= floors.keys()
+
+
+def test_every_file_of_a_release_is_in_its_sums(tmp_path):
+    """Whatever came later, too: a package beside the wheel. A signature of the sums is none of them."""
+    names = {"stepdiag-1.whl", "stepdiag_1_amd64.deb", "a name with blanks", "LICENSE"}
+    for name in sorted(names):
+        (tmp_path / name).write_text(name)
+        subprocess.run([CHECKOUT / "tools/sums", tmp_path], check=True)
+    (tmp_path / "SHA256SUMS.asc").write_text("signature")
+    (tmp_path / "wheel").mkdir()
+    subprocess.run([CHECKOUT / "tools/sums", tmp_path], check=True)
+    assert {line.split("  ")[1] for line in (tmp_path / "SHA256SUMS").read_text().splitlines()} == names
+    subprocess.run(["sha256sum", "--check", "--strict", "SHA256SUMS"], cwd=tmp_path, check=True, capture_output=True)
+
+
 def test_every_library_is_listed_with_its_licence():
     """As the tool writes it now: a library that is new in the lock is new in the list."""
     command = [sys.executable, CHECKOUT / "tools/licences", CHECKOUT / "uv.lock"]

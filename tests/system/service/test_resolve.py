@@ -13,7 +13,7 @@ import pytest
 from stepdiag.fleet.archive import add
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.store import Store
-from stepdiag.solver.result.result import software
+from stepdiag.solver.result.members import software
 from testkit.cli import stepdiag
 from testkit.fleets import finished_survey
 
@@ -71,7 +71,7 @@ def test_a_worker_killed_in_mid_run_loses_nothing_and_the_bytes_are_the_same(sto
 
 def test_another_version_writes_beside_says_what_changed_and_goes_on_where_it_stopped(store, tmp_path):
     """Three surveys are as if an older version had solved them, one of them otherwise; the scheduler is one that was there already."""
-    version = software()["version"]
+    version = software().version
     for number, place in enumerate(store.tables()[:3]):
         path = Path(store.path(place.folder)) / "result.json"
         result = json.loads(path.read_text(encoding="utf-8"))

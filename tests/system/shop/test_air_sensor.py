@@ -61,7 +61,7 @@ def sensed(folder, name, **options):
 
 def stops_of(place):
     """Return the stops in use of a survey, from its logs."""
-    return [stop for each in replay(logs_in(place.round)).book.passes for stop, _ in each.chosen().values()]
+    return [stop for each in replay(logs_in(place.round)).book.passes for stop in each.chosen().values()]
 
 
 @pytest.mark.parametrize("name", SENSORS)

@@ -144,6 +144,23 @@ def test_questions_on_a_terminal_lead_to_a_file_that_check_passes(tmp_path):
         assert code == 0, out + said
 
 
+@pytest.mark.parametrize("named", [(), ("--control", "modbus")], ids=["unknown control", "named control"])
+def test_a_control_that_does_not_answer_at_its_usual_port_is_asked_for_its_port(tmp_path, named):
+    """On a port of the builder's choice: nothing answers at 502, and the file would name a control that is not there."""
+    file, closed = tmp_path / "mill.toml", reserved_port()
+    laser = ("--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--seconds", 1)
+    usual = ("--machine-class", "good", "--feedback", "scale", "--origin", "0,0,0", "--chain", "FXYZ", "--host", "127.0.0.1")
+    with hall(tmp_path) as place, at_a_terminal("setup", file, *laser, *VOLUME, *usual, *named) as person:
+        person.answers("TCP port of the control", "far away")
+        person.answers("expected a whole number", str(closed))
+        person.answers("TCP port of the control", str(modbus_port(place)))
+        if not named:
+            person.answers("Which one", "modbus")
+        person.leaves()
+        survey = load_survey(file)
+    assert (survey.plc.transport, survey.plc.tcp_port) == ("tcp", modbus_port(place))
+
+
 def test_options_alone_do_the_same_and_the_protocol_that_answers_is_taken(tmp_path, monkeypatch):
     """Somebody who does not know what his control speaks: the first says why it is not the one. Nothing is overwritten."""
     gives_up_soon_on(monkeypatch, "modbus")

@@ -40,7 +40,7 @@ def assert_as_driven(each, truth, within_um=0.6):
     """Every stop in use reads what the machine truly did."""
     chosen = each.chosen()
     assert sorted(chosen) == list(range(len(truth)))
-    readings = [chosen[k][0].reading_mm + chosen[k][1] for k in range(len(truth))]
+    readings = [chosen[k].reading_mm for k in range(len(truth))]
     for k, true in enumerate(truth):
         assert abs(readings[k] - readings[0] - true.reading + truth[0].reading) * 1e3 < within_um, k
 
@@ -90,9 +90,10 @@ def test_a_return_pass_left_in_the_middle_and_the_whole_program_again(signals):
     second = next(each for each in book.passes if each.number == 2)
     assert_as_driven(second, back)
     for each in book.passes:
-        for stop, offset in each.chosen().values():
+        for stop in each.chosen().values():
             place = stop.stop if stop.outward else 9 - stop.stop
-            assert abs(stop.reading_mm + offset - out[place].reading) < 0.01 + abs(offset)
+            offset = each.zeros()[each.measured[stop.stop][-1].stretch].offset_mm
+            assert abs(stop.reading_mm - out[place].reading) < 0.01 + abs(offset)
 
 
 @pytest.mark.parametrize("signals", [STOPPED_ONLY, SETUP_TOLD], ids=["stopped", "stopped, setup"])
@@ -104,7 +105,7 @@ def test_a_quick_turn_is_another_standstill(signals):
     first, second = book.passes
     assert_as_driven(first, out)
     assert_as_driven(second, back)
-    assert second.chosen()[0][0].reading_mm - first.chosen()[9][0].reading_mm == pytest.approx(-0.004, abs=6e-4)
+    assert second.chosen()[0].reading_mm - first.chosen()[9].reading_mm == pytest.approx(-0.004, abs=6e-4)
     assert not set(codes) & {"stop-again", "between-stops", "reading-differs"}
 
 

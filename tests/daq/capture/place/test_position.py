@@ -74,4 +74,10 @@ def test_what_cannot_be_checked_is_said():
     (without, _) = unchecked(parse_survey(cube, "s"))
     assert "X and Y make the same step along the diagonal, so the laser cannot tell which of them moved" in without.text
     assert unchecked(parse_survey(survey_text(), "s")) == ()
+    named = "a program that drives another diagonal than its setup code is not noticed"
+    (coded, _) = unchecked(
+        parse_survey(survey_text(signals=f"{STOPPED_ONLY}\n[plc.signals.setup]\naddress = 3\n", setups=("ppp", "npp")), "s")
+    )
+    assert named in coded.text
+    assert named not in text["position-unchecked"]
     assert run(diagonal("ppp"), survey_text(signals=STOPPED_ONLY))[2][0].code == "position-unchecked"

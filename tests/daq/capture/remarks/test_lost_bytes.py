@@ -5,7 +5,6 @@ import pytest
 from stepdiag.daq.capture.remarks.stream_findings import StreamRemarks
 from stepdiag.daq.links.ports.tty import _LOSSES
 from stepdiag.daq.log.codec import time_of
-from stepdiag.daq.passes.verdict import history
 from stepdiag.daq.records.events import LOST, LinkEvent
 from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import finding_advice
@@ -41,4 +40,4 @@ def test_a_loss_in_a_survey_stands_in_its_log_and_hinders_nothing(tmp_path):
     session, found = recorded(tmp_path, survey_file(setups=("ppp",)), [*events[:at], lost, *events[at:]])
     assert [each.text for each in found if each.code == "laser-bytes-lost"] == [f"laser: bytes were lost: {CAUSES[1]}"]
     assert session.book.complete()
-    assert [each["code"] for each in history(found)].count("laser-bytes-lost") == 1
+    assert [each.code for each in dict.fromkeys(found)].count("laser-bytes-lost") == 1

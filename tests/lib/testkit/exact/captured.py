@@ -27,7 +27,7 @@ def stops_of(setup="ppp", *, outward=True, zero=0.0, only=None, n=3):
             rejected=0,
             window_from_ns=k,
             window_to_ns=k + 1,
-            time_s=float(k),
+            time_s=1.8e9 + k,
             beam=0.9,
         )
         for k in (only if only is not None else range(len(route)))

@@ -309,7 +309,9 @@ def judged(folder, logs, machine, size=BOX_MM):
         AXIS.format(letter=letter, number=at + 1, step=length / SECTIONS)
         for at, (letter, length) in enumerate(zip("XYZ", size, strict=True))
     )
-    profile.write_text("".join([PROFILE, *axes, "[siemens]\nmeasuring_system = 1\n"]), encoding="utf-8")
+    profile.write_text(
+        "".join([PROFILE, *axes, "[siemens]\nmeasuring_system = 1\nold_enabled = true\nold_weight = 1.0\n"]), encoding="utf-8"
+    )
     out = folder / "export"
     done = stepdiag("export", result, "--controller", "siemens", "--profile", profile, "--out", out)
     if done.code:

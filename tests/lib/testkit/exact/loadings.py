@@ -19,6 +19,8 @@ from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Quantity, Re
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine
 from testkit.cli import stepdiag
+from testkit.exact.machines import OLD
+from testkit.exact.members import members
 from testkit.exact.plants import PLANTS, Plant
 from testkit.exact.results import made_result
 
@@ -109,7 +111,7 @@ class Sequence:
             (folder / name).write_bytes(data)
         digests = [{"name": n, "sha256": hashlib.sha256(d).hexdigest(), "date": "2026-01-01", "source": "archive"} for n, d in own.items()]
         survey = {"machine": "m", "compensation": "on", "active_files": digests} if measured_on else {"machine": "m", "compensation": "off"}
-        (folder / "result.json").write_text(replace(result, extra={**result.extra, "survey": survey}).to_json(), encoding="utf-8")
+        (folder / "result.json").write_text(replace(result, **members(survey=survey)).to_json(), encoding="utf-8")
         text = self._profile(volume, sections, list(own), names, words, measured_on)
         (folder / "profile.toml").write_text(text, encoding="utf-8")
         asked = (
@@ -223,7 +225,7 @@ class Sequence:
         made = made_result(values, squareness=square, reversal=back, angles=angles, chain=self.chain, volume=volume, u_um=0.05)
         known = {name: Quantity(value=value, u=0.2) for name, value in square.items()}
         numbers = {name[1]: {"value": float(np.mean(value)), "u": 0.05, "unit": "um"} for name, value in back.items()}
-        return replace(made, squareness=known, extra={"backlash": numbers})
+        return replace(made, squareness=known, **members(backlash=numbers))
 
     def _asked(self) -> tuple[list[str], dict[str, str]]:
         """Draw the functions that are exported, and the section of the control."""
@@ -249,7 +251,7 @@ class Sequence:
         if self.maker == "siemens":
             more = f"cec_tables_held = {self.held}\n" if self.held else f"first_cec_table = {int(rng.choice([0, 0, 3, 20]))}\n"
             products = "true" if rng.random() < 0.6 else "false"
-            return f"[siemens]\nmeasuring_system = 1\neec_points = {{X=50,Y=50,Z=50}}\ncec_points = 60\nproducts = {products}\n{more}"
+            return f"[siemens]\n{OLD}measuring_system = 1\neec_points = {{X=50,Y=50,Z=50}}\ncec_points = 60\nproducts = {products}\n{more}"
         if self.maker == "fanuc":
             axes = "".join(f"[fanuc.axes.{a}]\nnumber = {n}\nreference_point = {200 * n - 100}\n" for n, a in enumerate("XYZ", start=1))
             option = "true" if rng.random() < 0.6 else "false"

@@ -51,8 +51,10 @@ reference_point = 500
 reverse_first_point = 560
 """
 
+OLD = "old_enabled = true\nold_weight = 1.0\n"
+"""How a SINUMERIK's own tables were switched before the loading."""
 MACHINES: dict[str, Machine] = {
-    "siemens": Machine(section="[siemens]\nmeasuring_system = 1\neec_points = { X = 50, Y = 50, Z = 50 }\ncec_points = 60\n"),
+    "siemens": Machine(section="[siemens]\nmeasuring_system = 1\neec_points = { X = 50, Y = 50, Z = 50 }\ncec_points = 60\n" + OLD),
     "fanuc": Machine(section=FANUC, files={"PITCH.TXT": new_punch_file()}, functions=("EXX", "EYY", "EZZ")),
     "heidenhain": Machine(section='[heidenhain]\ngeneration = "tnc640"\n', directions=("mean",)),
     "linuxcnc": Machine(section="[linuxcnc]\njoints = { X = [0], Y = [1], Z = [2] }\n", axis_lines=("backlash_um = 0.0",)),

@@ -6,7 +6,9 @@ import numpy as np
 
 from stepdiag.base.findings import Finding
 from stepdiag.base.volume import Volume
+from stepdiag.solver.result.members import Software
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
+from testkit.exact.members import members, setups
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 
@@ -27,14 +29,11 @@ def made_up_result(
         errors=errors,
         squareness={name: Quantity(value=20.0 - 12.0 * order, u=0.4) for order, name in enumerate(SQUARENESS)},
         scale={letter: Scale(value=slope, u=0.3 if scales else None, identified=scales) for letter in "XYZ"},
-        setups={
-            "ppp": {"mirror_tilt_mrad": [0.41, -0.12], "drift_um": 0.3, "repeatability_um": 0.25},
-            "npp": {"mirror_tilt_mrad": [0.2, 0.5], "drift_um": -0.1},
-        },
+        setups=setups(ppp={"tilt_mrad": 0.43, "repeatability_um": 0.25}, npp={"tilt_mrad": 0.54}),
         findings=findings,
         reversal=turned,
-        software={"name": "stepdiag", "version": "0.1.0"},
-        extra=extra,
+        software=Software(name="stepdiag", version="0.1.0"),
+        **members(**extra),
     )
 
 

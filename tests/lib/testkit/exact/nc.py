@@ -5,7 +5,7 @@ signal that the control's look-ahead would send before the axes have arrived.
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
 Point = tuple[float, float, float]
@@ -22,9 +22,15 @@ class Stand:
     waited: bool
 
 
+class RefusedError(Exception):
+    """The program stopped before its first move; the words are those on the control's screen."""
+
+
 @dataclass
 class Walk:
-    """The state of the walk and what it has seen."""
+    """The state of the walk and what it has seen. ``left`` is what was active at the control before, by the control's own names."""
+
+    left: Mapping[str, float] = field(default_factory=dict)
 
     stands: list[Stand] = field(default_factory=list)
     path: list[Point] = field(default_factory=list)
@@ -40,6 +46,23 @@ class Walk:
     modes: set[str] = field(default_factory=set)
     halted: bool = False
     ended: bool = False
+    checks: int = 0
+
+    def read(self, name: str) -> float:
+        """Return what the control holds under a name; 0 where nothing was left."""
+        return self.left.get(name, 0.0)
+
+    def refuse(self, when: bool, words: str) -> None:
+        """Stop by name; nothing may have moved."""
+        assert not self.path, "a check after the first move"
+        assert not self.halted, "a check after the operator has agreed"
+        self.checks += 1
+        if when:
+            raise RefusedError(words)
+
+    def apart(self, one: str, other: str) -> float:
+        """Return the sum of what two positions differ by in three axes; the names have a place for each."""
+        return sum(abs(self.read(one.format(axis)) - self.read(other.format(axis))) for axis in (1, 2, 3))
 
     def move(self, x: str, y: str, z: str, feed: str) -> None:
         assert not self.stopped, "moves while the PLC is told that the machine stands"
@@ -91,6 +114,14 @@ def _fanuc(walk: Walk) -> list[Rule]:
         (r"\((.*)\)", walk.comments.append),
         (r"((?:G\d+ ?)*G21|G17 [G0-9 ]+|G54)", modes),
         (r"IF\[\[ABS\[#(52\d1)\]\+ABS\[#52\d2\]\+ABS\[#52\d3\]\]NE0\]THEN #3000=\d\([A-Z0-9 ]+\)", modes),
+        (
+            r"IF\[FIX\[#(40\d\d)\]EQ(\d+)\]THEN #3000=\d\(([A-Z0-9. ]{1,26})\)",
+            lambda group, code, words: walk.refuse(int(walk.read(f"#{group}")) == int(code), words),
+        ),
+        (
+            r"G53\nIF\[\[ABS\[#5021-#5041\]\+ABS\[#5022-#5042\]\+ABS\[#5023-#5043\]\]GT0\.003\]THEN #3000=\d\(([A-Z0-9. ]{1,26})\)",
+            lambda words: walk.refuse(walk.apart("#502{}", "#504{}") > 0.003, words),
+        ),
         (r"M05", lambda: None),
         (r"M00 \(.*\)", lambda: setattr(walk, "halted", True)),
         (r"G53", walk.barrier),
@@ -113,10 +144,15 @@ def _siemens(walk: Walk) -> list[Rule]:
         assert walk.modes >= {"G71", "G90", "G94", "G40", "G60", "D0"}, walk.modes
         walk.move(*numbers)
 
+    apart = r"\+".join(rf"ABS\(\$AA_IM\[{axis}\]-\$AA_IB\[{axis}\]\)" for axis in "XYZ")
     return [
         (r"; (.*)", walk.comments.append),
         (r"(G71 [G0-9 ]+|D0)", lambda text: walk.modes.update(text.split())),
-        (r"M5|MSG\(.*\)", lambda: None),
+        (r"M5|MSG\(.*\)|TRAFOOF", lambda: None),
+        (
+            rf"(\w+):\nSTOPRE\nIF {apart}>0\.003\nMSG\(\"(.*)\"\)\nM0\nGOTOB \1\nENDIF",
+            lambda _, words: walk.refuse(walk.apart("$AA_IM{}", "$AA_IB{}") > 0.003, words),
+        ),
         (r"M0", lambda: setattr(walk, "halted", True)),
         (r"STOPRE", walk.barrier),
         (r"\$A_DBW\[(0|2|4)\]=(\d+)", word),
@@ -136,10 +172,15 @@ def _heidenhain(walk: Walk) -> list[Rule]:
         assert all(number[0] in "+-" for number in numbers[:3]), "coordinates carry their sign"
         walk.move(*numbers)
 
+    tilted = r"FN 20: WAIT FOR SYNC\nFN 18: SYSREAD QL1 = ID210 NR6 IDX1\nFN 9: IF \+QL1 EQU \+0"
     return [
         (r"; (.*)", walk.comments.append),
         (r"CYCL DEF (?:7\.0 DATUM SHIFT|8\.0 MIRROR IMAGE|8\.1|10\.0 ROTATION|11\.0 SCALING|9\.0 DWELL TIME)", lambda: None),
         (r"CYCL DEF (?:7\.[123]|10\.1|11\.1) (.*)", walk.modes.add),
+        (
+            rf"LBL (\d+)\n{tilted} GOTO LBL (\d+)\n; (.*)\nSTOP M5\nFN 9: IF \+0 EQU \+0 GOTO LBL \1\nLBL \2",
+            lambda _again, _on, words: walk.refuse(walk.read("ID210 NR6") != 0, words),
+        ),
         (r"STOP M5", lambda: setattr(walk, "halted", True)),
         (r"FN 20: WAIT FOR SYNC", walk.barrier),
         (r"FN 20: WAIT FOR W100==(\d+)", lambda count: setattr(walk, "waited_for", int(count))),
@@ -184,10 +225,13 @@ def _linuxcnc(walk: Walk) -> list[Rule]:
 RULES = {"fanuc": _fanuc, "siemens": _siemens, "heidenhain": _heidenhain, "linuxcnc": _linuxcnc}
 
 
-def walk_program(data: bytes, control: str) -> Walk:
-    """Return what the program does. Raises AssertionError for a block that the dialect does not know."""
+def walk_program(data: bytes, control: str, left: Mapping[str, float] | None = None) -> Walk:
+    """Return what the program does where some things were ``left`` active at the control.
+
+    Raises AssertionError for a block that the dialect does not know, RefusedError where the program stops by name.
+    """
     text = _unframed(data.decode("ascii"), control)
-    walk = Walk()
+    walk = Walk(left or {})
     rules = [(re.compile(rf"(?:{pattern})(?:\n|\Z)"), action) for pattern, action in RULES[control](walk)]
     at = 0
     while at < len(text):

@@ -46,6 +46,8 @@ name = "AX3"
 step_mm = 50.0
 reference_mm = 0.0
 [siemens]
+old_enabled = true
+old_weight = 1.0
 measuring_system = 1
 """
 """The axes of the hall's machine in a profile."""

@@ -46,6 +46,7 @@ class Door:
 
     def place(self, folder: Path) -> None:
         """Write the files."""
+        folder.mkdir(exist_ok=True)
         for name, text in self.files.items():
             if name in MADE:
                 (folder / LOG).write_bytes(MADE[name](text))

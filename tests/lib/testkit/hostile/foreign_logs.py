@@ -36,6 +36,7 @@ from testkit.exact.machines import profile_text
 from testkit.hostile.foreign_base import Target, refusing
 from testkit.timeline import Timeline, diagonal, survey_text
 
+WALL_OFFSET_NS = 1_800_000_000 * 10**9
 RATE_HZ = 100.0
 SURVEY = survey_text(setups=("ppp",), n=1, dwell=0.5).replace("rate_hz = 250.0", f"rate_hz = {RATE_HZ}")
 SURVEY += '[[export]]\ncontroller = "neutral"\nprofile = "p.toml"\n[solver]\nangles = "a.csv"\n'
@@ -78,10 +79,10 @@ def _every_command(data: bytes) -> None:
 def recorded() -> bytes:
     """Return a whole log of one short pass, its captured stops included."""
     survey = parse_survey(SURVEY, "survey.toml")
-    start = PassBook(survey).start(skip_open_dwell=False)
+    start = PassBook(survey).start(skip_open_dwell=False, wall_offset_ns=WALL_OFFSET_NS)
     stream = BytesIO()
     run = {"start": msgspec.json.encode(start).decode(), **bundle_to_run(FILES)}
-    header = LogHeader(survey_text=SURVEY, wall_offset_ns=1_700_000_000_000_000_000, start_ns=0, run=run)
+    header = LogHeader(survey_text=SURVEY, wall_offset_ns=WALL_OFFSET_NS, start_ns=0, run=run)
     writer, capture = LogWriter(stream, header), Capture(survey, start)
     standing = [replace(stop, seconds=0.6) for stop in diagonal("ppp", n=1)]
     for number, event in enumerate(Timeline(standing, rate_hz=RATE_HZ, move_s=0.2, lead_s=0.3).events()):

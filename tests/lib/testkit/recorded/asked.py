@@ -111,7 +111,9 @@ def _whole() -> Any:
         "no TOML": base + "[",
         "empty": "",
         "machine is no table": "machine = 3\n",
-        "section is no table": base.replace("[siemens]\nmeasuring_system = 1", "").replace("[machine]", "siemens = 3\n[machine]"),
+        "section is no table": base.replace("[siemens]\nmeasuring_system = 1\nold_enabled = true\nold_weight = 1.0", "").replace(
+            "[machine]", "siemens = 3\n[machine]"
+        ),
         "a byte order mark": "\ufeff" + base,
         "deep": base + "a" + ".a" * 30 + " = 1\n",
         "missing axis field": base.replace("step_mm = 100.0", ""),

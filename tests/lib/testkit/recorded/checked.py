@@ -23,6 +23,7 @@ from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
 from stepdiag.solver.result.result import Quantity, Result
+from testkit.exact.members import members, setups
 from testkit.recorded import plain
 from testkit.recorded.exported import own_of, said
 from testkit.recorded.profiles import profile_of
@@ -271,7 +272,7 @@ def _quality() -> Any:
     tables = [table_of((0, 4, 2, 0))]
 
     def of(stated: Any, curves: Sequence[Curve] = (), findings: tuple[Finding, ...] = ()) -> list[str]:
-        return checked(tables, result=replace(PLAIN, setups=stated, findings=findings), curves=curves, whole=bool(findings))
+        return checked(tables, result=replace(PLAIN, setups=setups(**stated), findings=findings), curves=curves, whole=bool(findings))
 
     found = {f"repeats to {um:g} um": of({"ppp": {"passes": [1, 2], "repeatability_um": um}}) for um in (0, 1, 2, 2.25, 3, -1)}
     found["the worst of two"] = of(
@@ -491,11 +492,11 @@ def _remarks() -> Any:
         for letter in "XYZ":
             found[f"backlash {letter} {ends}"] = [said(item) for item in backlash_offered(TURNING, letter, ends_backlash=ends)]
     for value, u in ((3.0, 1.0), (3.25, 1.0), (-3.0, 1.0), (-3.25, 1.0), (0.5, 0.0)):
-        extra = {"backlash": {"X": {"value": value, "u": u}}}
+        known = members(backlash={"X": {"value": value, "u": u}})
         found[f"backlash of {value} with {u}"] = [
-            said(item) for item in backlash_offered(replace(PLAIN, extra=extra), "X", ends_backlash=False)
+            said(item) for item in backlash_offered(replace(PLAIN, **known), "X", ends_backlash=False)
         ]
-    found["no numbers"] = [said(item) for item in backlash_offered(replace(PLAIN, extra={"backlash": []}), "X", ends_backlash=False)]
+    found["no numbers"] = [said(item) for item in backlash_offered(PLAIN, "X", ends_backlash=False)]
     grid, at = np.array([0.0, 10.0, 20.0]), np.array([-5.0, 0.0, 5.0, 10.0, 15.0, 20.0, 25.0])
     found["missed"] = [
         missed_um(grid, at, np.array(um, dtype=float)) for um in ((9, 0, 4, 0, -6, 0, 9), (1, 2, 3, 4, 5, 6, 7), (0, 0, 0, 0, 1, 0, 0))

@@ -59,8 +59,8 @@ def exported(
 
 def figures(prediction: Prediction) -> list[list[float | None]]:
     """Return the intervals that are promised, in their order: with and without rigid motion, before and after, rms and largest."""
-    every = (found for when in prediction.predicted().values() for found in when.values())
-    return [list(interval.values()) for found in every for interval in (found["rms_um"], found["largest_um"])]
+    every = (found for when in prediction.predicted.parts().values() for found in when.values())
+    return [[one.value_um, one.low_um, one.high_um] for found in every for one in (found.rms_um, found.largest_um)]
 
 
 def said(item: Finding) -> str:

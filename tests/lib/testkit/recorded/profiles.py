@@ -10,7 +10,7 @@ from testkit.exact.machines import EOB
 from testkit.recorded.results import VOLUME
 
 SECTIONS = {
-    "siemens": "[siemens]\nmeasuring_system = 1\n",
+    "siemens": "[siemens]\nmeasuring_system = 1\nold_enabled = true\nold_weight = 1.0\n",
     "fanuc": "[fanuc]\ndetection_unit_um = 1.0\nincrement_limit = 127\n",
     "heidenhain": '[heidenhain]\ngeneration = "tnc640"\n',
     "linuxcnc": "[linuxcnc]\njoints = { X = [0], Y = [1, 3], Z = [2] }\n",

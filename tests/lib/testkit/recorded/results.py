@@ -6,7 +6,9 @@ from typing import Any
 
 from stepdiag.base.findings import Finding
 from stepdiag.base.volume import Volume
+from stepdiag.solver.result.members import Software
 from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Quantity, Result, Scale
+from testkit.exact.members import members, setups
 from testkit.exact.results import made_result
 
 VOLUME = Volume(origin_mm=(-200.0, 40.0, -150.0), size_mm=(300.0, 240.0, 180.0), increments=3)
@@ -61,7 +63,7 @@ def result_of(
         shape_only=shape_only,
         findings=findings,
     )
-    return replace(made, software={"name": "stepdiag", "version": "0"}, extra={"survey": dict(OFF), **extra})
+    return replace(made, software=Software(name="stepdiag", version="0"), **members(**{"survey": OFF, **extra}))
 
 
 PLAIN = result_of()
@@ -83,16 +85,16 @@ def told() -> Result:
         assumed={"angles_urad": 5.0, "drift_um": 0.4, "shape_um": 3.25},
         lengths={
             "tables": "as_measured",
-            "material_c": [22.5, 22.75],
+            "material_c": [22.5, 22.75, 22.625],
             "as_measured": {"X": {"value": 11.9, "u": 0.8}, "Y": {"value": -9.1, "u": 0.7}, "Z": {"value": None, "u": None}},
             "at_20_c": {"X": {"value": -18.3, "u": 1.1}, "Y": {"value": -39.7, "u": 1.2}, "Z": {"value": None, "u": None}},
         },
-        conditions={"assumed": {"air_c": 20.0, "humidity_percent": 50.0}},
+        conditions={"assumed": {"air_temperature_c": 20.0, "relative_humidity_percent": 50.0}},
         tool={"up_to_um_per_100_mm": 1.43},
     )
     scale = {"X": Scale(value=39.5, u=0.8, identified=True), "Y": Scale(value=-38.1, u=0.7, identified=True), "Z": full.scale["Z"]}
-    setups = {"ppp": {"passes": [1, 2], "repeatability_um": 0.31}, "linear-x": {"passes": [1]}, "linear-y": {"passes": 1}}
-    return replace(full, scale=scale, setups=setups)
+    reports = setups(ppp={"passes": [1, 2], "repeatability_um": 0.31}, linear_x={"passes": [1]}, linear_y={"passes": [1]})
+    return replace(full, scale=scale, setups=reports)
 
 
 def expecting() -> Result:

@@ -206,9 +206,9 @@ def _over_others() -> Any:
         case.moved_um(some).tolist(),
         case.sum_um(old[:1], some).tolist(),
         case.unstepped(curve).forward_um.tolist(),
-        case.off_um(curve, some, 0.0).tolist(),
-        case.off_um(curve, some, 15.0).tolist(),
-        replace(case, turn_um_mm=0.02).off_um(curve, some, 15.0).tolist(),
+        *(part.tolist() for part in case.at_own_points_um(curve, some, 0.0)),
+        *(part.tolist() for part in case.at_own_points_um(curve, some, 15.0)),
+        *(part.tolist() for part in replace(case, turn_um_mm=0.02).at_own_points_um(curve, some, 15.0)),
         case.moved_field_um()[::4, ::4, ::4].reshape(-1).tolist(),
         [float(at[0]), case.is_slope],
     ]

@@ -21,7 +21,9 @@ from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inve
 from stepdiag.solver.fourdof.drift import slow_drift
 from stepdiag.solver.fourdof.head import Crosstalk, Head, motion
 from stepdiag.solver.fourdof.statistics import compare, stability
-from stepdiag.solver.result.interval import Interval, interval_of
+from stepdiag.solver.result.interval import Interval
+from stepdiag.solver.result.json_tree import Node
+from stepdiag.solver.result.typed import read_or_none, written
 from stepdiag.solver.standards.air import (
     Air,
     AirUncertainty,
@@ -205,9 +207,9 @@ def statistics(given):
 
 def intervals(given):
     """Return how every figure is written."""
-    found = [interval_of(one) for one in given["figures"]]
+    found = [read_or_none(Node(one, "figure", ""), Interval) for one in given["figures"]]
     return [
-        one and {"shown": one.shown(), "best": one.best(), "words": one.words(), "bound": one.bound(), "is": one.as_json()} for one in found
+        one and {"shown": one.shown(), "best": one.best(), "words": one.words(), "bound": one.bound(), "is": written(one)} for one in found
     ] + [plain(Interval(value_um=value).words()) for value in (0.0, 9.94, 9.96)]
 
 

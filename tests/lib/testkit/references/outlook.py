@@ -6,11 +6,12 @@ from stepdiag.base.volume import BODY_DIAGONALS, Volume, anywhere_mm
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.planning.planner import Circumstances, Forecast, best_survey, forecast, plan
 from stepdiag.solver.planning.runs import Plan, Run, run_minutes, run_stops_mm, setup_minutes
-from stepdiag.solver.result.basis import basis_of, scales_in_words, unseen_slips
+from stepdiag.solver.result.basis import basis_of, scales_in_words
 from stepdiag.solver.result.field import along_diagonal_um, bend_um, error_field_um, without_rigid_motion
 from stepdiag.solver.result.prediction import predicted, predicted_with_u, squares_um2
 from stepdiag.solver.result.result import Result
 from stepdiag.solver.result.stretches import harmed
+from stepdiag.solver.result.typed import written
 from testkit.references import plain, refused
 
 EVERY = slice(None, None, 7)
@@ -31,9 +32,9 @@ def of_volume(result: Result):
         "bend_um": bend_um(result, points)[:12],
         "free_um": without_rigid_motion(result.volume, points, field)[:12],
         "beyond_um": error_field_um(result, points[:6] + np.array([400.0, -400.0, 0.5])),
-        "predicted": [predicted(result, points, -share * field).as_json() for share in SHARES],
-        "beside": predicted(result, points, -field, beside).as_json(),
-        "with_u": predicted_with_u(result, points, -field),
+        "predicted": [written(predicted(result, points, -share * field)) for share in SHARES],
+        "beside": written(predicted(result, points, -field, beside)),
+        "with_u": predicted_with_u(result, result.posterior, points, -field),
         "squares_um2": [np.mean(each, axis=1)[::25] for each in squares_um2(result, points, -field, beside)],
         "harmed": [
             [plain(one) | {"times": one.times} for one in harmed(result, points, change)] for change in (wrong, wrong - field, 2.5 * field)
@@ -51,7 +52,7 @@ def of_volume(result: Result):
 def of_words(result: Result):
     """Return what a result says of its basis."""
     basis = basis_of(result)
-    unseen = unseen_slips(result)
+    unseen = [*(result.unseen_slip or ())]
     return {
         "basis": basis,
         "beside_lengths": basis.beside,

@@ -27,8 +27,11 @@ from stepdiag.solver.planning.planner import Circumstances
 from stepdiag.solver.planning.runs import Pace, Plan, Run
 from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.solver.readings.rtl import render_rtl, with_runs
+from stepdiag.solver.result.json_tree import Node
+from stepdiag.solver.result.members import CoverageFactor, HeadStraightness, SetupReport
 from stepdiag.solver.result.result import Function, Scale, same_result
 from stepdiag.solver.result.rounding import same_but_for_rounding, steady
+from stepdiag.solver.result.typed import read, written
 from stepdiag.solver.uncertainty.monte_carlo import shortest_interval
 from testkit.references import refused
 
@@ -43,10 +46,23 @@ def limits(given):
     return [_limits(one, given) for one in given["surveys"]]
 
 
+def _of_head(facts):
+    """Return what the head measured of a function, of which only the misclosure, and the difference, matter."""
+    zero = dict.fromkeys(("passes", "end_point_um", "least_squares_um", "minimum_zone_um", "u_um", "residual_um"), 0)
+    facts = {name: {"position_mm": [], **value} if name == "difference_um" else value for name, value in facts.items()}
+    return read(Node({**zero, **facts}, "head", ""), HeadStraightness)
+
+
+def _changed(report, change):
+    """Return the report of a setup with some members changed to what their JSON says."""
+    changed = read(Node(change, "change", ""), SetupReport)
+    return replace(report, **{name: getattr(changed, name) for name in change})
+
+
 def _limits(survey, given):
     readings, angles = ("\n".join(survey[name]) + "\n" for name in ("readings", "angles"))
     found = estimate(lay_out(parse_readings(readings)), "FXYZ", angles=parse_angles(angles)).adjustment
-    changed = [{**setup_reports(found), "npp": {**setup_reports(found)["npp"], **one}} for one in given["reports"]]
+    changed = [{**setup_reports(found), "npp": _changed(setup_reports(found)["npp"], one)} for one in given["reports"]]
     return {
         "reports": [[setup_findings(found, one), contradictions(one, found.scatter)] for one in changed],
         "scatter": [scatter_findings(_scattering(found, **one)) for one in given["scatter"]],
@@ -66,7 +82,7 @@ def noise(given):
     samples = np.array(given["samples"])
     return {
         "t": [t_factor(freedom) for freedom in given["freedom"]],
-        "coverage": [coverage_findings(one) for one in given["coverage"]],
+        "coverage": [coverage_findings(read(Node(one, "coverage", ""), dict[str, CoverageFactor])) for one in given["coverage"]],
         "assumed": [assumed_noise(names) for names in given["classes"]],
         "intervals": [shortest_interval(samples, share) for share in given["shares"]],
         "normal": [normal_points(count) for count in given["points"]],
@@ -108,13 +124,13 @@ def warmth(given):
         told.append(
             {
                 "findings": [temperature_findings(np.array(some, dtype=float), assumed) for some in given["temperature_c"]],
-                "lengths": [lengths_report(some, assumed, known=known) for some in scales for known in (True, False)],
+                "lengths": [written(lengths_report(some, assumed, known=known)) for some in scales for known in (True, False)],
                 "tool": [
-                    tool_report(some, other, assumed)
+                    written(tool_report(some, other, assumed))
                     for some, other in ((functions[0], functions[1]), (functions[1], functions[2]), (functions[2], {}))
                 ],
                 "u_grown_um_m": assumed.u_grown_um_m(),
-                "json": assumed.as_json(),
+                "json": written(assumed.stated()),
             }
         )
     return told
@@ -171,7 +187,7 @@ def words(given):
             for one in given["findings"]
         ],
         "runs": [[run.setup for run in plan.runs] for plan in plans],
-        "head": [head_findings(one) for one in given["head"]],
+        "head": [head_findings({name: _of_head(facts) for name, facts in one.items()}) for one in given["head"]],
     }
 
 

@@ -12,9 +12,9 @@ from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.straightness_file import parse_straightness, render_straightness
 from stepdiag.solver.readings.readings import make_readings, parse_readings, render_readings
 from stepdiag.solver.readings.rtl import parse_rtl, render_rtl, rtl_readings
-from stepdiag.solver.result.json_tree import load_json
 from stepdiag.solver.result.posterior import Posterior
-from stepdiag.solver.result.result import Function, Result, parse_result
+from stepdiag.solver.result.result import MEMBERS, Function, Result, parse_result
+from stepdiag.solver.result.typed import written
 from testkit.references import figures, outlook, plain, refused, rules
 
 
@@ -56,10 +56,13 @@ def of_result(result: Result, brief=False):
     del fields["software"]
     for part in ("errors", "expected", "reversal"):
         fields[part] = {name: _function(one, name, result) for name, one in fields[part].items()}
-    extra = {name: value for name, value in result.extra.items() if not (brief and name in ("standards", "assumed"))}
+    extra = {name: written(value) for name in MEMBERS if (value := fields.pop(name)) is not None}
+    if brief:
+        extra = {name: value for name, value in extra.items() if name not in ("standards", "assumed")}
     if "budget" in extra:
         shares = _table(extra["budget"]["shares"])
         extra["budget"] = {"combined": extra["budget"]["combined"]} if brief else extra["budget"] | {"shares": shares}
+    fields["setups"] = written(result.setups)
     return shorter(plain(fields | {"extra": extra, "posterior": result.posterior and of_posterior(result.posterior)}))
 
 
@@ -116,10 +119,6 @@ def of_posterior(posterior: Posterior):
     }
 
 
-def _tree(lines):
-    return load_json(joined(lines), "tree.json").plain()
-
-
 def _straightness(lines):
     found = parse_straightness(joined(lines))
     return {"found": found, "again": render_straightness(found).splitlines()}
@@ -148,7 +147,8 @@ def _changed_result(given):
     """Return what is read of a result and of each change of it: a path (a name of its own at the end) and what stands there."""
     text = joined(given["result"])
     told = [_as_read(json.loads(text), change) for change in given["changes"]]
-    return {"changes": told, "again": parse_result(text).to_json() == text, "words": outlook.of_words(parse_result(text))}
+    now = parse_result(text).to_json()
+    return {"changes": told, "again": parse_result(now).to_json() == now, "words": outlook.of_words(parse_result(text))}
 
 
 def _as_read(document, change):
@@ -186,7 +186,7 @@ def _changed_survey(given, change):
     if "zero" in change:
         lines = [f"{line},{'zero' if not number else 1 + int(number in change['zero'])}" for number, line in enumerate(lines)]
     result = solved({**base, **told, "readings": lines})
-    return {"codes": " ".join(one.code for one in result.findings), "fit": result.extra.get("fit")}
+    return {"codes": " ".join(one.code for one in result.findings), "fit": written(result.fit)}
 
 
 CALLS = {
@@ -201,6 +201,5 @@ CALLS = {
     ],
     "angles": lambda given: [refused(lambda lines: render_angles(parse_angles(joined(lines))).splitlines(), one) for one in given["texts"]],
     "straightness": lambda given: [refused(_straightness, one) for one in given["texts"]],
-    "trees": lambda given: [refused(_tree, one) for one in given["texts"]],
     "results": _changed_result,
 }

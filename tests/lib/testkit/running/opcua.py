@@ -3,8 +3,11 @@
 import subprocess
 import sys
 import time
+import typing
+from contextlib import contextmanager
 
 from asyncua import ua
+from asyncua.ua import ua_binary
 
 from stepdiag.virtual.base.reserved import reserved_port
 from testkit.fleets import finished_survey
@@ -22,6 +25,22 @@ def prepared(folder):
     file = folder / "mill.toml"
     file.write_text(SURVEY[: SURVEY.index("[[export]]")].replace('machine = "virtual"', f'machine = "{MACHINE}"'))
     return file
+
+
+@contextmanager
+def subtyped_values():
+    """Let asyncua's client read fields that let subtypes in: asyncua 2.1.0 marks them in an annotation, and drops it when it decodes."""
+    stripped = ua_binary.get_safe_type_hints
+
+    def marked(cls, extra=None):
+        names = {name: value for name, value in cls.__dict__.items() if not isinstance(value, property)} | (extra or {})
+        return typing.get_type_hints(cls, localns=names, include_extras=True)
+
+    ua_binary.get_safe_type_hints = marked
+    try:
+        yield
+    finally:
+        ua_binary.get_safe_type_hints = stripped
 
 
 class Serving:

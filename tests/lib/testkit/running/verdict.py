@@ -18,8 +18,8 @@ def nothing_silently_wrong(place, folder=None):
         true = simulate_pass(machine, box, each.route.setup, each.number, alignment=alignment_of(config, each.route.setup))
         chosen = each.chosen()
         first = min(chosen)
-        zero = chosen[first][0].reading_mm + chosen[first][1] - true.reading_mm[first]
-        for index, (stop, offset) in chosen.items():
-            error_um = (stop.reading_mm + offset - zero - true.reading_mm[index]) * 1e3
+        zero = chosen[first].reading_mm - true.reading_mm[first]
+        for index, stop in chosen.items():
+            error_um = (stop.reading_mm - zero - true.reading_mm[index]) * 1e3
             assert abs(error_um) < RIGHT_UM or stop.doubtful or each.doubt(index), f"stop {index} wrong by {error_um:.2f} um and not named"
     return book

@@ -1,0 +1,40 @@
+"""When the link of an instrument was down: the cause of a missing reading that is named in place of its symptoms."""
+
+import math
+from collections.abc import Collection
+
+from stepdiag.daq.records.events import Link, LinkEvent
+
+LINK_DOWN: dict[Link, str] = {
+    "laser": "the laser's link is down: no stop has a reading until it is back",
+    "head": "the link of the 4-DOF head is down: no stop has a reading until it is back",
+}
+"""What is named once an outage."""
+
+
+class Outages:
+    """Follows the links of one log. ``down`` are those that were down at its beginning."""
+
+    def __init__(self, down: Collection[Link] = ()) -> None:
+        self._last: dict[Link, tuple[float, float]] = dict.fromkeys(down, (-math.inf, math.inf))
+        self._named: set[tuple[Link, float]] = set()
+
+    def take(self, event: LinkEvent) -> None:
+        """Take a change of a link; silence is an outage too."""
+        begin, end = self._last.get(event.link, (0.0, -math.inf))
+        if event.state == "connected":
+            self._last[event.link] = begin, min(end, event.time_ns)
+        elif end < math.inf:
+            self._last[event.link] = event.time_ns, math.inf
+
+    def covers(self, link: Link, from_ns: int, to_ns: int) -> bool:
+        """Tell whether a link was down at some time of a closed span."""
+        begin, end = self._last.get(link, (0.0, -math.inf))
+        return begin <= to_ns and end >= from_ns
+
+    def news(self, link: Link) -> bool:
+        """Tell, once an outage, that it has not been named yet."""
+        this = link, self._last[link][0]
+        new = this not in self._named
+        self._named.add(this)
+        return new

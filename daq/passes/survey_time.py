@@ -1,0 +1,34 @@
+"""When a survey was measured: by the computer's clock, or as a person states it where that clock was never set."""
+
+from collections.abc import Iterator
+from datetime import UTC, datetime
+
+from stepdiag.base.findings import Finding
+from stepdiag.daq.passes.pass_book import PassBook
+
+CODE = "clock-unset"
+BUILT = datetime(2026, 11, 22, tzinfo=UTC)
+"""This program is not older: a clock that shows an earlier time was never set, or has lost it (1970, 2000, the day of the image)."""
+
+
+def span_s(book: PassBook) -> tuple[float, float]:
+    """Return when the first and the last stop in use were captured, in seconds since 1970. Raises ValueError for a book without stops."""
+    times = [stop.time_s for each in book.passes for stop in each.chosen().values()]
+    begun_s = min(times) if book.time_stated is None else book.time_stated.begun_s
+    return begun_s, begun_s + max(times) - min(times)
+
+
+def clock_findings(book: PassBook, now_s: float | None = None) -> Iterator[Finding]:
+    """Yield that the clock was never set, as a warning until the time is stated; ``now_s`` is the clock of a survey without a stop."""
+    times = [stop.time_s for each in book.passes for stop in each.chosen().values()] or ([] if now_s is None else [now_s])
+    if not times or min(times) >= BUILT.timestamp():
+        return
+    stated = book.time_stated
+    day = datetime.fromtimestamp(min(times), UTC).date()
+    if stated is None:
+        text = f"the clock of the computer was never set: the survey is dated {day}; state the time of its first stop"
+        yield Finding(code=CODE, severity="warning", text=text)
+        return
+    moment = datetime.fromtimestamp(stated.begun_s, UTC).isoformat(timespec="minutes")
+    text = f"the clock of the computer was never set ({day}): the first stop is of {moment}, stated by {stated.name}: {stated.reason}"
+    yield Finding(code=CODE, severity="info", text=text)

@@ -1,0 +1,95 @@
+"""What is still to be driven: which passes, in which order, from which stop, and how long it takes with setting up."""
+
+from functools import lru_cache
+
+from stepdiag.base.volume import Volume
+from stepdiag.daq.capture.place.route import make_route
+from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.passes.pass_book import PassBook
+from stepdiag.daq.records.status import DriveStatus
+from stepdiag.daq.survey.models import Survey
+from stepdiag.solver.planning.runs import Pace, Plan, Run, run_minutes, run_stops_mm, setup_minutes
+
+PACE_STOPS = 10
+"""The pace is told from this many stops."""
+LONGEST_DWELL = 20.0
+"""A stop that took so many times longer than planned was an interruption, not the pace."""
+UNSHIFTED, SHIFTED = (0.0, 0.0, 0.0), (1.0, 0.0, 0.0)
+"""A shifted beam on a setup that stands is set up sooner; how far it is shifted does not matter."""
+
+
+def to_drive(survey: Survey, book: PassBook, running: str = "") -> tuple[DriveStatus, ...]:
+    """Return the passes of the plan that are open, in the order of driving; empty where every pass is in and nothing is doubted.
+
+    A pass counts from the stop where it goes on. Its minutes are those of its stops at the measured pace (as planned before there is one);
+    the first pass of a setup that does not stand has the setting up in it. ``running`` is the setup that the machine drives now.
+    """
+    plan = survey.plan
+    standing = book.last.setup if book.last is not None else ""
+    order = [name for name in dict.fromkeys((running, book.next_setup(), *plan.all_setups)) if name]
+    drives: list[DriveStatus] = []
+    for name in order:
+        stop_s, setting_up_s = _pace(survey, book, name)
+        setting_up_s = 0.0 if name == standing and not drives else setting_up_s
+        for number in book.open_passes(name):
+            drive = _drive(survey, book, name, number, running=name == running)
+            drives.append(_with_minutes(drive, stop_s, setting_up_s))
+            setting_up_s = 0.0
+    return tuple(drives)
+
+
+def _drive(survey: Survey, book: PassBook, setup: str, number: int, *, running: bool) -> DriveStatus:
+    """Return an open pass without its minutes; a pass that the machine drives now goes on where it is, and may still become whole."""
+    stops = len(make_route(survey.volume, setup, survey.axis_order, outward=number % 2 == 1))
+    begun = next((each for each in book.of(setup) if each.number == number), None)
+    if begun is None:
+        return DriveStatus(setup=setup, pass_number=number, stops=stops)
+    now = running and begun is book.driven
+    from_stop = begun.again_from()
+    if now and not begun.open_doubts() and (following := _following(begun)) is not None:
+        from_stop = following
+    return DriveStatus(setup=setup, pass_number=number, from_stop=from_stop, stops=stops - from_stop, again=not now)
+
+
+def _following(begun: Pass) -> int | None:
+    """Return the stop that follows those measured; None where the pass has a hole before it."""
+    last = max(begun.measured, default=-1)
+    return None if begun.missing and begun.missing[0] <= last else last + 1
+
+
+def _with_minutes(drive: DriveStatus, stop_s: float, setting_up_s: float) -> DriveStatus:
+    return DriveStatus(
+        setup=drive.setup,
+        pass_number=drive.pass_number,
+        from_stop=drive.from_stop,
+        stops=drive.stops,
+        again=drive.again,
+        minutes=(drive.stops * stop_s + setting_up_s) / 60.0,
+    )
+
+
+def _pace(survey: Survey, book: PassBook, setup: str) -> tuple[float, float]:
+    """Return the seconds from stop to stop and those of setting up."""
+    plan = survey.plan
+    pace = Pace(feed_mm_min=plan.feed_mm_min, dwell_s=plan.dwell_s, overrun_mm=plan.overrun_mm)
+    run = Run(setup=setup, repeats=plan.repeats, return_pass=plan.return_pass, beam_offset_mm=SHIFTED if "+" in setup else UNSHIFTED)
+    planned, setting_up = _times(survey.volume, survey.axis_order, run, pace)
+    measured = _measured_pace_s(book)
+    return (planned if measured is None or measured >= LONGEST_DWELL * planned else measured), setting_up
+
+
+@lru_cache(maxsize=256)
+def _times(volume: Volume, axis_order: str, run: Run, pace: Pace) -> tuple[float, float]:
+    """Return the seconds from stop to stop, and the seconds of setting up, as the planner counts them."""
+    plan = Plan(volume=volume, runs=(run,), axis_order=axis_order, pace=pace)
+    stops = len(run_stops_mm(plan, run))
+    setting_up = setup_minutes(pace, run)
+    return 60 * (run_minutes(plan, run) - setting_up) / (stops * len(run.pass_numbers)), 60 * setting_up
+
+
+def _measured_pace_s(book: PassBook) -> float | None:
+    """Return the time from stop to stop of the pass driven last; None before it has three."""
+    if book.driven is None:
+        return None
+    times = sorted(stop.time_s for stop in book.driven.chosen().values())[-PACE_STOPS:]
+    return (times[-1] - times[0]) / (len(times) - 1) if len(times) >= 3 else None

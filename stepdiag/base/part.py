@@ -1,0 +1,123 @@
+"""Hidden places: a file is written there whole before it gets its name, and a killed writer leaves nothing that piles up.
+
+Every writer that replaces or creates a file goes through `part_of`: its hidden folder stands beside the target, is locked while its writer
+lives, and is removed by the next writer of the same target where its own writer is gone.
+"""
+
+import fcntl
+import os
+import re
+import shutil
+import tempfile
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager, suppress
+from pathlib import Path
+
+SUFFIX = ".part"
+
+
+@contextmanager
+def part_of(target: Path) -> Iterator[Path]:
+    """Yield a new hidden folder beside ``target`` to write into; at the end it is gone with all that is still in it. Raises OSError."""
+    for left in _of_target(target):
+        _remove_abandoned(left)
+    part, lock = _locked_folder(target)
+    try:
+        yield part
+    finally:
+        shutil.rmtree(part, ignore_errors=True)
+        os.close(lock)
+
+
+@contextmanager
+def folder_made(folder: Path) -> Iterator[None]:
+    """Make a folder with its parents for what is done inside; where that fails, those that were made are removed. Raises OSError."""
+    with undone_on_failure() as undo:
+        for missing in reversed([each for each in (folder, *folder.parents) if not each.exists()]):
+            undo.callback(_remove_empty, missing)
+        folder.mkdir(parents=True, exist_ok=True)
+        yield
+
+
+@contextmanager
+def undone_on_failure() -> Iterator[ExitStack]:
+    """Yield a stack of steps back, which are taken where what is done inside fails."""
+    with ExitStack() as undo:
+        yield undo
+        undo.pop_all()
+
+
+def write_through(path: Path, data: bytes) -> None:
+    """Write a new file, readable by everybody, onto the disk. Raises OSError."""
+    with path.open("xb") as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+    with suppress(PermissionError):  # of a share that knows no modes
+        path.chmod(0o644)
+
+
+def sync_folder(folder: Path) -> None:
+    """Have the names in a folder on the disk. Raises OSError."""
+    handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
+    try:
+        os.fsync(handle)
+    finally:
+        os.close(handle)
+
+
+def publish_new(written: Path, target: Path) -> None:
+    """Give a written file a name that is free. Raises FileExistsError where it is taken, OSError for what the disk refuses."""
+    try:
+        target.hardlink_to(written)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without links: the name is claimed first
+        target.open("x").close()
+        written.replace(target)
+
+
+def _of_target(target: Path) -> list[Path]:
+    """Return the hidden folders of a target, whoever made them."""
+    name = re.compile(re.escape(f".{target.name}.") + "[a-z0-9_]{8}" + re.escape(SUFFIX))
+    with suppress(OSError), os.scandir(target.parent) as entries:
+        return [Path(entry.path) for entry in entries if name.fullmatch(entry.name) and entry.is_dir(follow_symlinks=False)]
+    return []
+
+
+def _remove_abandoned(part: Path) -> None:
+    """Remove a hidden folder that nobody locks; where locks are not known to the file system, or somebody else removes it, it stays."""
+    with suppress(OSError):
+        handle = os.open(part, os.O_RDONLY | os.O_DIRECTORY | os.O_NOFOLLOW)
+        try:
+            fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            shutil.rmtree(part, ignore_errors=True)
+        finally:
+            os.close(handle)
+
+
+def _locked_folder(target: Path) -> tuple[Path, int]:
+    """Return a new hidden folder and the handle that keeps it locked; one that another writer took for abandoned meanwhile is made anew."""
+    while True:
+        part = Path(tempfile.mkdtemp(prefix=f".{target.name}.", suffix=SUFFIX, dir=target.parent))
+        with suppress(FileNotFoundError):
+            handle = os.open(part, os.O_RDONLY | os.O_DIRECTORY)
+            if _locked(handle) and part.exists():
+                return part, handle
+            os.close(handle)
+
+
+def _locked(handle: int) -> bool:
+    """Lock a folder; return whether it is this writer's. A file system that knows no locks lets nobody remove it."""
+    try:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        return False
+    except OSError:
+        return True
+    return True
+
+
+def _remove_empty(folder: Path) -> None:
+    with suppress(OSError):
+        folder.rmdir()

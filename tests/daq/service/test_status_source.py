@@ -1,0 +1,18 @@
+"""What the daemon says that it waits for."""
+
+from stepdiag.daq.capture.captured_stop import marked
+from stepdiag.daq.recording.session import Round, Session
+from stepdiag.daq.service.status_source import _idle
+from stepdiag.daq.survey.file import parse_survey
+from testkit.exact.captured import stops_of
+from testkit.exact.driven import Nowhere
+from testkit.timeline import survey_text
+
+
+def test_a_stop_that_is_doubted_for_two_reasons_is_one_place(tmp_path):
+    text, stops = survey_text(), stops_of()
+    stops[6] = marked(marked(stops[6], "window-step", "the window has a step"), "machine-alarm", "the machine reported an alarm")
+    begun = Round(tmp_path, {}, stops=tuple(stops))
+    session = Session(parse_survey(text, "survey.toml"), text, begun, Nowhere(), on_outcome=lambda _: None, wall_offset_ns=lambda: 0)
+    assert len(session.book.doubts()) == 2
+    assert _idle(session, "ppp") == "doubted: ppp/1/6; waiting for the program of ppp, or for somebody who accepts it"
