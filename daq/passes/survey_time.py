@@ -8,7 +8,9 @@ from stepdiag.daq.passes.pass_book import PassBook
 
 CODE = "clock-unset"
 BUILT = datetime(2026, 11, 22, tzinfo=UTC)
-"""This program is not older: a clock that shows an earlier time was never set, or has lost it (1970, 2000, the day of the image)."""
+"""This program is not older: a clock that shows an earlier time was never set, or has lost it (1970, 2000, the day of the image).
+
+A test fails where it is older than the newest version of the CHANGELOG."""
 
 
 def span_s(book: PassBook) -> tuple[float, float]:

@@ -67,6 +67,7 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
     findings = (
         *_findings(result, held, profile.limits),
         *_elsewhere(result, held),
+        *kinematics.room_findings(held, profile),
         *lost_in_field(result, _replaced(profile)),
         *_said(result, profile),
         *_beside(result, held),

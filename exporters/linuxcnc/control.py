@@ -23,7 +23,7 @@ from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.naming import plain_name
 from stepdiag.exporters.files.numbers import fixed, shortest
-from stepdiag.exporters.linuxcnc.ini import Naming, axis_in, back, change, named_by
+from stepdiag.exporters.linuxcnc.ini import Naming, axis_in, back, change, named_by, unless_named
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.averaging import straightness_remark
 from stepdiag.exporters.tables.controller import Limits, Plan
@@ -120,6 +120,7 @@ class LinuxCnc:
             lines = [*(f"# {note}" for note in notes), *map(_coefficient_line, matrix)]
             files.append(ControlFile(name=_HAL_NAME, data=ascii_lines(lines)))
         before = self._naming(profile)
+        notes = (*notes, *unless_named(before, profile.machine.measured_with))
         return (*files, change(before, self._naming(profile, files, before), notes))
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
@@ -142,7 +143,8 @@ class LinuxCnc:
         """Return the own files, and the lines that go out of the INI file: a COMP_FILE of zeros would still switch BACKLASH off."""
         before = self._naming(profile)
         written = [file for file in self.render(tables, profile) if file.role == "data"]
-        return (*profile.existing, back(before, self._naming(profile, written, before)))
+        notes = unless_named(before, profile.machine.measured_with)
+        return (*profile.existing, back(before, self._naming(profile, written, before), notes))
 
     def _naming(self, profile: Profile, files: Sequence[ControlFile] | None = None, over: Naming | None = None) -> Naming:
         """Return what the INI file names, for the machine's own files or for new ones over those."""

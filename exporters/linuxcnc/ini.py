@@ -9,12 +9,14 @@ from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.files.naming import plain_name
+from stepdiag.exporters.files.numbers import shortest
 from stepdiag.exporters.tables import lattice
 
 NAME = "ini_lines.txt"
 COMPONENT_HAL = "stepdiagkins.hal"
 _CHANGE = "# Lines with '-' go out of the INI file, lines with '+' into it, each in its section."
 _BACK = ("# Back to where the control was.", _CHANGE, "# A joint without COMP_FILE uses its BACKLASH again, as before.")
+UNLESS_NAMED = "The compensation was off while measuring: a COMP_FILE that the INI file did not name neither goes out nor comes back."
 _AS_BEFORE = ("[KINS]", "KINEMATICS = as it was before")
 _SCREW_NAME = re.compile(r"(?:^|[^a-z])(?P<axis>[xyz])(?:\Z|[^a-z])|(?P<last>[xyz])\Z")
 Joints = Mapping[str, Sequence[int]]
@@ -22,11 +24,15 @@ Joints = Mapping[str, Sequence[int]]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Naming:
-    """What an INI file names: the COMP_FILE of each joint, our kinematics with its arguments, the HAL file that belongs to it."""
+    """What an INI file names: the COMP_FILE of each joint, our kinematics with its arguments, the HAL file that belongs to it.
+
+    ``limits`` are the software limits of each joint in the machine's unit, where an export changes them.
+    """
 
     comp: Mapping[int, str] = field(default_factory=dict)
     kinematics: str = ""
     hal: str = ""
+    limits: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
     def lines(self) -> list[tuple[str, str]]:
         """Return section and line, in the order of the file."""
@@ -36,7 +42,12 @@ class Naming:
             for line in (f"COMP_FILE = {name}", "COMP_FILE_TYPE = 0")
         ]
         kins = [("[KINS]", f"KINEMATICS = {self.kinematics}"), ("[HAL]", f"HALFILE = {self.hal}")]
-        return comp + (kins if self.kinematics else [])
+        limits = [
+            (f"[JOINT_{joint}]", f"{end}_LIMIT = {shortest(limit)}")
+            for joint, ends in sorted(self.limits.items())
+            for end, limit in zip(("MIN", "MAX"), ends, strict=True)
+        ]
+        return comp + limits + (kins if self.kinematics else [])
 
 
 def axis_in(name: str) -> str | None:
@@ -87,9 +98,15 @@ def change(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlF
     return ControlFile(name=NAME, data=ascii_lines([*(f"# {note}" for note in notes), *rows]), role="note")
 
 
-def back(before: Naming, after: Naming) -> ControlFile:
+def back(before: Naming, after: Naming, notes: Sequence[str] = ()) -> ControlFile:
     """Return the lines that bring the INI file from ``after`` back to ``before``."""
-    return ControlFile(name=NAME, data=ascii_lines([*_BACK, *_changed(after, before)]), role="note")
+    rows = [*_BACK, *(f"# {note}" for note in notes), *_changed(after, before)]
+    return ControlFile(name=NAME, data=ascii_lines(rows), role="note")
+
+
+def unless_named(before: Naming, measured_with: str) -> tuple[str, ...]:
+    """Return the note on COMP_FILEs of the machine's own that were off while measuring: the INI file may not have named them."""
+    return (UNLESS_NAMED,) if before.comp and measured_with == "off" else ()
 
 
 def _changed(before: Naming, after: Naming) -> Iterator[str]:

@@ -4,21 +4,25 @@ LinuxCNC has no volumetric compensation; a kinematics module is the place for on
 ``stepdiagkins.c`` stands in for ``trivkins``: it is built on the control with ``halcompile`` (package linuxcnc-uspace-dev). What it does to
 the joints is in its source, so its sense is known and not a claim to be tested. The lattice holds the mean of both directions: reversal is
 left to ``BACKLASH``, which a COMP_FILE would switch off.
+
+LinuxCNC keeps the limits of an axis ([AXIS_L]) against its command and those of a joint ([JOINT_n]) against what the kinematics makes of
+it: at the ends of the travel the joint stands beyond the axis by its correction, and its limits are widened by the largest one.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
-from stepdiag.exporters.linuxcnc.ini import COMPONENT_HAL, NAME, Joints, Naming, back, change, named_by
+from stepdiag.exporters.linuxcnc.ini import COMPONENT_HAL, NAME, Joints, Naming, back, change, named_by, unless_named
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
@@ -46,17 +50,18 @@ def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
 def control_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[ControlFile, ...]:
     """Return the lattice, the component's source, its HAL lines, and the lines for the INI file as a note.
 
-    The lines take out of it what the machine's own files are named by: COMP_FILEs and coefficients would act beside the lattice. Raises
-    ``UsageError`` for joints that have a gap.
+    The lines take out of it what the machine's own files are named by: COMP_FILEs and coefficients would act beside the lattice. They
+    widen the limits of the joints. Raises ``UsageError`` for joints that have a gap.
     """
     file = lattice.render(held)
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
+    notes = (*unless_named(before, profile.machine.measured_with), *_limits_unstated(held, profile, joints))
     hal = ascii_lines(["addf stepdiagkins.update servo-thread", "setp stepdiagkins.enable 1"])
     return (
         file,
         ControlFile(name=SOURCE, data=Path(__file__).with_name(SOURCE).read_bytes(), role="program"),
         ControlFile(name=HAL, data=hal, role="program"),
-        change(before, after),
+        change(before, after, notes),
     )
 
 
@@ -66,11 +71,57 @@ def restore_files(held: Lattice, profile: Profile, joints: Joints) -> tuple[Cont
     before, after = (_naming(files, profile, joints) for files in (profile.existing, (file,)))
     had_lattice = any(map(lattice.recognises, profile.existing))
     zeros = () if had_lattice else (lattice.render(replace(held, vectors_um=np.zeros(held.vectors_um.shape))),)
-    return (*profile.existing, *zeros, back(before, after))
+    notes = (*unless_named(before, profile.machine.measured_with), *_limits_unstated(held, profile, joints))
+    return (*profile.existing, *zeros, back(before, after, notes))
+
+
+def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
+    """Yield the axes whose joint would leave the travel while the axis is still inside the lattice, which the travel has no room for."""
+    for index, (letter, at) in enumerate(zip("XYZ", held.axes_mm, strict=True)):
+        travel = profile.axis(letter).travel_mm
+        if travel is None:
+            continue
+        joint_mm = np.moveaxis(held.vectors_um[..., index], index, 0).reshape(len(at), -1) / 1000.0 + at[:, None]
+        inside = joint_mm[(at >= travel[0]) & (at <= travel[1])]
+        if inside.size and (inside.min() < travel[0] or inside.max() > travel[1]):
+            text = (
+                f"{letter}: corrections move the joint to {inside.min():.3f} and {inside.max():.3f} mm, "
+                f"the axis travels {travel[0]:g} to {travel[1]:g} mm: widen the limits of the joint as {NAME} states"
+            )
+            yield Finding(code="beyond-travel", severity="warning", text=text)
 
 
 def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> Naming:
-    return named_by(files, joints, inch=profile.machine.units == "inch", source=profile.source)
+    """Return what the INI file names for these files, with the limits that its joints have beside them."""
+    named = named_by(files, joints, inch=profile.machine.units == "inch", source=profile.source)
+    held = next((lattice.parse(file) for file in files if lattice.recognises(file)), None)
+    return replace(named, limits=_limits(held, profile, joints))
+
+
+def _limits(held: Lattice | None, profile: Profile, joints: Joints) -> Mapping[int, tuple[float, float]]:
+    """Return the limits of the joints in the machine's unit: the stated travel, widened by the largest correction."""
+    unit = 25.4 if profile.machine.units == "inch" else 1.0
+    limits: dict[int, tuple[float, float]] = {}
+    for index, letter in enumerate("XYZ"):
+        travel = profile.axis(letter).travel_mm
+        if travel is not None:
+            more = 0.0 if held is None else _largest_mm(held, index)
+            limits |= dict.fromkeys(joints.get(letter, ()), ((travel[0] - more) / unit, (travel[1] + more) / unit))
+    return limits
+
+
+def _limits_unstated(held: Lattice, profile: Profile, joints: Joints) -> Iterator[str]:
+    """Yield by how much the limits of a joint move, where the profile states no travel to move them from."""
+    for index, letter in enumerate("XYZ"):
+        if profile.axis(letter).travel_mm is None:
+            names = ", ".join(f"[JOINT_{joint}]" for joint in joints.get(letter, ()))
+            more = _largest_mm(held, index)
+            yield f"{names}: axes.{letter}.travel_mm is not stated; the lattice needs MIN_LIMIT and MAX_LIMIT {more:.3f} mm further out."
+
+
+def _largest_mm(held: Lattice, axis: int) -> float:
+    """Return the largest correction of an axis in mm, as the next whole micrometre above it."""
+    return (math.floor(float(np.max(np.abs(held.vectors_um[..., axis])))) + 1) / 1000.0
 
 
 def instructions(profile: Profile) -> tuple[str, ...]:
@@ -81,6 +132,7 @@ def instructions(profile: Profile) -> tuple[str, ...]:
         f"Copy lattice.csv and {HAL} beside the INI file.",
         f"Change the INI file as {NAME} says: its KINEMATICS line in the place of the present one, its HALFILE line after the others.",
         "No COMP_FILE line may stay: the lattice holds the positioning errors too. BACKLASH stays as it is.",
+        "MIN_LIMIT and MAX_LIMIT of [JOINT_n] move out by the largest correction, those of [AXIS_L] stay: see that no switch stands there.",
         "Start LinuxCNC. It does not start with a damaged lattice: the reason stands in the terminal. Home all axes.",
         "halcmd show pin stepdiagkins: weight rises to 1, no joint faster than stepdiagkins.slew-um-per-second.",
         "setp stepdiagkins.enable 0 brings the machine back to where it was, and 1 again; the positions on the screen do not change.",

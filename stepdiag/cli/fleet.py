@@ -85,14 +85,16 @@ def trend(
     software: Software = "",
     csv: Annotated[Path | None, typer.Option("--csv", help="Write every figure into this file.")] = None,
     report: Annotated[Path | None, typer.Option("--report", help="Write the sheet of all machines (HTML) into this file.")] = None,
-    language: Annotated[str, typer.Option(help="Of the sheet: en or de.")] = "en",
+    language: Annotated[str | None, typer.Option(help="Of the sheet: en or de; en where nothing is stated.")] = None,
     as_json: AsJson = False,
 ) -> None:
     """Say what changed on the machines of a store.
 
     Since when, after what, by more than its uncertainty; where a straight line is justified, and when it leaves the tolerance.
     """
-    chosen = _language(language)
+    if language is not None and report is None:
+        raise UsageError("--language", expected="--report beside it: the language is that of the sheet", found="none")
+    chosen = _language(language or "en")
     found = _trends(store, machine, tolerance or [], software)
     from rich.console import Console
 
@@ -130,7 +132,7 @@ def fleet(
 
 def resolve(
     store: StoreName,
-    workers: Annotated[int, typer.Option(min=1, max=256, help="Processes on this computer.")] = 2,
+    workers: Annotated[int | None, typer.Option(min=1, max=256, help="Processes on this computer; 2 where nothing is stated.")] = None,
     scheduler: Annotated[
         str, typer.Option(help="Instead: a Dask scheduler, tcp://HOST:PORT; its workers need stepdiag[fleet] and the store.")
     ] = "",
@@ -154,12 +156,14 @@ def resolve(
 
     if survey is not None and not machine:
         raise UsageError("--survey", expected="--machine beside it: a survey file is that of one machine", found="none")
+    if workers is not None and scheduler:
+        raise UsageError("--workers", expected="no --scheduler beside it: its workers do the work", found=scheduler)
     text = read_text(survey) if survey is not None else ""
     place = Store(store)
     surveys = resolving.open_surveys(place, machine)
     found = []
     try:
-        for each in resolving.resolve(place, surveys, workers=workers, scheduler=scheduler, survey=text):
+        for each in resolving.resolve(place, surveys, workers=workers or 2, scheduler=scheduler, survey=text):
             found.append(each)
             told = "; ".join([each.outcome, *each.changed, *filter(None, [each.reason])])
             typer.echo(f"{len(found)} of {len(surveys)}: {each.place.folder}: {told}", err=as_json)

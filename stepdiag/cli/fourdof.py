@@ -14,9 +14,11 @@ if TYPE_CHECKING:
 
 Source = Annotated[Path, typer.Argument(help="A survey file (live from its [head]), a log (.mcap), or a CSV of the head's samples.")]
 Calibration = Annotated[Path, typer.Option(help="The head's calibration file.")]
-Seconds = Annotated[float, typer.Option(min=0.1, help="How long to listen to a live head.")]
+Seconds = Annotated[float | None, typer.Option(min=0.1, help="How long a live head is recorded; refused for a recording.")]
 Plot = Annotated[Path | None, typer.Option(help="Where to draw it: FILE.svg or FILE.html.")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
+ALIGN_S, WOBBLE_S, STABILITY_S = 3600.0, 20.0, 960.0
+"""How long a live head is recorded where nothing is stated."""
 
 commands = typer.Typer(help="The 4-DOF head: commissioning, tests, and what it measured.", no_args_is_help=True)
 
@@ -27,7 +29,7 @@ def register(app: typer.Typer) -> None:
 
 
 @commands.command()
-def align(source: Source, seconds: Seconds = 3600.0) -> None:
+def align(source: Source, seconds: Seconds = None) -> None:
     """Show spots and sums of the detectors while you align.
 
     Ctrl-C ends it. Of a recording: what it holds at the end.
@@ -36,13 +38,13 @@ def align(source: Source, seconds: Seconds = 3600.0) -> None:
 
     view = AlignView()
     if source.suffix.lower() != ".toml":
-        view.show_last(head_record(source, seconds))
+        view.show_last(head_record(source, ALIGN_S, stated_s=seconds))
         return
     from stepdiag.daq.head.record import listen_to_head
     from stepdiag.daq.survey.file import load_survey
 
     with view.live():
-        listen_to_head(load_survey(source), source.name, seconds, view.take)
+        listen_to_head(load_survey(source), source.name, seconds or ALIGN_S, view.take)
 
 
 @commands.command()
@@ -50,7 +52,7 @@ def signs(
     at: Annotated[list[str], typer.Option(help="DISTANCE=SOURCE: distance head to target in mm, and where the wobble comes from. Twice.")],
     calibration: Calibration,
     out: Annotated[Path, typer.Option(help="The calibration file to write, with signs and lever; never overwritten.")],
-    seconds: Seconds = 20.0,
+    seconds: Seconds = None,
     as_json: AsJson = False,
 ) -> None:
     """Find the signs of PSD1 and PSD2 and the lever.
@@ -64,7 +66,10 @@ def signs(
 
     file = read_calibration(calibration)
     places = [_place(text) for text in at]
-    found = signs_of([(distance, head_record(source, seconds, f"wobble, target at {distance:g} mm")) for distance, source in places], file)
+    found = signs_of(
+        [(distance, head_record(source, WOBBLE_S, f"wobble, target at {distance:g} mm", stated_s=seconds)) for distance, source in places],
+        file,
+    )
     write_calibration(out, found.file)
     if as_json:
         lever = msgspec.structs.asdict(found.file.lever)
@@ -140,7 +145,7 @@ def stability(
     source: Source,
     calibration: Calibration,
     distance_mm: Annotated[float, typer.Option(min=0.0, help="Distance from the head to the target.")],
-    seconds: Seconds = 960.0,
+    seconds: Seconds = None,
     interval_s: Annotated[float, typer.Option(min=0.01, help="Samples are averaged over this long.")] = 1.0,
     record: Annotated[Path | None, typer.Option(help="Where to keep the samples of a live head (CSV).")] = None,
     plot: Plot = None,
@@ -157,7 +162,7 @@ def stability(
     from stepdiag.daq.head.record import render_head_csv
     from stepdiag.head.view import allan_charts, stability_table
 
-    heard = head_record(source, seconds)
+    heard = head_record(source, STABILITY_S, stated_s=seconds)
     if record is not None:
         write_new(record, render_head_csv(heard))
     found = stability_of(heard, read_calibration(calibration), distance_mm, interval_s)

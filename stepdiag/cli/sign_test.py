@@ -45,6 +45,9 @@ def signtest(
 
     test = bump(controller_named(controller), _profile(controller, profile, result), function)
     if out is not None and off is None and on is None and run is None:
+        for name, given in (("--date", day is not None), ("--json", as_json)):
+            if given:
+                raise UsageError(name, expected="the runs of a verdict beside it", found="--out alone")
         _write(test, out, controller, profile, result)
         return
     if out is not None:
@@ -52,12 +55,11 @@ def signtest(
     shown = verdict(test, *_run(test, off, on, run))
     when = (day or datetime.now(tz=UTC)).date()
     if as_json:
-        typer.echo(json.dumps({"kind": shown.kind, "sense": shown.sense, "moved_um": shown.moved_um, "text": shown.text}, indent=2))
-    else:
-        typer.echo(f"expected {test.expected_um:+.1f} um at {test.top_mm:g} mm; {shown.text}")
-    record = shown.as_toml(when)
-    if not as_json:
-        typer.echo(f"\nappend to {profile}:\n\n{record}{_consequence(test, shown)}")
+        record = {"kind": shown.kind, "date": f"{when}", "sense": shown.sense, "moved_um": shown.moved_um, "text": shown.text}
+        typer.echo(json.dumps(record, indent=2))
+        return
+    typer.echo(f"expected {test.expected_um:+.1f} um at {test.top_mm:g} mm; {shown.text}")
+    typer.echo(f"\nappend to {profile}:\n\n{shown.as_toml(when)}{_consequence(test, shown)}")
 
 
 def _profile(controller: str, profile: Path, result: Path | None) -> "Profile":

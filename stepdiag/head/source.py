@@ -28,14 +28,19 @@ def head_of_logs(logs: list[Path]) -> "HeadMeasured":
     return measured
 
 
-def head_record(source: Path, seconds: float, ask: str = "") -> "HeadRecord":
-    """Return the samples of a source by its suffix; a live one is begun when the person says so, where there is something to do first."""
+def head_record(source: Path, default_s: float, ask: str = "", *, stated_s: float | None = None) -> "HeadRecord":
+    """Return the samples of a source by its suffix; a live one begins at Enter where ``ask`` names something to do first.
+
+    A live head is recorded for ``stated_s`` seconds, or ``default_s``. Raises ``UsageError`` for a recording with a stated time.
+    """
     from stepdiag.base.files import read_text
     from stepdiag.daq.head.record import head_of_log, listen_to_head, read_head_csv
     from stepdiag.daq.survey.file import load_survey
     from stepdiag.terminal.progress import working
 
-    suffix = source.suffix.lower()
+    suffix, seconds = source.suffix.lower(), stated_s or default_s
+    if stated_s is not None and suffix in (".csv", ".mcap"):
+        raise UsageError("--seconds", expected="a live head (a survey file)", found=f"a recording, {source.name}")
     if suffix == ".csv":
         return read_head_csv(read_text(source), source.name)
     if suffix == ".mcap":

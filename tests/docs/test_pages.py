@@ -3,12 +3,14 @@
 import re
 import runpy
 import shutil
+from datetime import date
 from itertools import chain
 from pathlib import Path
 
 import pytest
 
 from stepdiag.cli.completion import PROGRAMS, TABLES
+from stepdiag.daq.passes.survey_time import BUILT
 from testkit.cli import stepdiag
 from testkit.exact.surveys import DATA
 
@@ -54,6 +56,25 @@ def test_a_survivor_with_a_reason_is_a_line_of_the_program() -> None:
     lines = {path: {line.strip() for line in (CHECKOUT / path).read_text(encoding="utf-8").splitlines()} for path, _, _ in told}
     assert len(told) > 20
     assert not [(path, line) for path, _, line in told if line not in lines[path]]
+
+
+def released(changelog: str) -> list[date]:
+    """Return the day of each version, newest first. Raises ValueError for a version without one."""
+    sections = re.findall(r"^## \[(?!Unreleased\])([^\]]+)\](?: - (\S+))?$", changelog, flags=re.MULTILINE)
+    return [date.fromisoformat(day) for _, day in sections]
+
+
+def test_the_program_is_no_older_than_its_newest_version() -> None:
+    """The day before which a clock was never set moves with every release."""
+    days = released((CHECKOUT / "CHANGELOG.md").read_text(encoding="utf-8"))
+    assert days == sorted(days, reverse=True)
+    assert BUILT.date() >= days[0], "move BUILT in daq/passes/survey_time.py to the day of the release"
+
+
+def test_a_version_without_a_day_is_found() -> None:
+    assert released("## [Unreleased]\n\n## [1.0.0] - 2027-01-02\n") == [date(2027, 1, 2)]
+    with pytest.raises(ValueError, match="isoformat"):
+        released("## [1.0.0]\n")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

@@ -131,6 +131,23 @@ def test_a_doubt_offers_no_button_to_whom_cannot_accept_it(watched: Watched, dae
     expect(page.locator("#all-list button.accept")).to_have_count(1)
 
 
+def test_a_token_outlives_a_reload(watched: Watched, daemon: Served) -> None:
+    """A page that is loaded again still gives orders; one whose token was changed meanwhile asks for the new one and keeps nothing."""
+    page = watched.open(daemon.address)
+    unlock(page)
+    page.reload()
+    expect(page.locator("#orders")).to_be_visible()
+    expect(page.locator("#unlock")).to_be_hidden()
+    page.locator("#pause").click()
+    expect(page.locator("#answer")).to_have_text("Done.")
+    page.evaluate("sessionStorage.setItem('token', 'the one of yesterday')")
+    page.reload()
+    expect(page.locator("#answer")).to_have_text("This is not the token.")
+    expect(page.locator("#unlock")).to_be_visible()
+    assert page.evaluate("sessionStorage.getItem('token')") is None
+    watched.complaints = [one for one in watched.complaints if "403" not in one]
+
+
 def test_a_wrong_token_opens_nothing(watched: Watched, daemon: Served) -> None:
     """The orders stay hidden, and a request without the token does nothing."""
     page = watched.open(daemon.address)

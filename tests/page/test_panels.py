@@ -7,8 +7,12 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Page, expect
 
+from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.status import FindingStatus, LinkStatus
+from stepdiag.daq.service.finding_list import finding_list
+from stepdiag.daq.survey.file import parse_survey
 from testkit.played import Served
+from testkit.timeline import survey_text
 
 pytestmark = pytest.mark.page
 
@@ -124,3 +128,16 @@ def test_both_languages(page: Page, daemon: Served) -> None:
     assert page.locator("html").get_attribute("lang") == "de"
     page.reload()
     expect(page.locator("#lead")).to_have_text("Justieren, dann Programm O8002 starten")
+
+
+def test_a_clock_that_was_never_set_is_shown(page: Page, daemon: Served) -> None:
+    """Before the first stop, in both languages, with what to do; no other finding is needed for it to be seen."""
+    findings = finding_list(PassBook(parse_survey(survey_text(), "survey.toml")), (), 0.0)
+    daemon.do(lambda: daemon.survey.publish(findings=findings))
+    shown = page.locator("#all-list li")
+    expect(shown).to_have_count(1)
+    expect(shown).to_contain_text("1970-01-01")
+    expect(shown).to_contain_text("state the time of its first stop")
+    page.locator("#language").click()
+    expect(shown).to_contain_text("die Uhr des Rechners wurde nie gestellt")
+    expect(shown).to_contain_text("1970-01-01")

@@ -61,14 +61,19 @@ export function update(snapshot) {
   place("choose-setup").replaceChildren(...names.map((name) => node("option", { value: name }, setupName(name))));
 }
 
+// The stored token stays: the daemon has not refused it.
 function lock(words = say("locked")) {
-  token = "";
   filesLocked = true;
   ordering = false;
-  sessionStorage.removeItem("token");
   place("unlock").hidden = false;
   place("orders").hidden = true;
   put("answer", words);
+}
+
+function discardToken() {
+  token = "";
+  sessionStorage.removeItem("token");
+  return lock(say("wrong_token"));
 }
 
 function post(address, body, given = token) {
@@ -79,7 +84,7 @@ function post(address, body, given = token) {
 async function unlock(given) {
   const answer = await post("/access", {}, given).catch(() => null);
   if (answer === null) return put("answer", say("disconnected"));
-  if (!answer.ok) return lock(say("wrong_token"));
+  if (!answer.ok) return discardToken();
   token = given;
   filesLocked = false;
   ordering = true;
@@ -93,7 +98,7 @@ async function unlock(given) {
 export async function order(name, given = {}) {
   const answer = await post("/command", { name, arguments: given }).catch(() => null);
   if (answer === null) return put("answer", say("disconnected"));
-  if (answer.status === 403) return lock(say("wrong_token"));
+  if (answer.status === 403) return discardToken();
   if (answer.ok) return put("answer", say("done"));
   const { said } = await answer.json();
   return put("answer", say("refused", { why: told(said) }));

@@ -4,17 +4,29 @@ import shutil
 from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import numpy as np
 import pytest
 import typer.main
 
 from stepdiag.cli.app import app
+from stepdiag.daq.head.record import HeadRecord, render_head_csv
+from stepdiag.exporters.neutral import etalon
+from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
+from stepdiag.exporters.safety.sign_test import bump
 from stepdiag.exporters.tables.fit import fitted
+from stepdiag.exporters.tables.tables import total_correction_um
+from stepdiag.fleet.archive import add as archived
+from stepdiag.fleet.store import Store
 from stepdiag.solver.result.result import Result
+from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
 from testkit.cli import Told, stepdiag
+from testkit.exact.heads import write_head_file
 from testkit.exact.machines import profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
+from testkit.fleets import finished_survey, write_history
 
 GOLDEN = Path(__file__).parents[2] / "data" / "golden_stepdiag_rigidbody_FXYZ.csv"
 ERRORS = {"EXX": [0, 3, 8, 12, 20], "EYY": [0, -9, -5, -12, -19], "EZZ": [0, 6, -4, 5, 9], "EYX": [0, 5, 8, 4, 0]}
@@ -73,11 +85,184 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
         ["compare", "result.json", "later.json"],
         {
             "--loaded": ["--loaded", "AX_EEC.INI"], "--profile": ["--profile", "profile.toml"], "--out": ["--out", "new"],
-            "--letterhead": ["--letterhead", "head.toml"], "--pdf": ["--pdf"], "--language": ["--language", "de"], "--json": ["--json"],
+            "--letterhead": ["--letterhead", "paper.toml"], "--pdf": ["--pdf"], "--language": ["--language", "de"], "--json": ["--json"],
         },
     ),
+    "report": (
+        ["report", "result.json", "AX_EEC.INI"],
+        {
+            "--out": ["--out", "new.html"], "--readings": ["--readings", "readings.csv"], "--profile": ["--profile", "none.toml"],
+            "--as-left": ["--as-left", "later.json"], "--letterhead": ["--letterhead", "paper.toml"], "--pdf": ["--pdf"],
+            "--language": ["--language", "de"], "--json": ["--json"],
+        },
+    ),
+    "import": (
+        ["import", "etalon.txt", "--chain", "FXYZ", "--out", "taken.json"],
+        {"--chain": ["--chain", "XFYZ"], "--out": ["--out", "elsewhere.json"]},
+    ),
+    "program": (
+        ["program", "survey.toml", "--controller", "siemens", "--out", "out"],
+        {
+            "--controller": ["--controller", "fanuc"], "--out": ["--out", "elsewhere"], "--profile": ["--profile", "program.toml"],
+            "--json": ["--json"],
+        },
+    ),
+    "signtest: bump": (
+        ["signtest", "--controller", "siemens", "--profile", "profile.toml", "--result", "result.json", "--out", "out"],
+        {
+            "--controller": ["--controller", "fanuc"], "--profile": ["--profile", "none.toml"], "--function": ["--function", "EYY"],
+            "--result": ["--result", "wider.json"], "--out": ["--out", "elsewhere"], "--off": ["--off", "off.csv"],
+            "--on": ["--on", "on.csv"], "--run": ["--run", "dial.csv"], "--date": ["--date", "2026-01-01"], "--json": ["--json"],
+        },
+    ),
+    "signtest: verdict": (
+        ["signtest", "--controller", "siemens", "--profile", "profile.toml", "--result", "result.json", "--run", "dial.csv"],
+        {
+            "--controller": ["--controller", "fanuc"], "--profile": ["--profile", "none.toml"], "--function": ["--function", "EYY"],
+            "--result": ["--result", "wider.json"], "--out": ["--out", "out"], "--off": ["--off", "off.csv"],
+            "--on": ["--on", "on.csv"], "--run": ["--run", "other.csv"], "--date": ["--date", "2026-01-01"], "--json": ["--json"],
+        },
+    ),
+    "signtest: verdict for programs": (
+        ["signtest", "--controller", "siemens", "--profile", "profile.toml", "--result", "result.json", "--run", "dial.csv", "--json"],
+        {
+            "--controller": ["--controller", "fanuc"], "--profile": ["--profile", "none.toml"], "--function": ["--function", "EYY"],
+            "--result": ["--result", "wider.json"], "--out": ["--out", "out"], "--off": ["--off", "off.csv"],
+            "--on": ["--on", "on.csv"], "--run": ["--run", "other.csv"], "--date": ["--date", "2026-01-01"], "--json": [],
+        },
+    ),
+    "decode": (
+        ["decode", "0001/0001.mcap"],
+        {
+            "--to": ["--to", "parquet"], "--out": ["--out", "new.csv"], "--stream": ["--stream", "head"],
+            "--survey": ["--survey", "survey.toml"],
+        },
+    ),
+    "info": (["info", "0001/0001.mcap"], {"--json": ["--json"]}),
+    "trend": (
+        ["trend", "store"],
+        {
+            "--machine": ["--machine", "Lathe"], "--tolerance": ["--tolerance", "volumetric-rms=15"], "--software": ["--software", "9"],
+            "--csv": ["--csv", "new.csv"], "--report": ["--report", "new.html"], "--language": ["--language", "de"], "--json": ["--json"],
+        },
+    ),
+    "archive add": (["archive", "add", "0001", "--to", "out"], {"--to": ["--to", "elsewhere"], "--json": ["--json"]}),
+    "replay": (
+        ["replay", "0001"],
+        {"--out": ["--out", "elsewhere"], "--survey": ["--survey", "survey.toml"], "--json": ["--json"]},
+    ),
+    "fourdof new": (
+        ["fourdof", "new", "--id", "4D-9", "--psd1-focal-mm", "150", "--psd2-focal-mm", "150", "--out", "new.toml"],
+        {
+            "--id": ["--id", "4D-8"], "--psd1-focal-mm": ["--psd1-focal-mm", "140"], "--psd2-focal-mm": ["--psd2-focal-mm", "140"],
+            "--out": ["--out", "other.toml"],
+        },
+    ),
+    "fourdof calibrate": (
+        ["fourdof", "calibrate", "--run", "qd.x=stage.csv", "--base", "head.toml", "--out", "new.toml"],
+        {
+            "--run": ["--run", "qd.y=stage.csv"], "--base": ["--base", "none.toml"], "--out": ["--out", "other.toml"],
+            "--reference": ["--reference", "stage 12"], "--u-reference": ["--u-reference", "5"], "--degree": ["--degree", "3"],
+            "--plot": ["--plot", "new.svg"], "--json": ["--json"],
+        },
+    ),
+    "fourdof signs": (
+        ["fourdof", "signs", "--at", "500=near.csv", "--at", "2000=far.csv", "--calibration", "head.toml", "--out", "new.toml"],
+        {
+            "--at": ["--at", "600=near.csv", "--at", "2000=far.csv"], "--calibration": ["--calibration", "none.toml"],
+            "--out": ["--out", "other.toml"], "--seconds": ["--seconds", "9"], "--json": ["--json"],
+        },
+    ),
+    "fourdof stability": (
+        ["fourdof", "stability", "near.csv", "--calibration", "head.toml", "--distance-mm", "500"],
+        {
+            "--calibration": ["--calibration", "none.toml"], "--distance-mm": ["--distance-mm", "900"], "--seconds": ["--seconds", "9"],
+            "--interval-s": ["--interval-s", "2"], "--record": ["--record", "new.csv"], "--plot": ["--plot", "new.svg"],
+            "--json": ["--json"],
+        },
+    ),
+    "fourdof compare": (
+        ["fourdof", "compare", "ours.csv", "--reference", "theirs.csv"],
+        {"--reference": ["--reference", "ours.csv"], "--plot": ["--plot", "new.svg"], "--json": ["--json"]},
+    ),
+    "fourdof align": (["fourdof", "align", "near.csv"], {"--seconds": ["--seconds", "9"]}),
 }  # fmt: skip
-"""A call of each command that works on files alone, and every option of it with a value other than the call's own."""
+"""A call of each command that works on files alone, and every option of it with a value other than the call's own.
+
+After a colon stands what a call of the command is for, where it has several.
+"""
+
+COVERED: dict[str, dict[str, list[str]]] = {
+    "demo": {"system/service/test_demo_live.py": ["--live", "--out"]},
+    "init": {"stepdiag/cli/test_survey_and_logs.py": ["--feedback", "--machine-class", "--pitch-mm"]},
+    "setup": {
+        "system/shop/test_setup.py": [
+            "--chain",
+            "--compensation",
+            "--control",
+            "--feedback",
+            "--host",
+            "--increments",
+            "--laser-format",
+            "--laser-port",
+            "--machine",
+            "--machine-class",
+            "--origin",
+            "--port",
+            "--seconds",
+            "--size",
+        ]
+    },
+    "check": {"system/shop/test_check.py": ["--json", "--seconds"]},
+    "run": {"stepdiag/cli/test_entry.py": ["--verbose"]},
+    "complete": {},
+    "pack": {},
+    "status": {"stepdiag/cli/test_status.py": ["--json"]},
+    "accept": {"stepdiag/cli/test_status.py": ["--begun", "--reason"], "system/recording/test_doubts.py": ["--name"]},
+    "begin": {},
+    "rtl": {"stepdiag/cli/test_runs.py": ["--machine", "--out"]},
+    "recover": {"stepdiag/cli/test_survey_and_logs.py": ["--json", "--out"]},
+    "fleet": {},
+    "resolve": {
+        "stepdiag/fleet/test_archive.py": ["--json", "--machine", "--survey"],
+        "system/service/test_resolve.py": ["--scheduler", "--workers"],
+    },
+    "publish": {
+        "system/service/test_publish.py": ["--broker", "--ca", "--every", "--once", "--password-file", "--topic", "--user"],
+        "system/service/test_opcua.py": ["--certificate", "--key", "--opcua", "--plain"],
+        "stepdiag/publish/test_messages.py": ["--schema"],
+    },
+    "fourdof show": {"system/recording/test_fourdof_survey.py": ["--out"]},
+    "service install": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
+    "service remove": {"stepdiag/daemon/test_installation.py": ["--dry-run", "--root"]},
+    "service publish": {
+        "stepdiag/daemon/test_publication.py": [
+            "--broker",
+            "--ca",
+            "--certificate",
+            "--dry-run",
+            "--opcua",
+            "--plain",
+            "--remove",
+            "--root",
+        ]
+    },
+}
+"""Commands with processes, terminals or logs of a live run: the test, below tests/, that uses each option."""
+UNTRIED = {
+    ("setup", "--pitch-mm"),
+    ("setup", "--baud"),
+    ("fleet", "--software"),
+    ("fleet", "--tolerance"),
+    ("fleet", "--language"),
+    ("demo", "--browser"),
+    ("complete", "--readings"),
+    ("fleet", "--port"),
+    ("demo", "--seed"),
+    ("demo", "--json"),
+    ("fleet", "--host"),
+}
+"""Options that no test uses; a new one does not join them unnoticed."""
 
 
 def unstated() -> Result:
@@ -86,32 +271,76 @@ def unstated() -> Result:
     return replace(made, extra={**made.extra, "survey": {}})
 
 
-@pytest.fixture
-def shop(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A folder with a file of each kind, which is where the commands work."""
+def write_head(folder: Path) -> None:
+    """Write what the commands of the 4-DOF head take: its file, a stage run, samples at two distances, curves of two instruments."""
+    write_head_file(folder / "head.toml")
+    reference = np.linspace(-600.0, 600.0, 27)
+    rows = "".join(f"{at / 900:.6f},{at + 0.2 * np.sin(at):.3f}\n" for at in reference)
+    (folder / "stage.csv").write_text(f"reading,reference_um\n{rows}", encoding="utf-8")
+    stand = HeadStand(np.zeros(3), *np.eye(3)[[2, 0, 1]])
+    time = np.arange(0.0, 60.0, 0.05)
+    still = np.zeros((len(time), 2))
+    for name, distance_mm in (("near.csv", 500.0), ("far.csv", 2000.0)):
+        wander = Disturbance(pointing_urad=Wander(amplitude=20.0, period_s=7.0, seed=3))
+        head = VirtualHead(HeadOptics(), stand, stage_pose(distance_mm, still[:1], still[:1], stand), disturbance=wander)
+        channels = head.channels(stage_pose(distance_mm, still, still, stand), time).astype(float)
+        (folder / name).write_text(render_head_csv(HeadRecord(time_s=time, channels=channels)), encoding="utf-8")
+    for name, size in (("ours.csv", 1.0), ("theirs.csv", 1.1)):
+        rows = "".join(f"{at},{size * (at / 100) ** 2:g}\n" for at in range(0, 500, 100))
+        (folder / name).write_text(f"position_mm,EYX_um\n{rows}", encoding="utf-8")
+
+
+@pytest.fixture(scope="module")
+def goods(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a file of each kind: files of a control, results, a finished survey, a store of archived ones."""
+    folder = tmp_path_factory.mktemp("goods")
     result = unstated()
     profile = profile_of("siemens", VOLUME)
-    plan = controller_named("siemens").plan(fitted(result, profile.machine.functions, profile.machine.squareness_into).curves, profile)
-    for file in controller_named("siemens").render(plan.tables, profile):
-        (tmp_path / file.name).write_bytes(file.data)
+    control = controller_named("siemens")
+    plan = control.plan(fitted(result, profile.machine.functions, profile.machine.squareness_into).curves, profile)
+    for file in control.render(plan.tables, profile):
+        (folder / file.name).write_bytes(file.data)
+    (folder / "etalon.txt").write_bytes(etalon.render(result).data)
     x, y, z = (size / 4 for size in VOLUME.size_mm)
+    written = profile_text("siemens", steps_mm=(x, y, z), references_mm=VOLUME.origin_mm, direction="mean")
+    wider = replace(result, volume=replace(VOLUME, size_mm=tuple(1.5 * size for size in VOLUME.size_mm)))
+    moved = bump(control, parse_profile(written, "profile.toml", control, VOLUME, {}), "EXX").tables
+    low = VOLUME.origin_mm[0]
+    points = np.array([[low + at, 0.0, 0.0] for at in np.linspace(0.0, VOLUME.size_mm[0], 17)])
+    dial = list(zip(points[:, 0], total_correction_um(moved, points)[:, 0], strict=True))
     texts = {
         "result.json": result.to_json(),
         "later.json": replace(result, errors={**result.errors, "EXX": result.errors["EYY"]}).to_json(),
-        "profile.toml": profile_text("siemens", steps_mm=(x, y, z), references_mm=VOLUME.origin_mm, direction="mean"),
+        "wider.json": wider.to_json(),
+        "profile.toml": written,
+        "program.toml": "[program]\nfeed_decimals = 2\n",
         "survey.toml": SURVEY,
         "angles.csv": ANGLES,
         "bow.csv": BOW,
         "air.toml": "[environment]\nair_temperature_c = 25.0\n",
         "uncertainty.toml": SECTION,
         "active.ini": "",
-        "head.toml": 'name = "Workshop"\n',
+        "paper.toml": 'name = "Workshop"\n',
+        "dial.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{by:g}\n" for at, by in dial),
+        "other.csv": "position_mm,off_um,on_um\n" + "".join(f"{at:g},0,{-by:g}\n" for at, by in dial),
     }
     for name, text in texts.items():
-        (tmp_path / name).write_text(text, encoding="utf-8")
-    shutil.copy(GOLDEN, tmp_path / "readings.csv")
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
+        (folder / name).write_text(text, encoding="utf-8")
+    shutil.copy(GOLDEN, folder / "readings.csv")
+    write_head(folder)
+    survey = finished_survey(folder, event="crash")
+    store = Store(str(folder / "store"), create=True)
+    archived(survey, store)
+    write_history(store, "Lathe", [5.0, 5.1, 5.2, 5.4])
+    return folder
+
+
+@pytest.fixture
+def shop(goods: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of that folder, which is where the commands work."""
+    shutil.copytree(goods, tmp_path / "shop")
+    monkeypatch.chdir(tmp_path / "shop")
+    return tmp_path / "shop"
 
 
 def outcome(folder: Path, arguments: list[str]) -> tuple[Told, dict[Path, bytes]]:
@@ -122,21 +351,41 @@ def outcome(folder: Path, arguments: list[str]) -> tuple[Told, dict[Path, bytes]
 
 def _put_back(folder: Path, files: dict[Path, bytes]) -> None:
     """Bring a folder back to the files that it held."""
-    shutil.rmtree(folder / "out", ignore_errors=True)
     for path in folder.iterdir():
-        if path.is_file() and path.relative_to(folder) not in files:
-            path.unlink()
+        shutil.rmtree(path) if path.is_dir() else path.unlink()
     for path, data in files.items():
+        (folder / path).parent.mkdir(parents=True, exist_ok=True)
         (folder / path).write_bytes(data)
 
 
+def commands(group: Any = None, before: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield every command with its name, those of a group behind the name of it."""
+    for name, command in (group or typer.main.get_command(app)).commands.items():
+        if hasattr(command, "commands"):
+            yield from commands(command, f"{before}{name} ")
+        else:
+            yield before + name, command
+
+
 def options_of(name: str) -> set[str]:
-    (command,) = (each for key, each in typer.main.get_command(app).commands.items() if key == name)
+    command = dict(commands())[name.partition(":")[0]]
     return {parameter.opts[-1] for parameter in command.params if parameter.opts[-1].startswith("--")}
 
 
 def cases() -> Iterator[tuple[str, str]]:
-    yield from ((name, option) for name, (_, options) in CALLS.items() for option in options)
+    yield from ((name, option) for name, (_, options) in CALLS.items() for option, words in options.items() if words)
+
+
+def without(call: list[str], option: str) -> list[str]:
+    """Return a call without an option and its value, however often it is given."""
+    left = iter(call)
+    kept = []
+    for word in left:
+        if word == option:
+            next(left, None)
+        else:
+            kept.append(word)
+    return kept
 
 
 @pytest.mark.parametrize("name", sorted(CALLS))
@@ -145,16 +394,42 @@ def test_every_option_is_tried(name):
     assert set(CALLS[name][1]) == options_of(name)
 
 
+def test_every_command_is_tried_or_named_with_its_tests():
+    stepdiag("--version")
+    named = {name: {option for options in tests.values() for option in options} for name, tests in COVERED.items()}
+    tried = {name.partition(":")[0] for name in CALLS}
+    assert not tried & named.keys()
+    assert tried | named.keys() == {name for name, _ in commands()}
+    missing = {(name, option) for name, options in named.items() for option in options_of(name) ^ options}
+    assert missing == UNTRIED
+
+
+@pytest.mark.parametrize(
+    ("name", "place", "option"), [(n, p, o) for n, tests in COVERED.items() for p, options in tests.items() for o in options]
+)
+def test_the_named_test_uses_the_option(name, place, option):
+    text = (Path(__file__).parents[2] / place).read_text(encoding="utf-8")
+    assert f'"{option}"' in text
+    assert f'"{name.split()[-1]}"' in text
+
+
 @pytest.mark.parametrize(("name", "option"), list(cases()))
 def test_an_option_changes_what_comes_out_or_is_refused(name, option, shop):
     call, options = CALLS[name]
     before = outcome(shop, ["--version"])[1]
     plain = outcome(shop, call)
     _put_back(shop, before)
-    if option in call:
-        at = call.index(option)
-        call = call[:at] + call[at + 2 :]
-    assert outcome(shop, [*call, *options[option]]) != plain
+    assert outcome(shop, [*without(call, option), *options[option]]) != plain
+
+
+@pytest.mark.parametrize("name", sorted(CALLS))
+def test_the_same_call_makes_the_same(name, shop):
+    """Otherwise any option would seem to change something. What a call is for is done, too."""
+    before = outcome(shop, ["--version"])[1]
+    plain = outcome(shop, CALLS[name][0])
+    assert plain[0].code in (0, 5), plain[0]
+    _put_back(shop, before)
+    assert outcome(shop, CALLS[name][0]) == plain
 
 
 @pytest.mark.parametrize(
@@ -184,3 +459,9 @@ def test_when_and_how_files_were_read_out_needs_the_files(given, state, shop):
     told = stepdiag("solve", "readings.csv", *state, *given)
     assert told.code == 2
     assert "--active" in told.refusal
+
+
+def test_a_scheduler_has_workers_of_its_own(tmp_path):
+    told = stepdiag("resolve", tmp_path, "--workers", "1", "--scheduler", "tcp://127.0.0.1:1")
+    assert told.code == 2
+    assert "--workers: expected no --scheduler beside it" in told.refusal

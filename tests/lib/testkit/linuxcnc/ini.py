@@ -2,17 +2,25 @@
 
 from collections.abc import Mapping, Sequence
 
+from stepdiag.exporters.linuxcnc.ini import UNLESS_NAMED
+
 Ini = Mapping[str, Sequence[str]]
 """Lines by section."""
 
 
-def changed(ini: Ini, lines: str, kinematics_before: str = "KINEMATICS = trivkins coordinates=XYZ") -> dict[str, list[str]]:
+def changed(
+    ini: Ini, lines: str, kinematics_before: str = "KINEMATICS = trivkins coordinates=XYZ", *, unnamed: Sequence[str] = ()
+) -> dict[str, list[str]]:
     """Return the file after the change: - goes out, + and plain lines come in; one KINEMATICS line stands, the last that came.
 
+    ``unnamed`` are COMP_FILE lines that the INI file did not hold before the export; a note may leave them out of both changes.
     Raises ValueError for a line that has to go out and is not there.
     """
     found, section = {name: list(each) for name, each in ini.items()}, ""
+    left = set(unnamed) if f"# {UNLESS_NAMED}" in lines.splitlines() else set()
     for line in lines.splitlines():
+        if line[2:] in left:
+            continue
         if line.startswith("["):
             section = line
         elif line.startswith("- "):
