@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.written import REPORT, ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
@@ -160,7 +161,7 @@ def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
         for name in DISPLACEMENTS
         if (known := result.errors.get(name)) is not None and known.value is not None
     }
-    yield from coarse("the lattice", missed)
+    yield from coarse(message("the-lattice"), missed)
 
 
 def _report(result: Result, profile: Profile, findings: Collection[Finding], prediction: Prediction) -> str:

@@ -12,7 +12,8 @@ from datetime import date
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, Vector
 from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
@@ -53,9 +54,9 @@ def check_finite(case: Case) -> Iterator[Finding]:
     """1: finite values, ascending positions."""
     for table in case.tables:
         if not (np.isfinite(table.value_um).all() and np.isfinite(table.position_mm).all()):
-            yield _error("table-not-finite", f"{table.label}: a value or position is not a number")
+            yield finding("error", message("table-not-finite", label=table.label))
         elif np.any(np.diff(table.position_mm) <= _ONE_PLACE_MM):
-            yield _error("grid-not-ascending", f"{table.label}: positions do not rise")
+            yield finding("error", message("grid-not-ascending", label=table.label))
 
 
 def check_values(case: Case) -> Iterator[Finding]:
@@ -66,9 +67,9 @@ def check_values(case: Case) -> Iterator[Finding]:
         own = case.controller.limits(table, case.profile).value_um
         if largest > limits.value_um or (own is not None and largest > own):
             limit = min(limits.value_um, own or np.inf)
-            yield _error("value-beyond-limit", f"{table.label}: {largest:.1f} um, the limit is {limit:g} um")
+            yield finding("error", message("value-beyond-limit", label=table.label, um=largest, limit_um=limit))
         elif largest > limits.warn_value_um:
-            yield _warning("value-large", f"{table.label}: {largest:.1f} um, above {limits.warn_value_um:g} um: is the machine sound?")
+            yield finding("warning", message("value-large", label=table.label, um=largest, limit_um=limits.warn_value_um))
 
 
 def check_change(case: Case) -> Iterator[Finding]:
@@ -83,7 +84,7 @@ def check_change(case: Case) -> Iterator[Finding]:
         new = [each for each in case.tables if each.name == table.name]
         change = float(np.max(np.abs(movement_um(table, new) - movement_um(table, before))))
         if change > case.profile.limits.at(_travel_mm(table)).change_um:
-            yield _warning("change-large", f"{table.label}: differs by {change:.1f} um from the table in the control now")
+            yield finding("warning", message("change-large", label=table.label, um=change))
 
 
 def check_slope(case: Case) -> Iterator[Finding]:
@@ -97,14 +98,14 @@ def check_slope(case: Case) -> Iterator[Finding]:
         if most == "plausible":
             most = plausible_slope_um_mm(_measured_mm(case.result, table))
         if most is not None and steepest > most:
-            yield _warning("slope-steep", f"{table.label}: {steepest:.3f} um/mm, above {most:g} um/mm")
+            yield finding("warning", message("slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most))
         allowed = np.full(steps.shape, np.inf if own.neighbour_um is None else own.neighbour_um)
         if own.neighbour_um_mm is not None:
             allowed = np.minimum(allowed, own.neighbour_um_mm * spacing)
         if np.any(steps > allowed + _ZERO_UM):
-            yield _error(
-                "neighbour-beyond-limit",
-                f"{table.label}: {np.max(steps):.1f} um from one point to the next, the control takes {np.min(allowed):g} um",
+            yield finding(
+                "error",
+                message("neighbour-beyond-limit", label=table.label, um=np.max(steps), limit_um=np.min(allowed)),
             )
 
 
@@ -115,15 +116,13 @@ def check_points(case: Case) -> Iterator[Finding]:
         held = case.controller.limits(of_kind[0], case.profile).tables
         highest = max((number for table in of_kind if isinstance(number := table.place.get("table"), int)), default=-1)
         if held is not None and (len(of_kind) > held or highest >= held):
-            text = f"{len(of_kind)} {kind} tables up to number {max(highest, len(of_kind) - 1)}: the control holds {held}, numbered from 0"
-            yield _error("tables-beyond-limit", text)
+            text = message("tables-beyond-limit", count=len(of_kind), kind=kind, number=max(highest, len(of_kind) - 1), held=held)
+            yield finding("error", text)
     for table in case.tables:
         own = case.controller.limits(table, case.profile).points
         allowed = min((limit for limit in (own, case.profile.limits.points) if limit is not None), default=None)
         if allowed is not None and len(table.position_mm) > allowed:
-            yield _error(
-                "points-beyond-limit", f"{table.label}: {len(table.position_mm)} points, the control holds {allowed}: take a larger step"
-            )
+            yield finding("error", message("points-beyond-limit", label=table.label, count=len(table.position_mm), held=allowed))
 
 
 def check_reference(case: Case) -> Iterator[Finding]:
@@ -134,7 +133,7 @@ def check_reference(case: Case) -> Iterator[Finding]:
         at_reference = abs(correction_um(table, np.array([table.reference_mm]), table.direction or 1).item())
         wanted = case.controller.limits(table, case.profile).reference_um
         if at_reference > abs(wanted) + table.quantum_um / 2 + _ZERO_UM:
-            yield _error("reference-not-zero", f"{table.label}: {at_reference:.2f} um at the reference position {table.reference_mm:g} mm")
+            yield finding("error", message("reference-not-zero", label=table.label, um=at_reference, place_mm=table.reference_mm))
 
 
 def check_travel(case: Case) -> Iterator[Finding]:
@@ -145,26 +144,32 @@ def check_travel(case: Case) -> Iterator[Finding]:
             continue  # of an old table that is emptied nothing is held
         if table.position_mm[0] > travel[0] + _ZERO_UM or table.position_mm[-1] < travel[1] - _ZERO_UM:
             low, high = table.absolute_um[[0, -1]]
-            yield _warning(
-                "travel-not-covered",
-                f"{table.label}: from {table.position_mm[0]:g} to {table.position_mm[-1]:g} mm, "
-                f"the axis travels {travel[0]:g} to {travel[1]:g} mm; {low:.2f} and {high:.2f} um are held outside",
+            yield finding(
+                "warning",
+                message(
+                    "travel-not-covered",
+                    label=table.label,
+                    first_mm=table.position_mm[0],
+                    last_mm=table.position_mm[-1],
+                    from_mm=travel[0],
+                    to_mm=travel[1],
+                    low_um=low,
+                    high_um=high,
+                ),
             )
 
 
 def check_units(case: Case) -> Iterator[Finding]:
     """8: the unit system of the control."""
     if case.profile.machine.units != "mm" and case.controller.name in _METRIC_ONLY:
-        yield _error(
-            "units-not-metric", f"{case.controller.title}: tables are written in mm, the profile says {case.profile.machine.units}"
-        )
+        yield finding("error", message("units-not-metric", control=case.controller.title, units=case.profile.machine.units))
 
 
 def check_axes(case: Case) -> Iterator[Finding]:
     """9: every axis has a name of its own."""
     names = [axis.name for axis in case.profile.axes.values()]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        yield _error("axis-name-doubled", f"{case.profile.source}: two axes are called {name}")
+        yield finding("error", message("axis-name-doubled", source=case.profile.source, name=name))
 
 
 def check_reversal(case: Case) -> Iterator[Finding]:
@@ -173,33 +178,29 @@ def check_reversal(case: Case) -> Iterator[Finding]:
     for letter in sorted({table.input_axis for table in both if not case.controller.limits(table, case.profile).ends_backlash}):
         backlash = case.profile.axis(letter).backlash_um
         if backlash is None:
-            yield _warning(
-                "reversal-unasked",
-                f"{case.axis_label(letter)}: backlash_um is not in the profile; tables for both directions need it to be 0",
+            yield finding(
+                "warning",
+                message("reversal-unasked", axis_label=case.axis_label(letter)),
             )
         elif backlash != 0:
-            yield _error(
-                "reversal-twice", f"{case.axis_label(letter)}: backlash of {backlash:g} um stays active beside tables for both directions"
-            )
+            yield finding("error", message("reversal-twice", axis=case.axis_label(letter), um=backlash))
 
 
 def check_quality(case: Case) -> Iterator[Finding]:
     """13: what the solver says about the data, and the correction against repeatability and its own uncertainty."""
-    for finding in case.result.findings:
-        if finding.severity == "error":
-            yield _error("data-quality", f"{finding.code}: {finding.text}")
+    for each in case.result.findings:
+        if each.severity == "error":
+            yield finding("error", message("data-quality", code=each.code, said=each.said))
     largest = max((float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0)
     stated = {name: report.get("repeatability_um") for name, report in case.result.setups.items()}
     spreads = {name: value for name, value in stated.items() if isinstance(value, int | float) and value > 0}
     if spreads and max(spreads.values()) > largest / 2:
         worst = max(spreads, key=lambda name: spreads[name])
-        text = f"{worst}: a stop repeats to {spreads[worst]:.1f} um, the largest correction is {largest:.1f} um: measure again"
-        yield _warning("repeatability-exceeds-correction", text)
+        text = message("repeatability-exceeds-correction", setup=worst, um=spreads[worst], largest_um=largest)
+        yield finding("warning", text)
     uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]
     if uncertain and all(np.max(np.abs(curve.mean_um)) < 2 * np.nanmax(curve.u_um) for curve in uncertain):
-        yield _warning(
-            "correction-within-uncertainty", "no correction is larger than its expanded uncertainty (k = 2): there is nothing to correct"
-        )
+        yield finding("warning", message("correction-within-uncertainty"))
 
 
 def check_sign(case: Case) -> Iterator[Finding]:
@@ -207,8 +208,8 @@ def check_sign(case: Case) -> Iterator[Finding]:
     for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
         for record in case.profile.sign_tests:
             if record.kind == kind and record.verdict != sense:
-                yield _error(
-                    "sign-contradicted", f"{kind}: the sign test of {record.date} showed {record.verdict}, the tables are written {sense}"
+                yield finding(
+                    "error", message("sign-contradicted", kind=kind, date=record.date.isoformat(), verdict=record.verdict, sense=sense)
                 )
 
 
@@ -252,7 +253,7 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
         meant, found = (movement_um(table, tables) for tables in alike)
         off = float(np.max(np.abs(found - meant))) if alike[1] else np.inf
         if not off <= table.quantum_um / 2 + _ZERO_UM:
-            yield _error("round-trip", f"{table.label}: read back from the file it differs by {off:.3f} um")
+            yield finding("error", message("round-trip", label=table.label, um=off))
 
 
 def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -> None:
@@ -261,14 +262,14 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -
     if not open_findings:
         return
     first = min(open_findings, key=lambda item: item.severity != "error")
-    others = [f"{item.text} [{item.code}]" for item in open_findings if item is not first]
-    remedy = "mend the cause" if first.severity == "error" else f"mend the cause, or accept it by its name: {first.code}"
+    others = [message("with-its-code", said=item.said, code=item.code) for item in open_findings if item is not first]
+    remedy = message("mend-cause") if first.severity == "error" else message("mend-or-accept", code=first.code)
     raise SafetyError(
         where,
         code=first.code,
-        expected="tables that pass the safety checks",
-        found=first.text,
-        remedy=remedy + (f"; also refused: {'; '.join(others)}" if others else ""),
+        expected=message("safe-tables"),
+        found=first.said,
+        remedy=message("also-refused", remedy=remedy, others=others) if others else remedy,
     )
 
 
@@ -322,11 +323,3 @@ def _net_um(case: Case, table: Table) -> Vector:
     moved = mean_correction_um([*turns, *(each for each in case.tables if each.name == table.name)], points)
     moved = moved[:, AXES.index(table.output_axis.lower())]
     return np.asarray(moved[:-1] - moved[-1])
-
-
-def _error(code: str, text: str) -> Finding:
-    return Finding(code=code, severity="error", text=text)
-
-
-def _warning(code: str, text: str) -> Finding:
-    return Finding(code=code, severity="warning", text=text)

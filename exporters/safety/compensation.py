@@ -12,7 +12,8 @@ from datetime import date
 from typing import Any, Literal
 
 from stepdiag.base.errors import DataError, SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Message, message
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.result.result import Result
 
@@ -70,14 +71,14 @@ def stated_in(result: Result) -> Statement:
         return Statement(state="?")
     if state not in ("off", "on") or not isinstance(rows, list) or (state == "on") != bool(rows):
         where = f"{result.source}: {_SECTION}.compensation"
-        raise DataError(where, expected='"off", or "on" with active_files', found=f"{state!r} with {rows!r:.60}")
+        raise DataError(where, expected=message("off-on-files"), found=f"{state!r} with {rows!r:.60}")
     return Statement(state=state, files=tuple(_active_file(row, result.source) for row in rows))
 
 
 def _active_file(row: Any, source: str) -> ActiveFile:
     names = ("name", "sha256", "date", "source")
     if not isinstance(row, Mapping) or not all(isinstance(row.get(name), str) for name in names):
-        raise DataError(f"{source}: {_SECTION}.active_files", expected="name, sha256, date and source", found=f"{row!r:.60}")
+        raise DataError(f"{source}: {_SECTION}.active_files", expected=message("name-sha"), found=f"{row!r:.60}")
     return ActiveFile(name=row["name"], sha256=row["sha256"], date=row["date"], source=row["source"])
 
 
@@ -95,9 +96,11 @@ def require_agreement(result: Result, profile: Profile) -> None:
         raise SafetyError(
             f"{profile.source}: machine.measured_with",
             code="compensation-differs",
-            expected=f'"{statement.state}", as the survey says',
-            found=f'"{profile.machine.measured_with}"' + (" (assumed)" if profile.assumed else ""),
-            remedy="a profile of this survey, with the files that were active in machine.existing" if statement.state == "on" else "",
+            expected=message("as-survey", state=statement.state),
+            found=message("assumed-state", state=profile.machine.measured_with)
+            if profile.assumed
+            else f'"{profile.machine.measured_with}"',
+            remedy=message("profile-of") if statement.state == "on" else "",
         )
     if statement.state == "on":
         _require_same_files(statement, profile)
@@ -110,10 +113,9 @@ def require_answer(result: Result) -> Statement:
         raise SafetyError(
             f"{result.source}: {_SECTION}.compensation",
             code="compensation-unanswered",
-            expected='"off" or "on": whether a compensation was active while measuring',
-            found="a survey that does not say it",
-            remedy="say it before the first pass (machine.compensation of the survey file); whoever knows it for certain can say it "
-            "afterwards: --compensation off, or on with the files that were active (--active)",
+            expected=message("off-or-on"),
+            found=message("says-not"),
+            remedy=message("say-it-before-first"),
         )
     return statement
 
@@ -121,8 +123,8 @@ def require_answer(result: Result) -> Statement:
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
     """Yield ``compensation-unstated`` where nothing but the profile says what was active."""
     if stated_in(result).state is None and not profile.assumed:
-        text = f"only the profile says that the compensation was {profile.machine.measured_with} while measuring: the readings do not"
-        yield Finding(code="compensation-unstated", severity="warning", text=text)
+        text = message("compensation-unstated", state=profile.machine.measured_with)
+        yield finding("warning", text)
 
 
 def _require_same_files(statement: Statement, profile: Profile) -> None:
@@ -131,7 +133,7 @@ def _require_same_files(statement: Statement, profile: Profile) -> None:
     if set(wanted) != set(given):
         missing = [name for digest, name in wanted.items() if digest not in given]
         other = [name for digest, name in given.items() if digest not in wanted]
-        raise _differs(profile, f"{_listed(statement.files)}, as they were active", missing, other)
+        raise _differs(profile, message("as-they-were-active", names=[file.name for file in statement.files]), missing, other)
 
 
 def _require_noted(profile: Profile) -> None:
@@ -141,17 +143,17 @@ def _require_noted(profile: Profile) -> None:
     noted = {digest.lower() for digest in profile.machine.active_sha256}
     other = [file.name for file in profile.existing if hashlib.sha256(file.data).hexdigest() not in noted]
     if other or len(noted) != len(profile.existing):
-        raise _differs(profile, "files whose SHA-256, noted when they were active, stand in machine.active_sha256", [], other)
+        raise _differs(profile, message("files-noted-as-active"), [], other)
 
 
-def _differs(profile: Profile, expected: str, missing: Iterable[str], other: Iterable[str]) -> SafetyError:
-    found = [*(f"no file {name}" for name in missing), *(f"another file {name}" for name in other)]
+def _differs(profile: Profile, expected: Message, missing: Iterable[str], other: Iterable[str]) -> SafetyError:
+    found = [*(message("no-such-file", name=name) for name in missing), *(message("another-file", name=name) for name in other)]
     return SafetyError(
         f"{profile.source}: machine.existing",
         code="active-table-differs",
         expected=expected,
-        found=", ".join(found) or "other files",
-        remedy="give the very tables that were active while measuring, or measure again with the compensation off",
+        found=message("comma-list", items=found) if found else message("other-files"),
+        remedy=message("very-tables"),
     )
 
 

@@ -8,7 +8,8 @@ import re
 from collections.abc import Collection, Iterator, Sequence
 
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import Message, message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.checks import Case, limit_findings
 from stepdiag.exporters.safety.standing import Standing
@@ -38,9 +39,9 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
             raise SafetyError(
                 file.name,
                 code="text-not-clean",
-                expected=f"plain numbers of at most {_DIGITS} digits and {_DECIMALS} decimals",
-                found="; ".join(found),
-                remedy="report it; nothing was written",
+                expected=message("plain-numbers", digits=_DIGITS, decimals=_DECIMALS),
+                found=message("semicolon-list", items=found),
+                remedy=message("report-it-nothing-was"),
             )
 
 
@@ -49,7 +50,7 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
     profile = case.profile
     yield from limit_findings(case.controller, profile, case.result, read)
     judged = judge(case.result, read, standing, profile)
-    yield from (Finding(code=each.code, severity="error", text=each.text) for each in worst(judged))
+    yield from (Finding(code=each.code, severity="error", text=each.text, message=each.said) for each in worst(judged))
     for table in read:
         travel = profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
         if travel is None or table.law.ends == "extended" or not table.value_um.any():
@@ -57,20 +58,20 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
         step = float(table.position_mm[1] - table.position_mm[0])
         if table.position_mm[0] < travel[0] - step or table.position_mm[-1] > travel[1] + step:
             first, last = table.position_mm[[0, -1]]
-            text = f"{table.label}: {first:g} to {last:g} mm, the axis travels {travel[0]:g} to {travel[1]:g} mm"
-            yield Finding(code="beyond-travel", severity="error", text=text)
+            text = message("beyond-travel", label=table.label, first=first, last_mm=last, low=travel[0], high_mm=travel[1])
+            yield finding("error", text)
 
 
-def _suspicious(file: ControlFile, known: Collection[bytes]) -> Iterator[str]:
+def _suspicious(file: ControlFile, known: Collection[bytes]) -> Iterator[Message]:
     for number, raw in enumerate(file.data.splitlines(), start=1):
         if raw in known:
             continue
         line = raw.decode("ascii", errors="replace")
         if not raw.isascii():
-            yield f"line {number}: a byte that is no ASCII"
+            yield message("line-not-ascii", line=number)
             continue
         odd = _NO_NUMBER.search(line) or _POWER.search(line) or _BARE_POINT.search(line)
         if odd is None:
             odd = next((each for each in _NUMBER.finditer(line) if len(each[1]) > _DIGITS or len(each[2] or "") > _DECIMALS), None)
         if odd is not None:
-            yield f"line {number}: {odd.group()}"
+            yield message("line-holds", line=number, words=odd.group())

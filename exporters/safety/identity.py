@@ -1,6 +1,7 @@
 """A result and a profile are of one machine, by the names that people gave."""
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.messages import message
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.result.result import Result
 
@@ -21,9 +22,9 @@ def require_same_machine(result: Result, profile: Profile) -> None:
         raise SafetyError(
             f"{profile.source}: machine.name",
             code="other-machine",
-            expected=f"{measured!r}, the machine that was measured (survey.machine in {result.source})",
+            expected=message("measured-machine", name=repr(measured), file=result.source),
             found=repr(profile.machine.name),
-            remedy="use the profile of that machine; where both names mean one machine, write the same name in both",
+            remedy=message("use-profile-machine-where"),
         )
 
 

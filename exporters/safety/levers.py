@@ -8,7 +8,8 @@ import re
 from collections.abc import Mapping
 
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.tables import lattice
@@ -33,11 +34,8 @@ def left_out(files: Mapping[str, bytes]) -> Finding | None:
     names = without_levers(files)
     if not names:
         return None
-    text = (
-        f"measured angles are not used: {', '.join(names)} was active while measuring and takes their levers out of what the tool does; "
-        "to use angles, measure with the compensation off"
-    )
-    return Finding(code="angles-left-out", severity="warning", text=text)
+    text = message("angles-left-out", names=names)
+    return finding("warning", text)
 
 
 def require_levers(result: Result, profile: Profile) -> None:
@@ -48,7 +46,7 @@ def require_levers(result: Result, profile: Profile) -> None:
         raise SafetyError(
             f"{result.source}: errors.{known[0]}",
             code="angles-beside-lattice",
-            expected="a result without measured angles: their levers were compensated while measuring",
-            found=f"{', '.join(known)}, and {', '.join(names)} active",
-            remedy="solve without the angles file, or measure with the compensation off",
+            expected=message("without-angles"),
+            found=message("and-active", names=known, files=names),
+            remedy=message("solve-without"),
         )

@@ -5,6 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite, read_lines
@@ -30,9 +31,9 @@ def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
     before, after = (_by_position(readings, axis, state) for readings, state in ((off, "off"), (on, "on")))
     if len(before) != len(after) or any(abs(one - other) > _SAME_MM for one, other in zip(before, after, strict=True)):
         raise DataError(
-            f"sign test along {axis}",
-            expected="the same commanded positions with the table off and on",
-            found=f"{len(before)} and {len(after)} positions",
+            message("sign-test-along", axis=axis),
+            expected=message("same-commanded-positions-with"),
+            found=message("and-positions", off=len(before), on=len(after)),
         )
     position = np.array(list(before))
     shift = 1000.0 * position
@@ -49,9 +50,9 @@ def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float
                 actual.setdefault(round(float(along[row]), 4), []).append(1000.0 * float(along[rows[0]] + readings.reading_mm[row]))
     if not actual:
         raise DataError(
-            f"sign test, table {state}",
-            expected=f"a run linear-{axis.lower()}",
-            found=", ".join(sorted(set(readings.setup))) or "nothing",
+            message("sign-test-table", state=state),
+            expected=message("run-linear", axis=axis.lower()),
+            found=", ".join(sorted(set(readings.setup))) or message("nothing"),
         )
     return {at: float(np.mean(actual[at])) for at in sorted(actual)}
 
@@ -60,7 +61,7 @@ def read_sign_run(file: ControlFile) -> SignRun:
     """Return the run in a CSV ``position_mm,off_um,on_um``. Raises ``DataError`` with the line where it is damaged."""
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != HEADER:
-        raise DataError(file.name, expected=f"the header {HEADER}", found=lines[0][1] if lines else "an empty file")
+        raise DataError(file.name, expected=message("header", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
     rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 3)
     position, off, on = rows[np.argsort(rows[:, 0])].T
     return SignRun(position, off, on)
@@ -69,5 +70,5 @@ def read_sign_run(file: ControlFile) -> SignRun:
 def _row(where: str, line: str) -> list[float]:
     cells = line.split(",")
     if len(cells) != 3:
-        raise DataError(where, expected="three numbers", found=repr(line))
+        raise DataError(where, expected=message("three-numbers"), found=repr(line))
     return [finite(cell, where) for cell in cells]

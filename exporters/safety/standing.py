@@ -9,7 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.profile import Profile
@@ -85,19 +86,17 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     foreign = {table.identity for table in standing.foreign()}
     for table in standing.staying:
         if table.name in named and table.identity not in foreign:
-            text = f"{table.label}: would act together with the new {named[table.name].label}; take the old one out of the control"
-            yield Finding(code="old-table-left-active", severity="error", text=text)
+            text = message("old-table-left-active", label=table.label, other=named[table.name].label)
+            yield finding("error", text)
         elif table.identity in foreign:
-            text = f"{table.label}: the new tables take part of it away, and what is left would act by itself; take it out of the control"
-            yield Finding(code="old-table-left-active", severity="error", text=text)
+            text = message("old-table-left-active.new-tables-take-part", label=table.label)
+            yield finding("error", text)
         elif table.multiplier is not None and profile.machine.measured_with == "off" and not identifies(result, table):
             yield from _twice(table, standing.new)
     for table in standing.lost():
         if table.name not in asked and (profile.machine.measured_with == "off" or table.multiplier is None) and not _chosen(result, table):
-            text = (
-                f"{table.label}: a new table takes its place, and nothing does its work: export its function as well, or move the new one"
-            )
-            yield Finding(code="old-table-lost", severity="error", text=text)
+            text = message("old-table-lost", label=table.label)
+            yield finding("error", text)
     for table in standing.new:
         old = [each for each in standing.before if each.name == table.name and each.multiplier is None and each.value_um.any()]
         if old and table.multiplier is None and table.value_um.any():
@@ -112,10 +111,8 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
     for table in new:
         alike = table.multiplier is None and table.output_axis == product.output_axis and table.input_axis in (product.input_axis, lever)
         if alike and table.value_um.any():
-            text = (
-                f"{product.label}: goes on beside the new {table.label}, which holds part of the same, and the result knows no angle of it"
-            )
-            yield Finding(code="old-table-left-active", severity="error", text=f"{text}; take the old one out of the control")
+            text = message("old-table-left-active.goes-on-beside-new", label=product.label, other=table.label)
+            yield finding("error", text)
             return
 
 
@@ -137,10 +134,8 @@ def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Itera
             held_um = float(np.ptp(moved[:, axis]))
             function = result.errors.get(name)
             if held_um > _NOTHING_UM and (function is None or function.value is None):
-                text = (
-                    f"{name}: the old correction holds {held_um:.1f} um of it, the lattice takes its place, and the result does not know it"
-                )
-                yield Finding(code="old-table-lost", severity="error", text=text)
+                text = message("old-table-lost.x-field-holds", name=name, um=held_um)
+                yield finding("error", text)
             elif name[1] == name[2] and function is not None and not function.slope_identified and abs(rise_um[name]) > _NOTHING_UM:
                 yield _slope_of(name, rise_um[name])
     for name, functions in SQUARENESS_SLOPE.items():
@@ -152,8 +147,8 @@ def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Itera
 
 
 def _slope_of(name: str, rise_um: float) -> Finding:
-    text = f"{name}: the old correction holds a slope of {rise_um:.1f} um, the lattice takes its place, and the result does not know it"
-    return Finding(code="old-slope-lost", severity="warning", text=f"{text}: measure a linear run, or with the compensation on")
+    text = message("old-slope-lost", name=name, um=rise_um)
+    return finding("warning", text)
 
 
 def _chosen(result: Result, table: Table) -> bool:
@@ -173,11 +168,16 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
         way = each.direction or 1
         lost_um = float(np.max(np.abs(correction_um(each, outside, way) - correction_um(each, ends, way))))
         if lost_um > _NOTHING_UM:
-            text = (
-                f"{table.label}: {table.position_mm[0]:g} to {table.position_mm[-1]:g} mm, the old table reaches from "
-                f"{each.position_mm[0]:g} to {each.position_mm[-1]:g} mm: up to {lost_um:.1f} um of it are lost outside"
+            text = message(
+                "table-shrinks",
+                label=table.label,
+                first_mm=table.position_mm[0],
+                last_mm=table.position_mm[-1],
+                low_mm=each.position_mm[0],
+                high_mm=each.position_mm[-1],
+                lost_um=lost_um,
             )
-            yield Finding(code="table-shrinks", severity="warning", text=f"{text}; start_mm and end_mm of the axis keep them")
+            yield finding("warning", text)
             return
 
 
@@ -186,8 +186,8 @@ def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
     ends = table.position_mm[[0, -1]]
     rise_um = sum(float(np.diff(correction_um(each, ends, each.direction))[0]) for each in old) / len({each.direction for each in old})
     if abs(rise_um) > _NOTHING_UM:
-        text = f"{table.label}: the result knows its shape alone; the old table holds a slope of {rise_um:.1f} um that is lost"
-        yield Finding(code="old-slope-lost", severity="warning", text=f"{text}: measure a linear run, or with the compensation on")
+        text = message("old-slope-lost.result-knows-its-shape", label=table.label, rise_um=rise_um)
+        yield finding("warning", text)
 
 
 def _same(one: Table, other: Table) -> bool:

@@ -9,7 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
@@ -53,11 +54,10 @@ def judge_field(result: Result, moved_um: Moved, axes_mm: Axes) -> Finding | Non
         return None
     common = float(np.mean(moved * asked))
     if abs(common) <= ALIKE * size * size_moved:  # equal where the result asks for nothing at all
-        return Finding(code="lattice-unlike", severity="error", text="the lattice is nothing like what the result asks for")
+        return finding("error", message("lattice-unlike"))
     factor = common / size**2
-    sign = " and turned in sign" if factor < 0 else ""
-    text = f"the lattice is {abs(factor):.3g} times as large as the result asks for{sign}"
-    return Finding(code="lattice-scaled", severity="error", text=text)
+    text = message("lattice-scaled", factor=abs(factor)) if factor < 0 else message("lattice-scaled.x-lattice-times", factor=abs(factor))
+    return finding("error", text)
 
 
 def _vertices_mm(volume: Volume, axes_mm: Axes) -> Vector:

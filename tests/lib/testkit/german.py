@@ -2,7 +2,8 @@
 
 import re
 
-from stepdiag.texts.sentences import translated
+from stepdiag.base.errors import StepdiagError
+from stepdiag.base.messages import rendered
 
 ENGLISH = re.compile(r"\b(the|and|of|was|were|stop|stops|pass|beam|count|with|not|this|from|again|drive|which|are|is)\b")
 """Words that no German sentence has ("was" is German too: it stands here for English only where another one does)."""
@@ -14,8 +15,8 @@ def is_english(text: str) -> bool:
     return bool(set(ENGLISH.findall(bare.lower())) - {"was"})
 
 
-def in_german(refusal: BaseException) -> str:
+def in_german(refusal: StepdiagError) -> str:
     """Return what a refusal says in German; it must say it whole."""
-    said = translated(str(refusal), "de")
+    said = rendered(refusal.message, "de")
     assert not is_english(said), said
     return said
