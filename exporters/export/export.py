@@ -15,6 +15,7 @@ import numpy as np
 
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.export.report import report_text
@@ -108,13 +109,13 @@ def _may_refuse(finding: Finding, profile: Profile) -> bool:
 def _require_something(plan: Plan, profile: Profile) -> None:
     """Raise ``SafetyError`` where the control has no table for anything that is asked: an export of nothing is no export."""
     if not plan.tables and not plan.listed:
-        said = "; ".join(finding.text for finding in plan.findings)
+        asked, why = profile.machine.functions, [each.said for each in plan.findings]
         raise SafetyError(
             f"{profile.source}: machine.functions",
             code="nothing-to-write",
-            expected="a function that this control has a table for",
-            found=", ".join(profile.machine.functions) + (f" ({said})" if said else ""),
-            remedy="ask for others, or keep these as curves (--controller neutral)",
+            expected=message("has-table"),
+            found=message("names-because", names=asked, why=why) if why else ", ".join(asked),
+            remedy=message("ask-others"),
         )
 
 
@@ -162,7 +163,7 @@ def _measured_step(result: Result, index: int) -> float:
 
 def _require_step(step_mm: float) -> None:
     if not 0 < step_mm < float("inf"):
-        raise UsageError("--step-mm", expected="a number of mm above 0", found=f"{step_mm:g}")
+        raise UsageError("--step-mm", expected=message("step-positive"), found=f"{step_mm:g}")
 
 
 def _control_files(case: Case, standing: Standing) -> list[ControlFile]:

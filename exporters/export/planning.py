@@ -12,6 +12,7 @@ from datetime import date
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.messages import message
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.angular import require_chain
@@ -114,7 +115,7 @@ def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
         raise SafetyError(
             f"{profile.source}: machine.direction",
             code="merge-direction",
-            expected=f'"both": the old table of {name}, whose place is taken, has a column for each direction of travel',
+            expected=message("both-old", name=name),
             found='"mean"',
         )
     slopes = [square for square, functions in SQUARENESS_SLOPE.items() if name in functions]

@@ -65,7 +65,11 @@ def figures(prediction: Prediction) -> list[list[float | None]]:
 
 def said(item: Finding) -> str:
     """Return a finding as one text."""
-    place = [f"{name}={value}" for name, value in item.as_json().items() if name not in ("code", "severity", "text") and value is not None]
+    place = [
+        f"{name}={value}"
+        for name, value in item.as_json().items()
+        if name in ("setup", "pass", "stop", "size_um", "among") and value is not None
+    ]
     return f"{item.severity} {item.code} {' '.join(place)}: {item.text}"
 
 
