@@ -16,6 +16,7 @@ import numpy as np
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.kinematics import abbe_mask, parse_chain
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
 from stepdiag.exporters.tables.fit import Product
@@ -58,7 +59,7 @@ def require_chain(result: Result, profile: Profile) -> None:
     stated = getattr(profile.options, "chain", None)
     if stated is not None and parse_chain(stated) != parse_chain(result.chain):
         raise UsageError(
-            f"{profile.source}: {profile.machine.controller}.chain", expected=f'"{result.chain}", the chain of the result',
+            f"{profile.source}: {profile.machine.controller}.chain", expected=message("chain-quoted", chain=result.chain),
             found=f'"{stated}"',
         )  # fmt: skip
 
@@ -72,9 +73,9 @@ def columns_of(curves: Sequence[Curve], products: Sequence[Product], levers: Vec
     missing = [name for name in FUNCTIONS if curves and name not in {curve.name for curve in curves}]
     if missing:
         raise UsageError(
-            f"{profile.source}: machine.functions", expected="all nine, for angles that are written with their levers",
-            found="nothing of " + ", ".join(missing),
-            remedy=f"leave {profile.machine.controller}.chain out to write some functions without angles",
+            f"{profile.source}: machine.functions", expected=message("all-nine"),
+            found=message("nothing-of", names=missing),
+            remedy=message("leave-chain", control=profile.machine.controller),
         )  # fmt: skip
     middles = {product.by_axis: product.middle_mm for product in products}
     angles: list[Angle] = []
@@ -104,9 +105,10 @@ def _relative_urad(
         if product.input_axis == _LETTERS[moving] and sign:
             if not levers[moving, by]:
                 raise UsageError(
-                    f"{profile.source}: {profile.machine.controller}.chain", expected=f"a chain in which {product.by_axis} is carried by "
-                    f"{product.input_axis}", found=f"{product.name}",
-                )  # fmt: skip
+                    f"{profile.source}: {profile.machine.controller}.chain",
+                    expected=message("chain-carried", by=product.by_axis, axis=product.input_axis),
+                    found=product.name,
+                )
             return np.interp(grid, product.position_mm, product.value_um) * sign * 1e3 / product.half_mm
     return None
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.base.findings import Finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end
 from stepdiag.exporters.files.numbers import fixed
@@ -125,8 +126,8 @@ class AxisList:
         reverse = next((table.value_um for table in tables if table.direction < 0), np.zeros(forward.value_um.shape))
         if len(tables) > 1 and forward.value_um.any() and not reverse.any():
             raise SafetyError(
-                file, code="reverse-column-zero", expected="an error in the - direction that is not 0 throughout",
-                found="zeros, which the control reads as: use the + column", remedy='export this axis with machine.direction = "mean"',
+                file, code="reverse-column-zero", expected=message("reverse-not-zero"),
+                found=message("zeros"), remedy=message("export-mean"),
             )  # fmt: skip
         rows = zip(forward.position_mm, forward.value_um / 1000, reverse / 1000, strict=True)
         written = (";".join(fixed(number, self.decimals) for number in row) for row in rows)
@@ -137,11 +138,13 @@ class AxisList:
         require_end(file, _MARK, _END)
         lines = [(where, line) for where, line in read_lines(file) if line and not line.startswith(";")]
         if len(lines) < 4 or not lines[0][1].startswith("AXIS ") or lines[1][1] != self.heading or not file.data.endswith(b"\n"):
-            raise DataError(file.name, expected=f"AXIS, {self.heading!r}, two or more rows and a line end", found=f"{len(lines)} lines")
+            raise DataError(
+                file.name, expected=message("axis-rows", heading=repr(self.heading)), found=message("count-lines", count=len(lines))
+            )
         letter = profile.letter_of(lines[0][1].removeprefix("AXIS "), lines[0][0])
         rows = [[finite(cell, where) for cell in line.split(";")] for where, line in lines[2:]]
         if any(len(row) != 3 for row in rows) or any(later[0] <= row[0] for row, later in pairwise(rows)):
-            raise DataError(file.name, expected="rows of three numbers with rising positions", found="others")
+            raise DataError(file.name, expected=message("rows-three"), found=message("others"))
         position, forward, reverse = np.array(rows).T
         for direction, error in ((1, forward), (-1, reverse)) if reverse.any() else ((0, forward),):
             yield Table(

@@ -13,6 +13,7 @@ from types import MappingProxyType
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.solver.result.result import POSITIONING, Function, Result
 
@@ -91,7 +92,7 @@ def curves_of(result: Result, names: Sequence[str] = FUNCTIONS, fold: Mapping[st
     name that is no function of a three-axis machine or a fold into a function of another pair.
     """
     if len(set(names)) != len(names):
-        raise UsageError("functions", expected="each function once", found=", ".join(names))
+        raise UsageError("functions", expected=message("function-once"), found=", ".join(names))
     slopes = _folded_slopes(result, names, fold)
     return tuple(_curve(result, name, slopes.get(name, {})) for name in names)
 
@@ -102,7 +103,11 @@ def _folded_slopes(result: Result, names: Sequence[str], fold: Mapping[str, str]
     for squareness, target in fold.items():
         pair = SQUARENESS_SLOPE.get(squareness, {})
         if target not in pair:
-            raise UsageError(f"squareness_into.{squareness}", expected=" or ".join(pair) or "C0Y, B0Z or A0Z", found=repr(target))
+            raise UsageError(
+                f"squareness_into.{squareness}",
+                expected=message("or-list", items=list(pair)) if pair else message("a-squareness"),
+                found=repr(target),
+            )
         if target in names:
             slopes.setdefault(target, {})[squareness] = pair[target] * _squareness_urad(result, squareness) / 1000.0
     return slopes
@@ -113,23 +118,23 @@ def _squareness_urad(result: Result, name: str) -> float:
     if quantity is None or quantity.value is None:
         raise DataError(
             f"{result.source}: squareness.{name}",
-            expected="an identified squareness",
+            expected=message("known-squareness"),
             found="null",
-            remedy="measure all four body diagonals, or leave the straightness it folds into out of the export",
+            remedy=message("four-or-out"),
         )
     return float(quantity.value)
 
 
 def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
     if name not in FUNCTIONS:
-        raise UsageError("functions", expected="one of " + ", ".join(FUNCTIONS), found=repr(name))
+        raise UsageError("functions", expected=message("expects-one-of", names=FUNCTIONS), found=repr(name))
     function = result.errors.get(name)
     if function is None or function.value is None:
         raise DataError(
             f"{result.source}: errors.{name}",
-            expected="an identified function",
+            expected=message("known-function"),
             found="null",
-            remedy=f"the measurement does not identify {name}: see the findings of the result, or export without it",
+            remedy=message("not-identified", name=name),
         )
     position = function.position_mm
     mean = function.value + sum(slopes.values()) * (position - position[0])

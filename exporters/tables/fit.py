@@ -17,6 +17,7 @@ import numpy as np
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve, curves_of
 from stepdiag.exporters.tables.tables import Table
@@ -123,7 +124,7 @@ def _ends(volume: Volume, zone: Zone) -> list[tuple[float, float]]:
         # an axis that did not travel has no zone, and no table
         if volume.travelled[index] and not low <= first < last <= high:
             raise UsageError(
-                f"axes.{letter}.working_mm", expected=f"two rising positions within the measured {low:g} to {high:g} mm",
+                f"axes.{letter}.working_mm", expected=message("rising-within", low=low, high_mm=high),
                 found=f"{first:g}, {last:g}",
             )  # fmt: skip
         ends.append((first, last))
@@ -153,7 +154,9 @@ def _angular(result: Result) -> Iterator[_Term]:
 def _of_table(table: Table) -> _Term:
     """Return the error that an active product table has hidden."""
     if table.multiplier is None or not table.multiplier.is_straight:
-        raise UsageError(table.label, expected="a product with a straight line", found="another multiplier", remedy="measure with it off")
+        raise UsageError(
+            table.label, expected=message("straight-product"), found=message("other-multiplier"), remedy=message("measure-off")
+        )
     slope, zero_mm = table.multiplier.line
     per_mm = -table.law.factor * table.absolute_um * slope
     return _Term(

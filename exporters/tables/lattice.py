@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import MOST_LINES, ascii_lines, finite, read_lines
@@ -55,12 +56,12 @@ def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
     Raises ``SafetyError`` where one does not fit, ``DataError`` where the axes were measured alone.
     """
     if not result.volume.solid:
-        raise DataError(f"{result.source}: volume", expected="a survey of the volume", found="runs of axes alone")
+        raise DataError(f"{result.source}: volume", expected=message("of-volume"), found=message("axes-alone"))
     steps_mm = np.broadcast_to(step_mm, 3).tolist()
     count = math.prod(size / each + 1.0 for size, each in zip(result.volume.size_mm, steps_mm, strict=True))
     if not count <= MOST_LINES:
         found = ", ".join(f"{each:g}" for each in dict.fromkeys(steps_mm))
-        raise UsageError("--step-mm", expected=f"a step that gives at most {MOST_LINES} vertices", found=f"{found} mm")
+        raise UsageError("--step-mm", expected=message("vertices-step", count=MOST_LINES), found=f"{found} mm")
     x, y, z = (_axis(result.volume, index, each) for index, each in enumerate(steps_mm))
     return lattice_on(result, (x, y, z))
 
@@ -100,9 +101,9 @@ def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
         raise SafetyError(
             f"{where}: machine.existing",
             code="active-not-a-lattice",
-            expected="the one lattice.csv that was active while measuring",
-            found=", ".join(file.name for file in files) or "nothing",
-            remedy="COMP_FILEs and a lattice do not merge: measure with the compensation off",
+            expected=message("one-lattice"),
+            found=", ".join(file.name for file in files) or message("nothing"),
+            remedy=message("no-merge"),
         )
     return given[0]
 
@@ -111,14 +112,14 @@ def parse(file: ControlFile) -> Lattice:
     """Return the lattice in a file. Raises ``DataError`` with the line where it is damaged, or for a lattice with holes."""
     lines = [(where, line) for where, line in read_lines(file) if line]
     if not lines or lines[0][1] != HEADER:
-        raise DataError(file.name, expected=f"the header {HEADER}", found=lines[0][1] if lines else "an empty file")
+        raise DataError(file.name, expected=message("header", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
     rows = np.array([_row(where, line) for where, line in lines[1:]]).reshape(-1, 6)
     axes = tuple(np.unique(rows[:, index]) for index in range(3))
     shape = tuple(len(axis) for axis in axes)
     whole = min(shape) >= 2 and math.prod(shape) == len(rows)
     if not whole or not np.array_equal(rows[:, :3], np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)):
         raise DataError(
-            file.name, expected="a complete lattice, z fastest", found=f"{len(rows)} rows", remedy="the file is truncated or mixed up"
+            file.name, expected=message("whole-lattice"), found=message("count-rows", count=len(rows)), remedy=message("mixed-up")
         )
     return Lattice(axes_mm=(axes[0], axes[1], axes[2]), vectors_um=rows[:, 3:].reshape(*shape, 3))
 
@@ -126,7 +127,7 @@ def parse(file: ControlFile) -> Lattice:
 def _row(where: str, line: str) -> list[float]:
     cells = line.split(",")
     if len(cells) != 6:
-        raise DataError(where, expected="six numbers", found=repr(line))
+        raise DataError(where, expected=message("six-numbers"), found=repr(line))
     return [finite(cell, where) for cell in cells]
 
 
@@ -135,7 +136,7 @@ def _axis(volume: Volume, index: int, step_mm: float) -> Vector:
     count = whole_steps(size, step_mm)
     if count is None:
         raise SafetyError(
-            "--step-mm", code="grid-not-integral", expected=f"a step that divides {size:g} mm of {'XYZ'[index]}", found=f"{step_mm:g} mm"
+            "--step-mm", code="grid-not-integral", expected=message("divides-of", size_mm=size, axis="XYZ"[index]), found=f"{step_mm:g} mm"
         )
     steps: Vector = low + step_mm * np.arange(count + 1, dtype=np.float64)
     return steps

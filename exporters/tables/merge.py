@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
@@ -33,9 +34,9 @@ def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
         raise SafetyError(
             f"{profile.source}: machine.direction",
             code="merge-direction",
-            expected=f'"both": the active table of {curve.name} has a column for each direction of travel',
+            expected=message("both-active", name=curve.name),
             found='"mean"',
-            remedy="a table for the mean would lose the reversal correction that was active while measuring",
+            remedy=message("loses-reversal"),
         )
     grid = profile.grid_mm(curve.input_axis)
     forward, reverse = (_without(curve, active, grid, direction) for direction in (+1, -1))

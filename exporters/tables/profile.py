@@ -13,6 +13,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.settings import nearest
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
@@ -130,13 +131,13 @@ class Profile:
     def options_as(self, model: type[Options]) -> Options:
         """Return the controller's own section as its model. Raises ``UsageError`` for another controller's profile."""
         if not isinstance(self.options, model):
-            raise UsageError(f"{self.source}: machine.controller", expected="a profile of this controller", found=self.machine.controller)
+            raise UsageError(f"{self.source}: machine.controller", expected=message("profile-this"), found=self.machine.controller)
         return self.options
 
     def axis(self, letter: str) -> AxisSection:
         """Return the section of axis X, Y or Z. Raises ``UsageError`` for an axis that the profile does not name."""
         if letter not in self.axes:
-            raise UsageError(f"{self.source}: axes.{letter}", expected=f"a section [axes.{letter}]", found="nothing")
+            raise UsageError(f"{self.source}: axes.{letter}", expected=message("section-axes", letter=letter), found=message("nothing"))
         return self.axes[letter]
 
     @property
@@ -148,28 +149,30 @@ class Profile:
         """Return X, Y or Z for an axis name of the control. Raises ``UsageError`` naming ``where`` for a foreign name."""
         names = {axis.name: letter for letter, axis in self.axes.items()}
         if name not in names:
-            raise UsageError(where, expected="an axis that the profile names", found=name, remedy=nearest(name, list(names)))
+            raise UsageError(where, expected=message("axis-named"), found=name, remedy=nearest(name, list(names)))
         return names[name]
 
     def grid_mm(self, letter: str) -> Vector:
         """Return the table positions of an axis, ascending. Raises ``SafetyError`` where the step does not fit."""
         axis = self.axis(letter)
         if axis.start_mm is None or axis.end_mm is None:
-            remedy = "write them there, or give --result: the travel that was measured"
-            raise UsageError(f"{self.source}: axes.{letter}", expected="start_mm and end_mm", found="nothing", remedy=remedy)
+            remedy = message("start-end-from")
+            raise UsageError(f"{self.source}: axes.{letter}", expected=message("start-end"), found=message("nothing"), remedy=remedy)
         sections = (axis.end_mm - axis.start_mm) / axis.step_mm
         if not abs(sections) <= MOST_SECTIONS:
             raise UsageError(
-                f"{self.source}: axes.{letter}.step_mm", expected=f"at most {MOST_SECTIONS} sections", found=f"{axis.step_mm:g} mm"
+                f"{self.source}: axes.{letter}.step_mm",
+                expected=message("sections-most", count=MOST_SECTIONS),
+                found=f"{axis.step_mm:g} mm",
             )
         count = whole_steps(axis.end_mm - axis.start_mm, axis.step_mm)
         if count is None:
             raise SafetyError(
                 f"{self.source}: axes.{letter}.step_mm",
                 code="grid-not-integral",
-                expected=f"a step that divides {axis.end_mm - axis.start_mm:g} mm into whole sections",
-                found=f"{axis.step_mm:g} mm ({sections:.6g} sections)",
-                remedy=f"the nearest that fits is {(axis.end_mm - axis.start_mm) / max(round(sections), 1):.10g} mm",
+                expected=message("divides", size_mm=axis.end_mm - axis.start_mm),
+                found=message("sections", step_mm=axis.step_mm, count=sections),
+                remedy=message("fits", step=f"{(axis.end_mm - axis.start_mm) / max(round(sections), 1):.10g}"),
             )
         grid: Vector = axis.start_mm + axis.step_mm * np.arange(count + 1, dtype=np.float64)
         return grid

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.profile import Profile
@@ -16,8 +17,8 @@ def tables_in(controller: Controller, files: Sequence[ControlFile], profile: Pro
     for table in tables:
         if table.identity in seen:
             raise DataError(
-                ", ".join(file.name for file in files), expected=f"one table {table.label}", found="two, which would count twice",
-                remedy="name every file of the control once, without copies and older versions",
+                ", ".join(file.name for file in files), expected=message("one-table", label=table.label), found=message("count-twice"),
+                remedy=message("every-file-once"),
             )  # fmt: skip
         seen.add(table.identity)
     return tables

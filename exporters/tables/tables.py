@@ -11,6 +11,7 @@ from typing import Literal
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, Vector
 from stepdiag.exporters.files.numbers import fixed
 
@@ -191,7 +192,7 @@ def plain_rows(table: Table) -> tuple[str, ...]:
 def require_rising(position_mm: Vector, where: str) -> None:
     """Raise ``DataError`` unless there are two or more positions, each above the one before."""
     if len(position_mm) < 2 or np.any(np.diff(position_mm) <= 0.0):
-        raise DataError(where, expected="two or more rising positions", found=f"{len(position_mm)} that do not all rise")
+        raise DataError(where, expected=message("two-rising"), found=message("not-all-rise", count=len(position_mm)))
 
 
 def zeroed(tables: Iterable[Table]) -> tuple[Table, ...]:
