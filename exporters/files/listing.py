@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 
 MOST_LINES = 1_000_000
@@ -26,14 +27,16 @@ def read_lines(file: ControlFile) -> Iterator[tuple[str, str]]:
     try:
         text = file.data.decode("ascii")
     except UnicodeDecodeError as error:
-        raise DataError(file.name, expected="ASCII text", found=f"byte {file.data[error.start]:#04x} at {error.start}") from error
+        raise DataError(
+            file.name, expected=message("ascii"), found=message("byte-at", byte=f"{file.data[error.start]:#04x}", place=error.start)
+        ) from error
     lines = text.splitlines()
     if len(lines) > MOST_LINES + 1:
-        raise DataError(file.name, expected=f"at most {MOST_LINES} lines", found=str(len(lines)))
+        raise DataError(file.name, expected=message("lines-most", count=MOST_LINES), found=str(len(lines)))
     for number, line in enumerate(lines, start=1):
         where = f"{file.name}: line {number}"
         if len(line) > LONGEST_LINE:
-            raise DataError(where, expected=f"at most {LONGEST_LINE} characters", found=str(len(line)))
+            raise DataError(where, expected=message("characters-most", count=LONGEST_LINE), found=str(len(line)))
         yield where, line
 
 
@@ -41,7 +44,7 @@ def require_end(file: ControlFile, mark: bytes, end: bytes) -> None:
     """Raise ``DataError`` for a file of ours, told by ``mark``, that does not end with the line ``end``: the rest of it is lost."""
     if mark in file.data and not file.data.rstrip().endswith(end):
         raise DataError(
-            file.name, expected=f"{end.decode('ascii')} as its last line", found="no end", remedy="it is cut off: take it again"
+            file.name, expected=message("last-line", text=end.decode("ascii")), found=message("no-end"), remedy=message("cut-off")
         )
 
 
@@ -52,7 +55,7 @@ def finite(text: str, where: str) -> float:
     except ValueError:
         value = math.nan
     if not abs(value) <= LARGEST:
-        raise DataError(where, expected="a number", found=shown(text))
+        raise DataError(where, expected=message("number"), found=shown(text))
     return value
 
 
@@ -61,9 +64,9 @@ def whole(text: str, where: str) -> int:
     try:
         value = int(text)
     except ValueError as error:
-        raise DataError(where, expected="a whole number", found=shown(text)) from error
+        raise DataError(where, expected=message("whole"), found=shown(text)) from error
     if abs(value) > LARGEST:
-        raise DataError(where, expected="a whole number that a control holds", found=shown(text))
+        raise DataError(where, expected=message("whole-held"), found=shown(text))
     return value
 
 

@@ -13,6 +13,7 @@ from pathlib import Path
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, as_text, holds, read_bytes, refuse_file_name
+from stepdiag.base.messages import message
 from stepdiag.base.part import folder_made, part_of, sync_folder, write_through
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.naming import is_restore
@@ -37,7 +38,7 @@ def write_set(folder: Path, files: Sequence[ControlFile]) -> tuple[str, ...]:
         if not _stands_there(target, everything):
             _place(target, everything)
     except OSError as error:
-        raise UsageError(str(folder), expected="a folder that can be written", found=error.strerror or str(error)) from error
+        raise UsageError(str(folder), expected=message("expects-written"), found=error.strerror or str(error)) from error
     return tuple(file.name for file in everything)
 
 
@@ -113,8 +114,8 @@ def _listed(folder: Path) -> dict[str, str]:
     """Return the SHA-256 by name, as the folder's list says."""
     path = folder / SUMS
     if not path.is_file():
-        expected = f"a folder that an export wrote, with its {SUMS}"
-        raise DataError(str(folder), expected=expected, found=f"no file {SUMS}", remedy="name the files of the control one by one")
+        expected = message("set-folder", name=SUMS)
+        raise DataError(str(folder), expected=expected, found=message("no-such", name=SUMS), remedy=message("one-by-one"))
     lines = as_text(read_bytes(path, largest=LARGEST_SETTINGS_BYTES), str(path)).splitlines()
     matches = [_LINE.fullmatch(line) for line in lines]
     wanted = {match["name"]: match["digest"] for match in matches if match is not None}
@@ -130,7 +131,7 @@ def _refuse_altered(folder: Path, wanted: dict[str, str], files: Collection[Cont
 
 
 def _refusal(folder: Path, code: str, expected: str, found: str) -> SafetyError:
-    remedy = "export again into a new folder, and load nothing from this one"
+    remedy = message("export-again")
     return SafetyError(str(folder), code=code, expected=expected, found=found, remedy=remedy)
 
 
@@ -138,9 +139,7 @@ def _refuse_doubled(folder: Path, files: Sequence[ControlFile]) -> None:
     names = [file.name.lower() for file in files]
     doubled = [file.name for file in files if names.count(file.name.lower()) > 1]
     if doubled:
-        raise UsageError(
-            str(folder / doubled[0]), expected="one file of each name", found="two", remedy="rename the files in machine.existing"
-        )
+        raise UsageError(str(folder / doubled[0]), expected=message("each-name"), found=message("two"), remedy=message("rename"))
 
 
 def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
@@ -151,9 +150,9 @@ def _stands_there(target: Path, files: Sequence[ControlFile]) -> bool:
         return True
     raise UsageError(
         str(target),
-        expected="a new or empty folder, or the same export again",
-        found="other files" if target.is_dir() else "a file",
-        remedy="choose another --out folder: nothing is overwritten",
+        expected=message("empty-folder"),
+        found=message("other-files") if target.is_dir() else message("a-file"),
+        remedy=message("other-out"),
     )
 
 
