@@ -12,6 +12,7 @@ import numpy as np
 
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.files import LARGEST_SETTINGS_BYTES, LARGEST_TABLE_BYTES, as_text, read_bytes
+from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, nearest, read_toml, require_answers
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.files.control_file import ControlFile
@@ -121,7 +122,7 @@ def _refuse_unknown_sections(tables: dict[str, Any], controller: Controller, sou
     known = ["machine", "axes", "limits", "sign_test", PROGRAM, controller.name]
     for key in tables:
         if key not in known:
-            raise UsageError(f"{source}: {key}", expected="a known section", found=key, remedy=nearest(key, known))
+            raise UsageError(f"{source}: {key}", expected=message("known-section"), found=key, remedy=nearest(key, known))
 
 
 def _refuse_unknown_kinds(records: Sequence[SignTestRecord], controller: Controller, source: str) -> None:
@@ -133,7 +134,7 @@ def _refuse_unknown_kinds(records: Sequence[SignTestRecord], controller: Control
                 f"{source}: sign_test[{index}].kind",
                 expected=expected,
                 found=f'"{record.kind}"',
-                remedy="`stepdiag signtest` prints the record as it has to stand here",
+                remedy=message("signtest"),
             )
 
 
@@ -153,13 +154,13 @@ def _existing(machine: MachineSection, files: Mapping[str, bytes], source: str) 
     """Return the named files; that they are those that were active while measuring is checked where a result is exported."""
     missing = [name for name in machine.existing if name not in files]
     if missing:
-        raise UsageError(f"{source}: machine.existing", expected="files that can be read", found=", ".join(missing))
+        raise UsageError(f"{source}: machine.existing", expected=message("files-readable"), found=", ".join(missing))
     if machine.measured_with == "on" and not machine.existing:
         raise SafetyError(
             f"{source}: machine.existing",
             code="active-table-unknown",
-            expected="the table files that were active while measuring",
-            found="nothing",
-            remedy="back the active tables up from the control, or measure again with compensation off",
+            expected=message("active-files"),
+            found=message("nothing"),
+            remedy=message("back-up"),
         )
     return tuple(ControlFile(name=Path(name).name, data=files[name]) for name in machine.existing)

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from types import MappingProxyType
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.settings import nearest
 from stepdiag.exporters.beckhoff.control import Beckhoff
 from stepdiag.exporters.fagor.control import FAGOR
@@ -32,5 +33,5 @@ CONTROLLERS: Mapping[str, Controller] = MappingProxyType({controller.name: contr
 def controller_named(name: str) -> Controller:
     """Return the controller called ``name``. Raises ``UsageError`` with the nearest name."""
     if name not in CONTROLLERS:
-        raise UsageError("--controller", expected="a known controller", found=name, remedy=nearest(name, list(CONTROLLERS)))
+        raise UsageError("--controller", expected=message("known-controller"), found=name, remedy=nearest(name, list(CONTROLLERS)))
     return CONTROLLERS[name]
