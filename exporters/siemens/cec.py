@@ -8,6 +8,7 @@ production program shows that a positive value moves the output axis in - (contr
 from collections.abc import Mapping
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import whole
 from stepdiag.exporters.siemens.ini import Assignment, read_assignments
@@ -56,7 +57,7 @@ def read_tables(file: ControlFile, profile: Profile, sense: Sense) -> tuple[Tabl
         elif item.name in _AXES + _GRID + _MODES + _TOLERATED and len(item.index) == 1:
             heads.setdefault(item.index[0], {})[item.name] = item
         elif item.name.startswith("AN_CEC"):
-            raise DataError(item.where, expected="a variable of a CEC table", found=f"${item.name}[{','.join(item.index)}]")
+            raise DataError(item.where, expected=message("cec-variable"), found=f"${item.name}[{','.join(item.index)}]")
     return tuple(_table(key, values.get(key, {}), heads.get(key, {}), profile, sense, file.name) for key in sorted(values | heads))
 
 
@@ -64,9 +65,9 @@ def _table(key: str, points: dict[int, Assignment], head: Mapping[str, Assignmen
     where = f"{source}: table [{key}]"
     missing = [name for name in _AXES + _GRID if name not in head]
     if missing:
-        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found="nothing")
+        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found=message("nothing"))
     if "AN_CEC_IS_MODULO" in head and head["AN_CEC_IS_MODULO"].number() != 0:
-        raise DataError(head["AN_CEC_IS_MODULO"].where, expected="a linear axis (0)", found=head["AN_CEC_IS_MODULO"].value)
+        raise DataError(head["AN_CEC_IS_MODULO"].where, expected=message("linear-axis"), found=head["AN_CEC_IS_MODULO"].value)
     input_axis, output_axis = (profile.letter_of(head[name].axis(), head[name].where) for name in _AXES)
     step, start, end = (head[name].number() for name in _GRID)
     held = read_points(points, step, start, end, where)
@@ -88,7 +89,7 @@ def _times(item: Assignment | None) -> dict[str, int]:
     """Return the index of the table that multiplies this one, from the number that stands in the file; nothing for 0."""
     number = 0 if item is None else whole(item.value, item.where)
     if item is not None and number < 0:
-        raise DataError(item.where, expected="the number of a table, or 0", found=item.value)
+        raise DataError(item.where, expected=message("table-number"), found=item.value)
     return {TIMES: number - 1} if number else {}
 
 

@@ -5,6 +5,7 @@ compensation value causes the corresponding machine axis to move in the negative
 """
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import whole
 from stepdiag.exporters.siemens.ini import Assignment, read_assignments
@@ -40,7 +41,7 @@ def read_tables(file: ControlFile, profile: Profile) -> tuple[Table, ...]:
         elif item.name in _HEAD and len(item.index) == 2:
             heads.setdefault((item.index[0], item.index[1]), {})[item.name] = item
         elif item.name.startswith(_VALUE):
-            raise DataError(item.where, expected="a variable of an EEC table", found=f"${item.name}[{','.join(item.index)}]")
+            raise DataError(item.where, expected=message("eec-variable"), found=f"${item.name}[{','.join(item.index)}]")
     return tuple(_table(key, values.get(key, {}), heads.get(key, {}), profile, file.name) for key in sorted(values | heads))
 
 
@@ -49,10 +50,10 @@ def _table(key: tuple[str, str], points: dict[int, Assignment], head: dict[str, 
     where = f"{source}: table [{system},{axis}]"
     missing = [name for name in _HEAD if name not in head]
     if missing:
-        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found="nothing")
+        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found=message("nothing"))
     step, start, end, modulo = (head[name].number() for name in _HEAD)
     if modulo:
-        raise DataError(head[_HEAD[3]].where, expected="a linear axis (IS_MODULO 0)", found="a rotary axis")
+        raise DataError(head[_HEAD[3]].where, expected=message("linear-modulo"), found=message("rotary"))
     letter = profile.letter_of(axis, head[_HEAD[0]].where)
     held = read_points(points, step, start, end, where)
     return Table(

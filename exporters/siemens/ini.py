@@ -10,6 +10,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite, read_lines
 
@@ -67,7 +68,7 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
     ended = False
     for where, line in _lines(file):
         if ended and not program:
-            raise DataError(where, expected="nothing after the end of the file", found=line)
+            raise DataError(where, expected=message("after-end"), found=line)
         if match := _ASSIGNMENT.match(line):
             if match["name"].startswith(_COMPENSATION):
                 index = tuple(part.strip() for part in match["index"].split(","))
@@ -75,13 +76,13 @@ def read_assignments(file: ControlFile) -> list[Assignment]:
         elif _SWITCH.match(line):
             continue
         elif line == "INCH":
-            raise DataError(where, expected="a metric file", found="INCH", remedy="back the table up with metric scaling")
+            raise DataError(where, expected=message("metric"), found="INCH", remedy=message("metric-back"))
         elif _END.match(line):
             ended = True
         elif not program and not _FRAME.match(line):
-            raise DataError(where, expected="an assignment of a SINUMERIK data file", found=line)
+            raise DataError(where, expected=message("assignment"), found=line)
     if not ended:
-        raise DataError(file.name, expected="M17 at the end", found="no end of file", remedy="the file is truncated: take it again")
+        raise DataError(file.name, expected=message("m17"), found=message("no-eof"), remedy=message("truncated"))
     return found
 
 
@@ -109,10 +110,10 @@ def require_full_effect(file: ControlFile, table: str, switches: Iterable[str], 
     for name in switches:
         where, value = last.get(name, ("", "1"))
         if value in ("0", "FALSE"):
-            raise DataError(where, expected=f"{table} switched on at the end", found=f"${name}={value}", remedy="take the tables that act")
+            raise DataError(where, expected=message("switched-on", table=table), found=f"${name}={value}", remedy=message("tables-act"))
     where, value = last.get(weight, ("", "1"))
     if finite(value, where) != 1.0:
-        raise DataError(where, expected=f"{table} with weight 1", found=f"${weight}={value}", remedy="bring its values to weight 1 first")
+        raise DataError(where, expected=message("weight-one", table=table), found=f"${weight}={value}", remedy=message("bring-weight"))
 
 
 def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
@@ -133,9 +134,9 @@ def grid_mm(start: float, step: float, end: float, written: int, where: str) -> 
     Raises ``DataError`` for a grid that cannot be, or that needs more than the ``written`` points.
     """
     if step <= 0 or end <= start:
-        raise DataError(where, expected="STEP above 0 and MAX above MIN", found=f"MIN {start:g}, MAX {end:g}, STEP {step:g}")
+        raise DataError(where, expected=message("step-above"), found=f"MIN {start:g}, MAX {end:g}, STEP {step:g}")
     if (end - start) / step > written:
-        raise DataError(where, expected=f"{(end - start) / step + 1:.0f} points from MIN to MAX", found=f"{written}")
+        raise DataError(where, expected=message("points-min-max", count=(end - start) / step + 1), found=f"{written}")
     count = int((end - start) / step + 1e-9)
     grid = [start + step * index for index in range(count + 1)]
     return grid if abs(grid[-1] - end) <= 1e-6 else [*grid, end]

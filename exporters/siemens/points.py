@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.siemens.ini import Assignment, grid_mm
@@ -50,7 +51,10 @@ def read_points(written: Mapping[int, Assignment], step_mm: float, start_mm: flo
     missing = [str(number) for number in range(count) if number not in written]
     if missing:
         raise DataError(
-            where, expected=f"points 0 to {count - 1}", found="no point " + ", ".join(missing[:5]), remedy="take the file again"
+            where,
+            expected=message("points-to", last=count - 1),
+            found=message("no-points", numbers=missing[:5]),
+            remedy=message("take-again"),
         )
     numbers = sorted(written)
     value_um = np.interp(position, start_mm + step_mm * np.array(numbers), [written[number].number() * 1000 for number in numbers])

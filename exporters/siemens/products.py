@@ -14,6 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.exporters.siemens import cec
 from stepdiag.exporters.siemens.cec import TIMES
 from stepdiag.exporters.tables.curves import Curve
@@ -148,7 +149,7 @@ def joined(tables: Sequence[Table], where: str) -> tuple[Table, ...]:
         other = by_number.get(times)
         if other is None or times in linked or other.output_axis != by_number[number].output_axis or other.direction:
             raise DataError(
-                f"{where}: table [{number}]", expected="a plain table of the same output axis to be multiplied by",
+                f"{where}: table [{number}]", expected=message("plain-table"),
                 found=f"$AN_CEC_MULT_BY_TABLE {times + 1}",
             )  # fmt: skip
     return tuple(_joined(tables, by_number, linked))
