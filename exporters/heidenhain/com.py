@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
@@ -44,7 +45,7 @@ def axis_in(name: str, axes: Sequence[str]) -> str:
     for axis in axes:
         if stem.endswith((f"_{axis.upper()}", f"-{axis.upper()}")):
             return axis
-    raise DataError(name, expected="a .CMA file, or a name that ends with an axis, such as AXIS_X.COM", found=name)
+    raise DataError(name, expected=message("com-name"), found=name)
 
 
 def render(tables: Sequence[Table], profile: Profile, *, positions: bool, decimals: int) -> ControlFile:
@@ -109,7 +110,7 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
     letters = {column: profile.letter_of(column, where) for column in axes}
     position = _positions(file.name, begin, index, rows)
     if "BACKLASH" in index and any(finite(cells[index["BACKLASH"]], at) for at, cells in rows):
-        raise DataError(where, expected="BACKLASH 0 in every row", found="a backlash", remedy="its sense is not public: take it out first")
+        raise DataError(where, expected=message("com-backlash"), found=message("a-backlash"), remedy=message("sense-private"))
     values = {axis: np.array([finite(cells[index[axis]], at) for at, cells in rows]) for axis in axes}
     places = max((len(cells[index[axis]].partition(".")[2]) for _, cells in rows for axis in axes), default=4)
     place = {"file": plain_name(file.name)}
@@ -133,8 +134,8 @@ def read(file: ControlFile, input_axis: str, profile: Profile, how: Reading) -> 
     known = [column for column, value in turned.items() if value.any()]
     if known and how.levers is None:
         raise DataError(
-            where, expected="C1 to C6 0: without the chain of the axes nothing is known of their levers", found=", ".join(known),
-            remedy="state heidenhain.chain in the profile",
+            where, expected=message("c-zero"), found=", ".join(known),
+            remedy=message("chain-heidenhain"),
         )  # fmt: skip
     if how.levers is None:
         return plain
@@ -163,7 +164,7 @@ def read_assignment(file: ControlFile) -> dict[str, str]:
     _, columns, rows = _read(file, free_cells=True)
     active = [cells for _, cells in rows if "*" in cells]
     if columns[:2] != ["NR", "ACTIVE"] or len(active) != 1:
-        raise DataError(file.name, expected="columns NR ACTIVE .. and one line with *", found=f"{len(active)} such lines")
+        raise DataError(file.name, expected=message("nr-active"), found=message("such-lines", count=len(active)))
     return {axis: cell for axis, cell in zip(columns[2:], active[0][2:], strict=True) if cell}
 
 
@@ -176,9 +177,9 @@ def _positions(
         distance = finite(begin["distance"], f"{name}: DISTANCE")
         position = finite(begin["datum"], f"{name}: DATUM") + distance * np.arange(len(rows))
     else:
-        raise DataError(f"{name}: line 1", expected="DATUM and DISTANCE, or a column AXISPOS", found=begin.group())
+        raise DataError(f"{name}: line 1", expected=message("datum"), found=begin.group())
     if len(position) < 2 or np.any(np.diff(position) <= 0.0):
-        raise DataError(name, expected="two or more rising positions", found=f"{len(position)} rows")
+        raise DataError(name, expected=message("two-rising"), found=message("count-rows", count=len(position)))
     return position
 
 
@@ -190,17 +191,15 @@ def _read(file: ControlFile, *, free_cells: bool = False) -> tuple[re.Match[str]
     lines = [(at, line) for at, line in read_lines(file) if line.strip()]
     begin = _BEGIN.match(lines[0][1]) if lines else None
     if begin is None or begin["unit"] == "INCH":
-        raise DataError(f"{file.name}: line 1", expected="BEGIN <name> .. MM", found=repr(lines[0][1]) if lines else "nothing")
+        raise DataError(f"{file.name}: line 1", expected="BEGIN <name> .. MM", found=repr(lines[0][1]) if lines else message("nothing"))
     if len(lines) < 3 or lines[-1][1].strip() != _END:
-        raise DataError(
-            file.name, expected=f"heading, rows and {_END}", found="no end of file", remedy="the file is truncated: take it again"
-        )
+        raise DataError(file.name, expected=message("heading-end", end=_END), found=message("no-eof"), remedy=message("truncated"))
     starts = [(match.group(), match.start()) for match in re.finditer(r"\S+", lines[1][1])]
     rows = []
     for number, (at, line) in enumerate(lines[2:-1]):
         cells = _cut(line, [start for _, start in starts]) if free_cells else line.split()
         if len(cells) != len(starts) or cells[0] != str(number):
-            raise DataError(at, expected=f"row {number} with {len(starts)} cells", found=repr(line.rstrip()))
+            raise DataError(at, expected=message("row-cells", number=number, count=len(starts)), found=repr(line.rstrip()))
         rows.append((at, cells))
     return begin, [name for name, _ in starts], rows
 
@@ -226,8 +225,8 @@ def _row(heading: str, cells: Mapping[str, str], empty: str, name: str) -> str:
     for column, start in starts:
         if row and len(row) >= start:
             raise SafetyError(
-                f"{name}: {column}", code="column-too-narrow", expected="columns wide enough for the values", found=repr(row.rstrip()),
-                remedy="widen the columns of the control's own file, or write fewer decimals",
+                f"{name}: {column}", code="column-too-narrow", expected=message("wide-columns"), found=repr(row.rstrip()),
+                remedy=message("widen"),
             )  # fmt: skip
         row = row.ljust(start) + cells.get(column, empty)
     return row.rstrip()

@@ -18,8 +18,9 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.kinematics import parse_chain
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
@@ -107,10 +108,8 @@ class Heidenhain:
                 angle, levers, profile, kind=KINEMATICS, laws=dict.fromkeys("XYZ", LAW), quantum_urad=_QUANTUM_URAD,
                 place=_place(angle.name[2], profile),
             )  # fmt: skip
-        recalled = f"unit and sense of C4 to C6, and the words of the rows in {LINES}, are in part from memory: see the marks there"
-        return Plan(
-            tables=tuple(tables), findings=(*plan.findings, Finding(code="kinematicscomp-recalled", severity="info", text=recalled))
-        )
+        recalled = finding("info", message("kinematicscomp-recalled", file=LINES))
+        return Plan(tables=tuple(tables), findings=(*plan.findings, recalled))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return the .COM files and the .CMA file; neither can hold a comment, so ``notes`` go into a note beside them."""
@@ -136,12 +135,12 @@ class Heidenhain:
         coms = [file for file in files if file.name.upper().endswith(".COM")]
         tables_of = {plain_name(file.name).upper(): file for file in coms}
         if len(tables_of) < len(coms):
-            raise DataError("files", expected="each table once", found=", ".join(file.name for file in coms))
+            raise DataError("files", expected=message("table-once"), found=", ".join(file.name for file in coms))
         assignments = [file for file in files if file.name.upper().endswith(".CMA")]
         if not tables_of:
-            raise DataError("files", expected="a .COM table", found=", ".join(file.name for file in files) or "nothing")
+            raise DataError("files", expected=message("com-table"), found=", ".join(file.name for file in files) or message("nothing"))
         if len(assignments) > 1:
-            raise DataError("files", expected="one .CMA file", found=", ".join(file.name for file in assignments))
+            raise DataError("files", expected=message("one-cma"), found=", ".join(file.name for file in assignments))
         if assignments:
             called = com.read_assignment(assignments[0])
         else:
@@ -151,7 +150,7 @@ class Heidenhain:
         tables_of = {**beside, **tables_of} if assignments else tables_of
         for axis, name in called.items():
             if name.upper() not in tables_of:
-                raise DataError(assignments[0].name, expected=f"{name}, which it calls for {axis}", found=", ".join(tables_of))
+                raise DataError(assignments[0].name, expected=message("calls-for", name=name, axis=axis), found=", ".join(tables_of))
             how = com.Reading(kind=KIND, kinematics_kind=KINEMATICS, law=LAW, levers=_levers(profile))
             tables += com.read(tables_of[name.upper()], profile.letter_of(axis, name), profile, how)
         return tuple(tables)
@@ -215,8 +214,8 @@ def _levers(profile: Profile) -> Vector | None:
         return None
     if options.generation != "itnc530":
         raise UsageError(
-            f"{profile.source}: heidenhain.chain", expected='nothing, or generation = "itnc530"', found=f'"{options.generation}"',
-            remedy="the files of KinematicsComp on other controls are not public",
+            f"{profile.source}: heidenhain.chain", expected=message("itnc"), found=f'"{options.generation}"',
+            remedy=message("kinematicscomp"),
         )  # fmt: skip
     return levers_of(options.chain, own=False)
 
@@ -277,15 +276,14 @@ def _check_spacing(tables: Sequence[Table], profile: Profile) -> None:
             raise SafetyError(
                 f"{profile.source}: axes.{table.input_axis}.step_mm",
                 code="spacing-not-power-of-two",
-                expected="a power of two of 0.1 um (TNC 407 technical manual p. 153)",
+                expected=message("power-two"),
                 found=f"{step:g} mm",
-                remedy=f"the nearest are {lower:g} and {upper:g} mm",
+                remedy=message("nearest-two", low=lower, high_mm=upper),
             )
 
 
 def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
     yield from averaged_remarks(curves, profile)
     if not any(file.name.upper().endswith((".COM", ".CMA")) for file in profile.existing):
-        text = "no .COM or .CMA file of this control in machine.existing: the widths of the columns are assumed"
-        yield Finding(code="column-widths-assumed", severity="warning", text=text)
-    yield Finding(code="sense-derived", severity="info", text="the sense of .COM tables is inferred from MP720; make the sign test")
+        yield finding("warning", message("column-widths-assumed"))
+    yield finding("info", message("sense-derived.sense-com-tables-inferred"))
