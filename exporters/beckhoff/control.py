@@ -14,8 +14,9 @@ from typing import Annotated, Literal
 import msgspec
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.kinematics import parse_chain
+from stepdiag.base.messages import message
 from stepdiag.exporters.beckhoff import csv, parameter_list
 from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines
@@ -137,7 +138,7 @@ class Beckhoff:
                 laws = _volcomp_laws(profile, options)
                 tables += csv.read(file, profile, csv.Reading(kind=VOLCOMP, angle_kind=ANGLE, laws=laws, levers=levers))
         if not tables:
-            raise DataError("files", expected="an ISG_CSV file or an axis list", found=", ".join(file.name for file in files) or "nothing")
+            raise DataError("files", expected=message("csv-or-list"), found=", ".join(file.name for file in files) or message("nothing"))
         return tuple(tables)
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
@@ -187,9 +188,7 @@ def _volcomp_law(letter: str, options: BeckhoffOptions) -> Law:
 def _volcomp_laws(profile: Profile, options: BeckhoffOptions) -> dict[str, Law]:
     """Return the law of each output axis. Raises ``UsageError`` where an angle would have to be turned for one axis alone."""
     if options.chain is not None and set(options.negate) not in (set(), set("XYZ")):
-        raise UsageError(
-            f"{profile.source}: beckhoff.negate", expected='"XYZ" or nothing: an angle moves two axes by one number', found=options.negate
-        )
+        raise UsageError(f"{profile.source}: beckhoff.negate", expected=message("negate"), found=options.negate)
     return {letter: _volcomp_law(letter, options) for letter in "XYZ"}
 
 
@@ -222,9 +221,9 @@ def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) 
             raise SafetyError(
                 f"{profile.source}: machine.functions",
                 code="one-cross-table",
-                expected=f"one cross table for {curve.output_axis}: its list holds one master axis",
+                expected=message("cross-one", axis=curve.output_axis),
                 found=f"E{curve.output_axis}{other} and {curve.name}",
-                remedy='leave one of the two out of machine.functions, or use way = "volumetric"',
+                remedy=message("leave-one"),
             )
         yield from _cross(curve, profile, options, place)
 
@@ -233,9 +232,9 @@ def _cross(curve: Curve, profile: Profile, options: BeckhoffOptions, place: dict
     if options.cross_sense is None:
         raise UsageError(
             f"{profile.source}: beckhoff.cross_sense",
-            expected='"as-error" or "as-compensation", as the sign test on this machine showed',
-            found="nothing",
-            remedy="no page of the manual states it: make the sign test, or leave the straightness functions out",
+            expected=message("as-sign-test"),
+            found=message("nothing"),
+            remedy=message("no-page"),
         )
     law = Law(sense=options.cross_sense)
     yield from absolute_tables(curve, averaging(profile), kind=CROSS, law=law, quantum_um=_LIST_QUANTUM_UM, place=place)
@@ -246,12 +245,8 @@ def _remarks(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
     yield from averaged_remarks([curve for curve in curves if curve.name not in bilateral], profile)
     if options.way == "volumetric":
         if options.chain is not None:
-            recalled = (
-                "chain and workpiece_axes in volcomp_lines.txt are derived from the manual's words, not read: compare them on the control"
-            )
-            yield Finding(code="chain-derived", severity="info", text=recalled)
-        text = "the sense of the volumetric file depends on negate (P-VOLC-00009); make the sign test"
-        yield Finding(code="sense-derived", severity="info", text=text)
+            yield finding("info", message("chain-derived"))
+        yield finding("info", message("sense-derived"))
 
 
 def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:
@@ -259,7 +254,7 @@ def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:
     for letter in profile.axes:
         if letter not in options.axis_numbers:
             raise UsageError(
-                f"{profile.source}: beckhoff.axis_numbers", expected=f"the number of {letter}", found=str(options.axis_numbers)
+                f"{profile.source}: beckhoff.axis_numbers", expected=message("number-of", letter=letter), found=str(options.axis_numbers)
             )
     return list(profile.axes)
 

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end
@@ -119,12 +120,12 @@ def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
             squareness |= _squareness(where, head, rows)
             continue
         if head[0] not in ("X", "Y", "Z") or not all(_COMPONENT.match(name) or _ANGLE.match(name) for name in head[1:]):
-            raise DataError(where, expected="a heading such as X EXX EYX EZX", found=" ".join(head))
+            raise DataError(where, expected=message("heading-words"), found=" ".join(head))
         if len(set(head)) != len(head):
-            raise DataError(where, expected="each column once", found=" ".join(head))
+            raise DataError(where, expected=message("each-column"), found=" ".join(head))
         values = np.array([_numbers(cells, len(head), at) for at, cells in rows])
         if len(rows) < 2 or np.any(np.diff(values[:, 0]) <= 0):
-            raise DataError(where, expected="two or more rows with rising positions", found=f"{len(rows)} rows")
+            raise DataError(where, expected=message("rows-rising"), found=message("count-rows", count=len(rows)))
         tables += _columns(file, block, values, profile, how)
     return _joined(tables, squareness, file, profile, how)
 
@@ -132,12 +133,12 @@ def read(file: ControlFile, profile: Profile, how: Reading) -> list[Table]:
 def _squareness(where: str, head: Sequence[str], rows: Rows) -> dict[str, float]:
     """Return the position errors that are not zero. Raises ``DataError`` for one that is no squareness of three linear axes."""
     if len(rows) != 1:
-        raise DataError(where, expected="position errors in one row", found=f"{len(rows)} rows")
+        raise DataError(where, expected=message("one-row"), found=message("count-rows", count=len(rows)))
     ((at, cells),) = rows
     values = dict(zip(head, _numbers(cells, len(head), at), strict=True))
     foreign = [name for name, value in values.items() if value and name not in SHIFTS]
     if foreign:
-        raise DataError(where, expected="C0Y, B0Z and A0Z", found=", ".join(foreign), remedy="fold them into these three first")
+        raise DataError(where, expected="C0Y, B0Z and A0Z", found=", ".join(foreign), remedy=message("fold-three"))
     return {name: value for name, value in values.items() if value}
 
 
@@ -157,7 +158,7 @@ def _joined(tables: Sequence[Table], squareness: Mapping[str, float], file: Cont
             place={COLUMN: name},
         )  # fmt: skip
     if not found:
-        raise DataError(file.name, expected="columns of errors", found="none")
+        raise DataError(file.name, expected=message("columns-errors"), found=message("none"))
     return list(found.values())
 
 
@@ -165,7 +166,7 @@ def _columns(file: ControlFile, block: Rows, values: Vector, profile: Profile, h
     (where, head), rows = block[0], block[1:]
     for column, name in enumerate(head[1:], start=1):
         if name[2] != head[0]:
-            raise DataError(where, expected=f"components of {head[0]}", found=name)
+            raise DataError(where, expected=message("components", axis=head[0]), found=name)
         places = max(len(cells[column].partition(".")[2]) for _, cells in rows)
         if _ANGLE.match(name):
             yield from _angle(
@@ -190,8 +191,8 @@ def _angle(file: ControlFile, where: str, angle: Angle, profile: Profile, how: R
     if how.levers is None:
         if angle.value_urad.any():
             raise DataError(
-                where, expected=f"{angle.name} 0: without the chain of the axes nothing is known of its levers", found="an angle",
-                remedy=f"state beckhoff.chain in the profile, or take {angle.name} out of {file.name}",
+                where, expected=message("zero-levers", name=angle.name), found=message("an-angle"),
+                remedy=message("state-chain", name=angle.name, file=file.name),
             )  # fmt: skip
         return
     as_error = replace(angle, value_urad=angle.value_urad * -next(iter(how.laws.values())).factor)
@@ -202,7 +203,7 @@ def _angle(file: ControlFile, where: str, angle: Angle, profile: Profile, how: R
 
 def _numbers(cells: Sequence[str], count: int, where: str) -> list[float]:
     if len(cells) != count:
-        raise DataError(where, expected=f"{count} numbers", found=" ".join(cells))
+        raise DataError(where, expected=message("count-numbers", count=count), found=" ".join(cells))
     return [finite(cell, where) for cell in cells]
 
 
@@ -214,9 +215,7 @@ def _blocks(file: ControlFile) -> list[Rows]:
         else:
             blocks[-1].append((where, cells))
     if any(not block for block in blocks):
-        raise DataError(
-            file.name, expected="a heading and rows in every block", found="an empty block", remedy="the file is truncated: take it again"
-        )
+        raise DataError(file.name, expected=message("heading-rows"), found=message("empty-block"), remedy=message("truncated"))
     return blocks
 
 

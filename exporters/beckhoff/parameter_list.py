@@ -6,6 +6,7 @@ from collections.abc import Iterator, Mapping, Sequence
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, read_lines, whole
@@ -39,7 +40,7 @@ def read(file: ControlFile, profile: Profile, numbers: Mapping[str, int], senses
     letters = {str(number): letter for letter, number in numbers.items()}
     where, axis = values.get("kopf.achs_nr", (file.name, "nothing"))
     if axis not in letters:
-        raise DataError(where, expected="kopf.achs_nr with a logical axis number of the profile", found=axis)
+        raise DataError(where, expected=message("logical"), found=axis)
     tables: list[Table] = []
     if any(key.startswith("kw.ssfk.") for key in values):
         tables += _ssfk(file, values, letters[axis], profile, senses)
@@ -78,7 +79,7 @@ def _values(file: ControlFile) -> dict[str, tuple[str, str]]:
             continue
         match = _LINE.match(line)
         if match is None or match["key"] in values:
-            raise DataError(where, expected="a new key and its value", found=repr(line))
+            raise DataError(where, expected=message("new-key"), found=repr(line))
         values[match["key"]] = (where, match["value"])
     return values
 
@@ -96,7 +97,7 @@ def _ssfk(file: ControlFile, values: Values, letter: str, profile: Profile, sens
     count = _count(file, values, "kw.ssfk.kw_nr_max")
     _metric(file, values, "kw.ssfk")
     if _whole(file, values, "kw.ssfk.modulo", 0) != 0:
-        raise DataError(values["kw.ssfk.modulo"][0], expected="a linear axis (0)", found="a modulo axis")
+        raise DataError(values["kw.ssfk.modulo"][0], expected=message("linear-axis"), found=message("modulo"))
     interval = _whole(file, values, "kw.ssfk.interval")
     if interval:
         position = (_whole(file, values, "kw.ssfk.kw_startpos") + interval * np.arange(count)) / _UNITS_PER_MM
@@ -116,7 +117,7 @@ def _cross(
         (values[f"kw.crosscomp.{word}"] for word in _MASTER_WORDS if f"kw.crosscomp.{word}" in values), (file.name, "nothing")
     )
     if master not in letters or letters[master] == letter:
-        raise DataError(where, expected="the logical number of another axis as master", found=master)
+        raise DataError(where, expected=message("other-logical"), found=master)
     count = _count(file, values, "kw.crosscomp.last_index") + 1
     position = _column(file, values, "kw.crosscomp", "setpoint", count) / _UNITS_PER_MM
     value_um = _column(file, values, "kw.crosscomp", "correction", count) * _UM
@@ -129,10 +130,10 @@ def _table(
 ) -> Table:  # fmt: skip
     sense = senses[kind]
     if sense is None:
-        raise UsageError(f"{profile.source}: beckhoff.cross_sense", expected="the sense of kw.crosscomp on this machine", found="nothing")
+        raise UsageError(f"{profile.source}: beckhoff.cross_sense", expected=message("cross-sense"), found=message("nothing"))
     position, value_um = columns
     if len(position) < 2 or np.any(np.diff(position) <= 0):
-        raise DataError(f"{file.name}: kw.{kind}", expected="two or more rising setpoints", found=f"{len(position)} points")
+        raise DataError(f"{file.name}: kw.{kind}", expected=message("two-setpoints"), found=message("count-points", count=len(position)))
     return Table(
         kind=kind,
         input_axis=axes[0],
@@ -149,14 +150,14 @@ def _table(
 
 def _metric(file: ControlFile, values: Values, group: str) -> None:
     if _whole(file, values, f"{group}.unit") != 1:
-        raise DataError(values[f"{group}.unit"][0], expected="unit 1 (0.1 um)", found="encoder increments")
+        raise DataError(values[f"{group}.unit"][0], expected=message("unit-1-0-1"), found=message("encoder"))
 
 
 def _whole(file: ControlFile, values: Values, key: str, default: int | None = None) -> int:
     if key not in values:
         if default is not None:
             return default
-        raise DataError(file.name, expected=key, found="nothing", remedy="the list is truncated or foreign")
+        raise DataError(file.name, expected=key, found=message("nothing"), remedy=message("list-foreign"))
     return whole(values[key][1], values[key][0])
 
 
@@ -164,7 +165,7 @@ def _count(file: ControlFile, values: Values, key: str) -> int:
     """Return a number of points; a list cannot hold more than it has lines."""
     count = _whole(file, values, key)
     if not 0 <= count <= len(values):
-        raise DataError(values[key][0], expected="as many points as the list holds", found=str(count), remedy="the list is truncated")
+        raise DataError(values[key][0], expected=message("as-many"), found=str(count), remedy=message("list-cut"))
     return count
 
 
