@@ -14,7 +14,8 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end, whole
@@ -82,9 +83,12 @@ class Mitsubishi:
             number += len(tables[-1].position_mm)
         if number - 1 > _LAST_DATA:
             raise SafetyError(
-                f"{profile.source}: axes", code="too-many-points", expected=f"data up to #{_LAST_DATA}", found=f"#{number - 1}",
-                remedy="a larger step_mm, or fewer functions",
-            )  # fmt: skip
+                f"{profile.source}: axes",
+                code="too-many-points",
+                expected=message("data-up-to", number=_LAST_DATA),
+                found=f"#{number - 1}",
+                remedy=message("step-or-fewer"),
+            )
         return Plan(tables=tuple(tables), findings=tuple(_remarks(curves, profile)))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
@@ -141,9 +145,9 @@ def _planned(curve: Curve, profile: Profile, options: MitsubishiOptions, first: 
         raise SafetyError(
             f"{profile.source}: axes.{curve.input_axis}.reference_mm",
             code="reference-off-grid",
-            expected="the reference position on a point of the table",
+            expected=message("reference-on"),
             found=f"{reference_mm:g} mm",
-            remedy=f"the nearest is {grid[origin]:g} mm",
+            remedy=message("nearest-is", place_mm=grid[origin]),
         )
     scale = _scale(-error, options, curve.name)
     unit_um = options.output_unit_um * scale
@@ -177,8 +181,8 @@ def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile
                 raise SafetyError(
                     f"{profile.source}: mitsubishi.first_data",
                     code="restore-overlaps",
-                    expected="data numbers for new pairs that the machine's own list leaves free, so that it can be keyed back",
-                    found=f"{table.label} in the place of {other.label}",
+                    expected=message("free-numbers"),
+                    found=message("over", one=table.label, other=other.label),
                     remedy=f"first_data = {1 + max(_data_numbers(each)[-1] for each in own)}",
                 )
 
@@ -197,19 +201,15 @@ def _scale(absolute_um: Vector, options: MitsubishiOptions, name: str) -> int:
     raise SafetyError(
         name,
         code="increment-too-large",
-        expected=f"data of {_LEAST} to {_MOST} with a scale up to {_MOST_SCALE}",
-        found=f"a curve that reaches {np.max(np.abs(absolute_um)):.0f} um",
-        remedy="a smaller step_mm, or look for the cause in the machine",
+        expected=message("data-scale", least=_LEAST, most=_MOST, scale=_MOST_SCALE),
+        found=message("reaches", um=np.max(np.abs(absolute_um))),
+        remedy=message("smaller-step"),
     )
 
 
 def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
     yield from averaged_remarks(curves, profile)
-    yield Finding(
-        code="sense-derived",
-        severity="info",
-        text="the unit and the sense of the data are derived from the manual's formulas; make the sign test",
-    )
+    yield finding("info", message("sense-derived.unit-and-sense-data"))
 
 
 def _lines(table: Table, profile: Profile) -> list[str]:
@@ -264,10 +264,10 @@ def _values(file: ControlFile) -> dict[int, _Value]:
         if not said:
             continue
         if len(said) != 2 or not said[0].startswith("#"):
-            raise DataError(where, expected="#number value", found=repr(line))
+            raise DataError(where, expected=message("number-value"), found=repr(line))
         values[whole(said[0][1:], where)] = _Value(said[1], where)
     if 4000 not in values or 4001 not in values or not file.data.endswith(b"\n"):
-        raise DataError(file.name, expected="#4000 and #4001, and a line end after the last value", found="nothing like it")
+        raise DataError(file.name, expected=message("4000"), found=message("nothing-like"))
     return values
 
 
@@ -281,20 +281,25 @@ def _read_pair(source: str, values: dict[int, _Value], base: int, pair: int, pro
     options = profile.options_as(MitsubishiOptions)
     missing = [f"#{base + index} {word}" for index, word in enumerate(_HEAD) if index and base + index not in values]
     if missing:
-        raise DataError(source, expected=", ".join(missing), found="nothing", remedy="the list is truncated")
+        raise DataError(source, expected=", ".join(missing), found=message("nothing"), remedy=message("list-cut"))
     data_form = values[4000]
     if data_form.whole() != int(options.data == "incremental"):
-        raise DataError(data_form.where, expected=f"#4000 for {options.data} data, as the profile says", found=data_form.text)
+        raise DataError(data_form.where, expected=message("4000-for", count=options.data), found=data_form.text)
     base_axis, moved_axis = (profile.letter_of(*values[base + index]) for index in (1, 2))
     origin, first, last, scale = (values[base + index].whole() for index in (3, 4, 5, 6))
     interval = values[base + 7]
     step = finite(*interval)
     if not (_FIRST_DATA <= first <= origin <= last <= _LAST_DATA and first < last and step > 0 and 0 < scale <= _MOST_SCALE):
-        expected = f"{_FIRST_DATA} <= lowest <= reference <= highest <= {_LAST_DATA}, scale 1 to {_MOST_SCALE}, interval above 0"
+        expected = message("mitsubishi-order", first=_FIRST_DATA, last=_LAST_DATA, scale=_MOST_SCALE)
         raise DataError(values[base + 3].where, expected=expected, found=f"{first} {origin} {last}, scale {scale}, interval {step:g}")
     absent = [number for number in range(first, last + 1) if number not in values]
     if absent:
-        raise DataError(source, expected=f"#{first} to #{last}", found=f"no #{absent[0]}", remedy="the list is truncated")
+        raise DataError(
+            source,
+            expected=message("from-to", first=first, last=last),
+            found=message("no-hash", number=absent[0]),
+            remedy=message("list-cut"),
+        )
     reference_mm = profile.axis(base_axis).reference_mm
     position = reference_mm + step * np.arange(first - origin, last + 1 - origin, dtype=np.float64)
     require_rising(position, interval.where)
