@@ -11,7 +11,8 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.identity import identity_findings
 from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
@@ -68,8 +69,7 @@ class Fanuc:
             if curve.name in POSITIONING:
                 tables += _positioning(curve, profile, options)
             elif curve.name not in fitted:
-                text = f"{curve.name}: the grid has fewer than the four points that straightness compensation needs"
-                findings.append(Finding(code="straightness-left-out", severity="info", text=text))
+                findings.append(finding("info", message("straightness-left-out", name=curve.name)))
             else:
                 table, left_um = fitted[curve.name]
                 if (numbers := options.straightness.get(curve.name)) is None:
@@ -79,8 +79,7 @@ class Fanuc:
                 findings.append(_straightness_remark(curve, left_um, options))
         _require_pitch_points(tables, masters, profile)
         if asked.straightness_option and options.straightness != asked.straightness:
-            text = "5711 to 5764 are remembered numbers, in no manual that was seen: compare them with this control's parameter manual"
-            findings.append(Finding(code="straightness-recalled", severity="info", text=text))
+            findings.append(finding("info", message("straightness-recalled")))
         return Plan(
             tables=tuple(tables),
             findings=(*findings, *_overlaps(tables), *identity_findings(masters, profile, options)),
@@ -102,9 +101,9 @@ class Fanuc:
             raise SafetyError(
                 f"{profile.source}: machine.existing",
                 code="template-missing",
-                expected="the machine's own punched pitch data (SYSTEM > PITCH > PUNCH)",
-                found=", ".join(file.name for file in profile.existing) or "no file",
-                remedy="punch the pitch data out, name the file in machine.existing; the report holds the readable table",
+                expected=message("own-pitch"),
+                found=", ".join(file.name for file in profile.existing) or message("no-file"),
+                remedy=message("punch-pitch-data-out"),
             )
         _refuse_lacking(parameters, masters, profile)
         written = [
@@ -120,13 +119,13 @@ class Fanuc:
         ``UsageError`` without a profile: where the reference lies is not in these files.
         """
         if profile.assumed:
-            expected = "the profile of this machine: a punch file does not say where its reference point lies nor what a unit is"
-            raise UsageError("--profile", expected=expected, found="none")
+            expected = message("profile-punch")
+            raise UsageError("--profile", expected=expected, found=message("none"))
         options = profile.options_as(FanucOptions)
         punched = [read_punch(file) for file in files]
         if not any(master.pitch for master in punched):
-            where = ", ".join(file.name for file in files) or "no file"
-            raise DataError(where, expected=f"pitch data, N{FIRST_PITCH_LINE} and above without Q1", found="none")
+            where = ", ".join(file.name for file in files) or message("no-file")
+            raise DataError(where, expected=message("pitch-data", number=FIRST_PITCH_LINE), found=message("none"))
         return read_tables(punched, profile, options)
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
@@ -168,9 +167,9 @@ def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[
         raise SafetyError(
             f"{profile.source}: machine.direction",
             code="bidirectional-not-enabled",
-            expected='"mean", or fanuc.experimental_bidirectional = true',
+            expected=message("mean-or-both"),
             found='"both"',
-            remedy="the mean curve with the reversal value in 1851 is the proven way; the report states that value",
+            remedy=message("mean-curve-with-reversal"),
         )
     if not options.axis(curve.input_axis, profile.source).inclination:
         nothing = np.zeros(len(profile.grid_mm(curve.input_axis)))
@@ -198,9 +197,9 @@ def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile],
         raise SafetyError(
             f"{profile.source}: machine.existing",
             code="template-lacks-parameters",
-            expected="the machine's punched parameters with the numbers that these tables need",
-            found="none for number " + ", ".join(f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]),
-            remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file too",
+            expected=message("own-parameters"),
+            found=message("none-number", numbers=[f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]]),
+            remedy=message("punch-too"),
         )
 
 
@@ -214,9 +213,9 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
         raise SafetyError(
             f"{profile.source}: machine.existing",
             code="template-lacks-parameters",
-            expected=f"the interval (parameter {INTERVAL}) of the pitch data that the control holds now",
-            found="none for " + ", ".join(f"A{number}" for number in missing),
-            remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file too",
+            expected=message("interval-parameter-pitch-data", interval=INTERVAL),
+            found=message("none-for-axes", names=[f"A{number}" for number in missing]),
+            remedy=message("punch-too"),
         )
 
 
@@ -233,22 +232,17 @@ def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile],
                 raise SafetyError(
                     f"{profile.source}: machine.functions",
                     code="pitch-points-unset",
-                    expected=f"E{letter}{letter} beside {name}, whose points are pitch points of {letter} at {step_mm:g} mm",
-                    found=f"an interval (parameter {INTERVAL}) of {interval_mm:g} mm in the machine's own file",
-                    remedy="export the positioning error of that axis as well",
+                    expected=message("e-beside-whose-points", letter=letter, name=name, step_mm=step_mm),
+                    found=message("interval-own", number=INTERVAL, step_mm=interval_mm),
+                    remedy=message("export-too"),
                 )
 
 
 def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) -> Finding:
     if curve.name in options.straightness:
-        text = f"{curve.name}: four-point straightness leaves up to {left_um:.1f} um at the grid points"
-        return Finding(code="straightness-four-points", severity="info", text=text)
-    text = f"{curve.name}: straightness stands in the report only (four points would leave up to {left_um:.1f} um): " + (
-        "the control's sets hold others that are worth more"
-        if options.straightness
-        else f"where the control has the option, straightness_option = true, or its numbers in [fanuc.straightness.{curve.name}]"
-    )
-    return Finding(code="straightness-report-only", severity="info", text=text)
+        return finding("info", message("straightness-four-points", name=curve.name, um=left_um))
+    why = message("sets-hold-others") if options.straightness else message("straightness-by-option", name=curve.name)
+    return finding("info", message("straightness-report-only", name=curve.name, left_um=left_um, why=why))
 
 
 def _overlaps(tables: Sequence[Table]) -> Iterator[Finding]:
@@ -257,5 +251,4 @@ def _overlaps(tables: Sequence[Table]) -> Iterator[Finding]:
     for index, (one, its_points) in enumerate(ranges):
         for other, other_points in ranges[index + 1 :]:
             if shared := sorted(its_points & other_points):
-                text = f"{one.label} and {other.label} both use pitch points {shared[0]} to {shared[-1]}: give the axes ranges of their own"
-                yield Finding(code="points-overlap", severity="error", text=text)
+                yield finding("error", message("points-overlap", one=one.label, other=other.label, first=shared[0], last=shared[-1]))

@@ -9,7 +9,8 @@ from collections.abc import Iterator, Sequence
 
 import msgspec
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions
 from stepdiag.exporters.fanuc.punch import PunchFile
 from stepdiag.exporters.fanuc.straightness import found_in
@@ -25,14 +26,13 @@ _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 def identity_findings(masters: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> Iterator[Finding]:
     """Yield an error or a warning for all that the machine's own files say against the profile; what is not there says nothing."""
     if _bit(masters, 8135, None, 0):
-        yield _error("compensation-disabled", "8135#0 (NPE) is 1: this control does not use stored pitch error compensation")
+        yield finding("error", message("compensation-disabled"))
     if _bit(masters, 1001, None, 0) and profile.machine.units == "mm":
-        yield _warning("machine-in-inches", "1001#0 (INM) is 1: the machine counts in inches, the profile in mm")
+        yield finding("warning", message("machine-in-inches"))
     used = found_in(masters, msgspec.structs.replace(options, straightness_option=True))
     acting = [name for name, one in used.items() if any(_number(masters, key, None) for key in one.values)]
     if acting and not options.straightness_option and not options.straightness:
-        text = f"5711 to 5764 hold what looks like straightness compensation ({', '.join(acting)}), the profile says there is none"
-        yield _warning("straightness-in-file", text)
+        yield finding("warning", message("straightness-in-file", names=acting))
     for letter, axis in options.axes.items():
         yield from _axis(masters, letter, axis, profile, options)
 
@@ -41,25 +41,26 @@ def _axis(masters: Sequence[PunchFile], letter: str, axis: AxisPoints, profile: 
     name = _number(masters, AXIS_NAME, axis.number)
     if name is not None and name != ord(letter):
         shown = chr(name) if 32 < name < 127 else str(name)
-        yield _error("axis-number-differs", f"1020 A{axis.number} is {name} ({shown}): axis {axis.number} of this control is not {letter}")
+        yield finding("error", message("axis-number-differs", number=axis.number, name=name, shown=shown, again=axis.number, letter=letter))
     others = [key for key in OF_EVERY_AXIS if _text(masters, key, axis.number) is None and any(_text(masters, key, each) for each in AXES)]
     if others:
-        text = f"{others[0]} stands there for other axes and not for A{axis.number}: this control has no axis {axis.number} for {letter}"
-        yield _error("axis-number-differs", text)
+        yield finding(
+            "error",
+            message("axis-number-differs.x-no-such-axis", parameter=others[0], number=axis.number, again=axis.number, letter=letter),
+        )
     reference, highest = _number(masters, REFERENCE_POINT, axis.number), _number(masters, HIGHEST_POINT, axis.number)
     if highest and reference is not None and reference != axis.reference_point:
-        text = f"3620 A{axis.number} is {reference}, the profile says {axis.reference_point} for {letter}: the table would lie elsewhere"
-        yield _error("reference-point-differs", text)
+        yield finding(
+            "error", message("reference-point-differs", number=axis.number, found=reference, stated=axis.reference_point, letter=letter)
+        )
     if _bit(masters, 3605, axis.number, 0) and not (options.experimental_bidirectional and profile.machine.direction == "both"):
-        text = f"3605#0 A{axis.number} is 1: {letter} uses a second table for travel in -, which this export would leave as it is"
-        yield _error("bidirectional-active", text)
+        yield finding("error", message("bidirectional-active", number=axis.number, letter=letter))
     if _bit(masters, 1006, axis.number, 3):
-        yield _warning("axis-in-diameters", f"1006#3 A{axis.number} is 1: {letter} is programmed in diameters, its table may count twice")
+        yield finding("warning", message("axis-in-diameters", number=axis.number, letter=letter))
     is_a, is_c = (_bit(masters, 1013, axis.number, bit) for bit in (0, 1))
     if is_a is not None and is_c is not None and _INCREMENT_UM.get((is_a, is_c), options.least_input_um) != options.least_input_um:
         said = _INCREMENT_UM[is_a, is_c]
-        text = f"1013 A{axis.number} says a least input increment of {said:g} um, the profile {options.least_input_um:g} um"
-        yield _warning("least-input-differs", text)
+        yield finding("warning", message("least-input-differs", number=axis.number, found_um=said, stated_um=options.least_input_um))
 
 
 def _text(masters: Sequence[PunchFile], number: int, axis: int | None) -> str | None:
@@ -76,11 +77,3 @@ def _bit(masters: Sequence[PunchFile], number: int, axis: int | None, bit: int) 
     """Return a bit of a parameter, None where no file holds it; bits are written from 7 down to 0."""
     text = _text(masters, number, axis)
     return None if text is None or len(text) <= bit else text[-1 - bit] == "1"
-
-
-def _error(code: str, text: str) -> Finding:
-    return Finding(code=code, severity="error", text=text)
-
-
-def _warning(code: str, text: str) -> Finding:
-    return Finding(code=code, severity="warning", text=text)

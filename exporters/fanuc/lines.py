@@ -11,6 +11,7 @@ from itertools import combinations
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.fanuc.options import FanucOptions
 from stepdiag.exporters.fanuc.pitch import Points, points_of
@@ -35,7 +36,7 @@ def line_table(kind: str, curve: Curve, profile: Profile, options: FanucOptions)
         raise SafetyError(
             f"{profile.source}: axes.{curve.input_axis}.step_mm",
             code="grid-too-short",
-            expected="at least four points for a compensation along straight lines",
+            expected=message("four-points"),
             found=str(len(grid)),
         )
     wanted = -(forward + reverse) / 2

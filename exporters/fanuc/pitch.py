@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.fanuc.options import AxisPoints, FanucOptions
 from stepdiag.exporters.tables.curves import Curve
@@ -46,14 +47,14 @@ def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str
         raise SafetyError(
             where,
             code="reference-off-grid",
-            expected=f"a reference position on the grid {grid_mm[0]:g} to {grid_mm[-1]:g} mm in steps of {step:g}",
+            expected=message("on-grid", first=grid_mm[0], last_mm=grid_mm[-1], step=step),
             found=f"{reference_mm:g} mm",
-            remedy="shift start_mm and end_mm so that the reference is a point of the table",
+            remedy=message("shift"),
         )
     start = axis.reference_point - round(below)
     if start < 0:
-        found = f"{axis.reference_point} with {round(below)} sections below the reference"
-        raise SafetyError(where, code="points-below-zero", expected="a reference_point that leaves room below it", found=found)
+        found = message("sections-below", point=axis.reference_point, count=round(below))
+        raise SafetyError(where, code="points-below-zero", expected=message("room-below"), found=found)
     return Points(reference=axis.reference_point, lowest=start + 1, highest=start + len(grid_mm) - 1)
 
 
@@ -111,7 +112,7 @@ def _units(
     raise SafetyError(
         f"{source}: fanuc",
         code="increment-beyond-limit",
-        expected=f"increments of at most {options.increment_limit}",
-        found=f"{largest} at magnification {tried[-1]}",
-        remedy="take a larger magnification, a smaller interval, or inclination compensation for the slope",
+        expected=message("increments", most=options.increment_limit),
+        found=message("magnification", value=largest, factor=tried[-1]),
+        remedy=message("larger-mag"),
     )

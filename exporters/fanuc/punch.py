@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from stepdiag.base.errors import DataError, SafetyError
-from stepdiag.base.messages import excerpt
+from stepdiag.base.messages import excerpt, message
 from stepdiag.exporters.files.control_file import ControlFile
 
 FIRST_PITCH_LINE = 10000
@@ -48,7 +48,7 @@ class PunchFile:
             if (match := _pitch_value(block)) is not None and block.number is not None:
                 point = block.number - FIRST_PITCH_LINE
                 if point in found:
-                    raise DataError(block.where, expected="each pitch point once", found=f"point {point} again")
+                    raise DataError(block.where, expected=message("point-once"), found=message("point-again", number=point))
                 found[point] = int(match["value"])
         return found
 
@@ -70,9 +70,9 @@ class PunchFile:
             raise SafetyError(
                 self.name,
                 code="template-lacks-points",
-                expected="a line for every pitch point of the table",
-                found="none for point " + ", ".join(map(str, missing[:6])),
-                remedy="give the machine a range of points that its own punch file contains",
+                expected=message("line-each"),
+                found=message("none-for", points=[str(each) for each in missing[:6]]),
+                remedy=message("range-own"),
             )
         return EOB.join(_rewritten(block, pitch, parameters) for block in self.blocks)
 
@@ -83,9 +83,9 @@ def read_punch(file: ControlFile) -> PunchFile:
     if EOB not in data or re.search(rb"[\r\n]", data.replace(EOB, b"")):
         raise DataError(
             file.name,
-            expected="blocks that end with LF CR CR",
-            found="other line ends",
-            remedy="copy the file from the memory card in binary; text-mode transfers and editors destroy the line ends",
+            expected=message("lfcrcr"),
+            found=message("line-ends"),
+            remedy=message("copy-file-from-memory"),
         )
     blocks = tuple(
         Block(text=text, number=int(match[1]) if (match := _NUMBER.match(text)) else None, where=f"{file.name}: line {line}")
@@ -101,14 +101,14 @@ def _refuse_foreign(name: str, blocks: tuple[Block, ...]) -> None:
     if len(marks) != 2 or not filled or marks != [filled[0], filled[-1]]:
         raise DataError(
             name,
-            expected="% in the first and the last line only",
-            found=f"% in {len(marks)} lines",
-            remedy="a % in between ends reading unseen, a missing one means a truncated file: punch it out again",
+            expected=message("percent"),
+            found=message("percent-lines", count=len(marks)),
+            remedy=message("percent-ends"),
         )
     for block in blocks:
         bad = _FORBIDDEN.search(block.text)
         if bad or not block.text.isascii():
-            raise DataError(block.where, expected="capital ASCII letters, no ';', '?' or '+'", found=excerpt(repr(block.text)))
+            raise DataError(block.where, expected=message("capitals"), found=excerpt(repr(block.text)))
 
 
 def _pitch_value(block: Block) -> re.Match[bytes] | None:

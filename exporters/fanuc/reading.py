@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.options import LAST_POINT, AxisPoints, FanucOptions, StraightnessNumbers
@@ -30,7 +31,9 @@ def read_tables(files: Sequence[PunchFile], profile: Profile, options: FanucOpti
         tables += reader.inclination(letter)
     for name, numbers in {**found_in(files, options), **options.straightness}.items():
         if name not in STRAIGHTNESS:
-            raise UsageError(f"{profile.source}: fanuc.straightness.{name}", expected="one of " + ", ".join(STRAIGHTNESS), found=name)
+            raise UsageError(
+                f"{profile.source}: fanuc.straightness.{name}", expected=message("expects-one-of", names=STRAIGHTNESS), found=name
+            )
         tables += reader.straightness(name, numbers)
     return tuple(tables)
 
@@ -98,9 +101,7 @@ class _Reader:
             return points.lowest, points.highest
         lowest, highest = self._number(3621, axis.number, None), self._number(3622, axis.number, None)
         if not 0 <= lowest <= highest <= LAST_POINT:
-            raise DataError(
-                self._names, expected=f"3621 and 3622 of {letter} from 0 to {LAST_POINT}, ascending", found=f"{lowest} and {highest}"
-            )
+            raise DataError(self._names, expected=message("ascending", letter=letter, last=LAST_POINT), found=f"{lowest} and {highest}")
         return lowest, highest
 
     def _interval_mm(self, letter: str, axis: AxisPoints) -> float:
@@ -110,7 +111,7 @@ class _Reader:
         # Old controls write lengths as integers in least input units, new ones with a decimal point in mm (controllers.md 2.6).
         value = finite(text, f"{self._names}: parameter 3624 A{axis.number}")
         if value < 0:
-            raise DataError(f"parameter 3624 A{axis.number}", expected="an interval of 0 (not set up) or more", found=text)
+            raise DataError(f"parameter 3624 A{axis.number}", expected=message("interval"), found=text)
         return value if "." in text else value * self._options.least_input_um / 1000.0
 
     def _pitch_table(self, letter: str, position: Vector, first: int, direction: int, offset_um: float) -> Table:
@@ -118,7 +119,11 @@ class _Reader:
         wanted = range(first, first + len(position) - 1)
         missing = [point for point in wanted if point not in self._data]
         if missing:
-            raise DataError(self._names, expected=f"pitch points {wanted[0]} to {wanted[-1]} of {letter}", found=f"no point {missing[0]}")
+            raise DataError(
+                self._names,
+                expected=message("points-of", first=wanted[0], last=wanted[-1], letter=letter),
+                found=message("no-point", number=missing[0]),
+            )
         # An empty table is the same at any magnification: a machine that was never compensated need not state it.
         default = axis.magnification if any(self._data[point] for point in wanted) else axis.magnification or 1
         quantum = self._number(3623, axis.number, default, f"fanuc.axes.{letter}.magnification") * self._options.detection_unit_um
@@ -174,5 +179,5 @@ class _Reader:
             return default
         if text is None:
             remedy = "add the punched parameters" + (f", or state {field} as the export report says" if field else "")
-            raise DataError(where, expected="a value", found="nothing", remedy=remedy)
+            raise DataError(where, expected=message("a-value"), found=message("nothing"), remedy=remedy)
         return whole(text.removesuffix(".0").removesuffix("."), where)

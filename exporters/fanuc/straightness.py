@@ -12,6 +12,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.messages import message
 from stepdiag.exporters.fanuc.options import FanucOptions, StraightnessNumbers
 from stepdiag.exporters.fanuc.punch import PunchFile
 from stepdiag.exporters.tables.tables import Table
@@ -50,9 +51,9 @@ def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence
         raise SafetyError(
             f"{source}: fanuc.straightness_option",
             code="template-lacks-parameters",
-            expected="the machine's punched parameters with 5711, 5721, 5731 to 5734 and 5761 to 5764",
-            found="none of these sets",
-            remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file in machine.existing; without the option: false",
+            expected=message("57"),
+            found=message("none-of-sets"),
+            remedy=message("punch-parameters-out-system"),
         )
     names = sorted(asked, key=lambda name: -_worth_um(asked[name]))[: len(free)]
     given = {name: in_use[name] for name in names if name in in_use}

@@ -196,8 +196,7 @@ def check_quality(case: Case) -> Iterator[Finding]:
     spreads = {name: value for name, value in stated.items() if isinstance(value, int | float) and value > 0}
     if spreads and max(spreads.values()) > largest / 2:
         worst = max(spreads, key=lambda name: spreads[name])
-        text = message("repeatability-exceeds-correction", setup=worst, um=spreads[worst], largest_um=largest)
-        yield finding("warning", text)
+        yield finding("warning", message("repeatability-exceeds-correction", setup=worst, um=spreads[worst], largest_um=largest))
     uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]
     if uncertain and all(np.max(np.abs(curve.mean_um)) < 2 * np.nanmax(curve.u_um) for curve in uncertain):
         yield finding("warning", message("correction-within-uncertainty"))

@@ -123,8 +123,7 @@ def require_answer(result: Result) -> Statement:
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
     """Yield ``compensation-unstated`` where nothing but the profile says what was active."""
     if stated_in(result).state is None and not profile.assumed:
-        text = message("compensation-unstated", state=profile.machine.measured_with)
-        yield finding("warning", text)
+        yield finding("warning", message("compensation-unstated", state=profile.machine.measured_with))
 
 
 def _require_same_files(statement: Statement, profile: Profile) -> None:

@@ -58,8 +58,7 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
         step = float(table.position_mm[1] - table.position_mm[0])
         if table.position_mm[0] < travel[0] - step or table.position_mm[-1] > travel[1] + step:
             first, last = table.position_mm[[0, -1]]
-            text = message("beyond-travel", label=table.label, first=first, last_mm=last, low=travel[0], high_mm=travel[1])
-            yield finding("error", text)
+            yield finding("error", message("beyond-travel", label=table.label, first=first, last_mm=last, low=travel[0], high_mm=travel[1]))
 
 
 def _suspicious(file: ControlFile, known: Collection[bytes]) -> Iterator[Message]:

@@ -34,8 +34,7 @@ def left_out(files: Mapping[str, bytes]) -> Finding | None:
     names = without_levers(files)
     if not names:
         return None
-    text = message("angles-left-out", names=names)
-    return finding("warning", text)
+    return finding("warning", message("angles-left-out", names=names))
 
 
 def require_levers(result: Result, profile: Profile) -> None:

@@ -35,15 +35,13 @@ def _assumptions(case: Case) -> Iterator[Finding]:
 def _shape_only(case: Case) -> Iterator[Finding]:
     names = [curve.name for curve in case.curves if not curve.slope_known]
     if names:
-        text = message("shape-only", names=names)
-        yield finding("warning", text)
+        yield finding("warning", message("shape-only", names=names))
 
 
 def _sign(case: Case) -> Iterator[Finding]:
     kinds = untested_kinds(case)
     if kinds:
-        text = message("sign-untested", kinds=kinds)
-        yield finding("warning", text)
+        yield finding("warning", message("sign-untested", kinds=kinds))
 
 
 def _coarse(case: Case) -> Iterator[Finding]:
@@ -74,8 +72,7 @@ def _ends(case: Case) -> Iterator[Finding]:
         if table.law.ends == "held" and np.any(np.abs(table.absolute_um[[0, -1]]) > table.quantum_um / 2):
             low, high = (fixed(um, 2) for um in table.absolute_um[[0, -1]])
             first, last = table.position_mm[[0, -1]]
-            text = message("ends-held", label=table.label, low=low, first_mm=first, high=high, last_mm=last)
-            yield finding("info", text)
+            yield finding("info", message("ends-held", label=table.label, low=low, first_mm=first, high=high, last_mm=last))
 
 
 def _state(case: Case) -> Iterator[Finding]:
@@ -98,8 +95,7 @@ def _reversal(case: Case) -> Iterator[Finding]:
             ends = any(case.controller.limits(table, case.profile).ends_backlash for table in own)
             yield from backlash_offered(case.result, curve.input_axis, ends_backlash=ends)
         elif curve.reverse_um is None and case.profile.machine.direction == "both":
-            text = message("reversal-insignificant", name=curve.name)
-            yield finding("info", text)
+            yield finding("info", message("reversal-insignificant", name=curve.name))
 
 
 def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Iterator[Finding]:

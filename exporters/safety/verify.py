@@ -276,14 +276,15 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
     if not prediction.clearly_worse:
         beside = effect.before_um - error_field_um(result, effect.points_mm)
         for one in harmed(result, effect.points_mm, effect.after_um - effect.before_um, beside):
-            text = message(
-                "stretch-worse", axis=one.axis, low=one.low_mm, high_mm=one.high_mm, after=one.after.words(), before=one.before.words()
+            yield finding(
+                "warning",
+                message(
+                    "stretch-worse", axis=one.axis, low=one.low_mm, high_mm=one.high_mm, after=one.after.words(), before=one.before.words()
+                ),
             )
-            yield finding("warning", text)
     names = sorted({*coarse_functions(result.errors), *hiding_functions(result.errors)}, key=DISPLACEMENTS.index)
     if names:
-        text = message("between-unknown", names=names)
-        yield finding("warning", text)
+        yield finding("warning", message("between-unknown", names=names))
 
 
 def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:
