@@ -14,7 +14,7 @@ from typing import Annotated, Literal
 import msgspec
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.kinematics import parse_chain
 from stepdiag.base.messages import message
 from stepdiag.exporters.beckhoff import csv, parameter_list
@@ -138,7 +138,7 @@ class Beckhoff:
                 laws = _volcomp_laws(profile, options)
                 tables += csv.read(file, profile, csv.Reading(kind=VOLCOMP, angle_kind=ANGLE, laws=laws, levers=levers))
         if not tables:
-            raise DataError("files", expected=message("csv-or-list"), found=", ".join(file.name for file in files) or "nothing")
+            raise DataError("files", expected=message("csv-or-list"), found=", ".join(file.name for file in files) or message("nothing"))
         return tuple(tables)
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
@@ -233,7 +233,7 @@ def _cross(curve: Curve, profile: Profile, options: BeckhoffOptions, place: dict
         raise UsageError(
             f"{profile.source}: beckhoff.cross_sense",
             expected=message("as-sign-test"),
-            found="nothing",
+            found=message("nothing"),
             remedy=message("no-page"),
         )
     law = Law(sense=options.cross_sense)
@@ -245,12 +245,8 @@ def _remarks(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
     yield from averaged_remarks([curve for curve in curves if curve.name not in bilateral], profile)
     if options.way == "volumetric":
         if options.chain is not None:
-            recalled = (
-                "chain and workpiece_axes in volcomp_lines.txt are derived from the manual's words, not read: compare them on the control"
-            )
-            yield Finding(code="chain-derived", severity="info", text=recalled)
-        text = "the sense of the volumetric file depends on negate (P-VOLC-00009); make the sign test"
-        yield Finding(code="sense-derived", severity="info", text=text)
+            yield finding("info", message("chain-derived"))
+        yield finding("info", message("sense-derived"))
 
 
 def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:

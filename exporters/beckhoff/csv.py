@@ -158,7 +158,7 @@ def _joined(tables: Sequence[Table], squareness: Mapping[str, float], file: Cont
             place={COLUMN: name},
         )  # fmt: skip
     if not found:
-        raise DataError(file.name, expected=message("columns-errors"), found="none")
+        raise DataError(file.name, expected=message("columns-errors"), found=message("none"))
     return list(found.values())
 
 

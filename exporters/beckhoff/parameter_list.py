@@ -130,7 +130,7 @@ def _table(
 ) -> Table:  # fmt: skip
     sense = senses[kind]
     if sense is None:
-        raise UsageError(f"{profile.source}: beckhoff.cross_sense", expected=message("cross-sense"), found="nothing")
+        raise UsageError(f"{profile.source}: beckhoff.cross_sense", expected=message("cross-sense"), found=message("nothing"))
     position, value_um = columns
     if len(position) < 2 or np.any(np.diff(position) <= 0):
         raise DataError(f"{file.name}: kw.{kind}", expected=message("two-setpoints"), found=message("count-points", count=len(position)))
@@ -150,14 +150,14 @@ def _table(
 
 def _metric(file: ControlFile, values: Values, group: str) -> None:
     if _whole(file, values, f"{group}.unit") != 1:
-        raise DataError(values[f"{group}.unit"][0], expected="unit 1 (0.1 um)", found=message("encoder"))
+        raise DataError(values[f"{group}.unit"][0], expected=message("unit-1-0-1"), found=message("encoder"))
 
 
 def _whole(file: ControlFile, values: Values, key: str, default: int | None = None) -> int:
     if key not in values:
         if default is not None:
             return default
-        raise DataError(file.name, expected=key, found="nothing", remedy=message("list-foreign"))
+        raise DataError(file.name, expected=key, found=message("nothing"), remedy=message("list-foreign"))
     return whole(values[key][1], values[key][0])
 
 

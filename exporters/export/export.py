@@ -109,12 +109,12 @@ def _may_refuse(finding: Finding, profile: Profile) -> bool:
 def _require_something(plan: Plan, profile: Profile) -> None:
     """Raise ``SafetyError`` where the control has no table for anything that is asked: an export of nothing is no export."""
     if not plan.tables and not plan.listed:
-        functions, whys = profile.machine.functions, [one.said for one in plan.findings]
+        asked, why = profile.machine.functions, [each.said for each in plan.findings]
         raise SafetyError(
             f"{profile.source}: machine.functions",
             code="nothing-to-write",
             expected=message("has-table"),
-            found=message("nothing-for", functions=functions, whys=whys) if whys else ", ".join(functions),
+            found=message("names-because", names=asked, why=why) if why else ", ".join(asked),
             remedy=message("ask-others"),
         )
 

@@ -109,9 +109,9 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     largest = float(np.max(np.abs(held.vectors_um)))
     most = limits.at(max(float(np.ptp(at)) for at in held.axes_mm))
     if largest > most.value_um:
-        yield finding("error", message("value-beyond-limit", label="lattice", um=largest, limit_um=most.value_um))
+        yield finding("error", message("value-beyond-limit.lattice-um-limit-um", largest_um=largest, value_um=most.value_um))
     elif largest > most.warn_value_um:
-        yield finding("warning", message("value-large", label="lattice", um=largest, limit_um=most.warn_value_um))
+        yield finding("warning", message("value-large.lattice-um-above-um", largest_um=largest, warn_value_um=most.warn_value_um))
     slopes = [
         float(np.max(np.abs(np.diff(held.vectors_um, axis=axis)) / np.diff(at).reshape([-1 if n == axis else 1 for n in range(4)])))
         for axis, at in enumerate(held.axes_mm)
@@ -119,10 +119,10 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     allowed = [limits.slope_um_mm or plausible_slope_um_mm(size_mm / result.volume.increments) for size_mm in result.volume.size_mm]
     steepest, steep = max(zip(slopes, allowed, strict=True), key=lambda pair: pair[0] / pair[1])
     if steepest > steep:
-        yield finding("warning", message("slope-steep", label="lattice", steep_um_mm=steepest, limit_um_mm=steep))
-    for one in result.findings:
-        if one.severity == "error":
-            yield finding("error", message("data-quality", code=one.code, said=one.said))
+        yield finding("warning", message("slope-steep.lattice-um-mm-above", steepest_um_mm=steepest, steep_um_mm=steep))
+    for each in result.findings:
+        if each.severity == "error":
+            yield finding("error", message("data-quality", code=each.code, said=each.said))
 
 
 def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
@@ -130,24 +130,18 @@ def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
     for letter, at, low, size in zip("XYZ", held.axes_mm, result.volume.origin_mm, result.volume.size_mm, strict=True):
         first, last, high = float(at[0]), float(at[-1]), low + size
         if min(last, high) - max(first, low) < COVERED * size:
-            yield Finding(
-                code="beside-volume",
-                severity="error",
-                text=f"lattice, {letter}: {first:g} to {last:g} mm, the measured travel is {low:g} to {high:g} mm",
-            )
+            yield finding("error", message("beside-volume", letter=letter, first_mm=first, last_mm=last, low_mm=low, high_mm=high))
 
 
 def _said(result: Result, profile: Profile) -> Iterator[Finding]:
     for name, function in sorted(result.reversal.items()):
         if function.value is not None and name[1] == name[2] and np.max(np.abs(function.value)) > 0:
-            text = f"{name}: the lattice holds the mean of both directions; the reversal error is left to BACKLASH"
-            yield Finding(code="direction-averaged", severity="info", text=text)
+            yield finding("info", message("direction-averaged", name=name))
             yield from backlash_offered(result, name[2], ends_backlash=False)
     for letter in "XYZ":
         working = profile.axis(letter).working_mm
         if working is not None:
-            text = f"axes.{letter}.working_mm: a lattice holds the whole volume, nothing has to be weighed"
-            yield Finding(code="working-zone-unused", severity="info", text=text)
+            yield finding("info", message("working-zone-unused", letter=letter))
 
 
 def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
@@ -157,7 +151,7 @@ def _beside(result: Result, held: Lattice) -> Iterator[Finding]:
         for name in DISPLACEMENTS
         if (known := result.errors.get(name)) is not None and known.value is not None
     }
-    yield from coarse("the lattice", missed)
+    yield from coarse(message("the-lattice"), missed)
 
 
 def _report(result: Result, profile: Profile, findings: Collection[Finding], prediction: Prediction) -> str:

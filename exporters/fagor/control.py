@@ -5,7 +5,8 @@ error in the + direction and in the - direction, in mm; a - column of zeros mean
 as error, by the wording. No transfer format is public, and no cross table is described.
 """
 
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import finding
+from stepdiag.base.messages import message
 from stepdiag.exporters.tables.axis_list import AxisList
 from stepdiag.exporters.tables.tables import Law
 
@@ -25,7 +26,5 @@ FAGOR = AxisList(
         "Positions count from machine zero; the error at the reference is 0. Restart, reference the axes.",
         "The sense is taken from the wording: sign test first. Measure again; if the residual has grown, key in the restore list.",
     ),
-    remarks=(
-        Finding(code="sense-derived", severity="info", text="Fagor's amount of error is taken as error by its wording; make the sign test"),
-    ),
+    remarks=(finding("info", message("sense-derived.fagor-amount-error-taken")),),
 )

@@ -103,7 +103,7 @@ class Fanuc:
                 code="template-missing",
                 expected=message("own-pitch"),
                 found=", ".join(file.name for file in profile.existing) or message("no-file"),
-                remedy="punch the pitch data out, name the file in machine.existing; the report holds the readable table",
+                remedy=message("punch-pitch-data-out"),
             )
         _refuse_lacking(parameters, masters, profile)
         written = [
@@ -120,12 +120,12 @@ class Fanuc:
         """
         if profile.assumed:
             expected = message("profile-punch")
-            raise UsageError("--profile", expected=expected, found="none")
+            raise UsageError("--profile", expected=expected, found=message("none"))
         options = profile.options_as(FanucOptions)
         punched = [read_punch(file) for file in files]
         if not any(master.pitch for master in punched):
             where = ", ".join(file.name for file in files) or message("no-file")
-            raise DataError(where, expected=message("pitch-data", number=FIRST_PITCH_LINE), found="none")
+            raise DataError(where, expected=message("pitch-data", number=FIRST_PITCH_LINE), found=message("none"))
         return read_tables(punched, profile, options)
 
     def standing(self, own: Sequence[ControlFile], new: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
@@ -169,7 +169,7 @@ def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[
             code="bidirectional-not-enabled",
             expected=message("mean-or-both"),
             found='"both"',
-            remedy="the mean curve with the reversal value in 1851 is the proven way; the report states that value",
+            remedy=message("mean-curve-with-reversal"),
         )
     if not options.axis(curve.input_axis, profile.source).inclination:
         nothing = np.zeros(len(profile.grid_mm(curve.input_axis)))
@@ -213,9 +213,9 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
         raise SafetyError(
             f"{profile.source}: machine.existing",
             code="template-lacks-parameters",
-            expected=f"the interval (parameter {INTERVAL}) of the pitch data that the control holds now",
-            found="none for " + ", ".join(f"A{number}" for number in missing),
-            remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file too",
+            expected=message("interval-parameter-pitch-data", interval=INTERVAL),
+            found=message("none-for-axes", names=[f"A{number}" for number in missing]),
+            remedy=message("punch-too"),
         )
 
 
@@ -232,7 +232,7 @@ def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile],
                 raise SafetyError(
                     f"{profile.source}: machine.functions",
                     code="pitch-points-unset",
-                    expected=f"E{letter}{letter} beside {name}, whose points are pitch points of {letter} at {step_mm:g} mm",
+                    expected=message("e-beside-whose-points", letter=letter, name=name, step_mm=step_mm),
                     found=message("interval-own", number=INTERVAL, step_mm=interval_mm),
                     remedy=message("export-too"),
                 )
@@ -241,7 +241,7 @@ def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile],
 def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) -> Finding:
     if curve.name in options.straightness:
         return finding("info", message("straightness-four-points", name=curve.name, um=left_um))
-    why = message("sets-hold-others") if options.straightness else message("straightness-option", name=curve.name)
+    why = message("sets-hold-others") if options.straightness else message("straightness-by-option", name=curve.name)
     return finding("info", message("straightness-report-only", name=curve.name, left_um=left_um, why=why))
 
 

@@ -45,7 +45,8 @@ def _axis(masters: Sequence[PunchFile], letter: str, axis: AxisPoints, profile: 
     others = [key for key in OF_EVERY_AXIS if _text(masters, key, axis.number) is None and any(_text(masters, key, each) for each in AXES)]
     if others:
         yield finding(
-            "error", message("axis-number-differs.none", parameter=others[0], number=axis.number, again=axis.number, letter=letter)
+            "error",
+            message("axis-number-differs.x-no-such-axis", parameter=others[0], number=axis.number, again=axis.number, letter=letter),
         )
     reference, highest = _number(masters, REFERENCE_POINT, axis.number), _number(masters, HIGHEST_POINT, axis.number)
     if highest and reference is not None and reference != axis.reference_point:

@@ -5,6 +5,7 @@ from typing import Annotated
 import msgspec
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 
 LAST_POINT = 9999
 PointNumber = Annotated[int, msgspec.Meta(ge=0, le=LAST_POINT)]
@@ -46,7 +47,9 @@ class FanucOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_o
     def axis(self, letter: str, source: str) -> AxisPoints:
         """Return the points of axis X, Y or Z. Raises ``UsageError`` for an axis without a section."""
         if letter not in self.axes:
-            raise UsageError(f"{source}: fanuc.axes.{letter}", expected=f"a section [fanuc.axes.{letter}]", found="nothing")
+            raise UsageError(
+                f"{source}: fanuc.axes.{letter}", expected=message("section-fanuc-axes", letter=letter), found=message("nothing")
+            )
         return self.axes[letter]
 
 

@@ -85,7 +85,7 @@ def read_punch(file: ControlFile) -> PunchFile:
             file.name,
             expected=message("lfcrcr"),
             found=message("line-ends"),
-            remedy="copy the file from the memory card in binary; text-mode transfers and editors destroy the line ends",
+            remedy=message("copy-file-from-memory"),
         )
     blocks = tuple(
         Block(text=text, number=int(match[1]) if (match := _NUMBER.match(text)) else None, where=f"{file.name}: line {line}")

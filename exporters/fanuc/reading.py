@@ -31,7 +31,9 @@ def read_tables(files: Sequence[PunchFile], profile: Profile, options: FanucOpti
         tables += reader.inclination(letter)
     for name, numbers in {**found_in(files, options), **options.straightness}.items():
         if name not in STRAIGHTNESS:
-            raise UsageError(f"{profile.source}: fanuc.straightness.{name}", expected="one of " + ", ".join(STRAIGHTNESS), found=name)
+            raise UsageError(
+                f"{profile.source}: fanuc.straightness.{name}", expected=message("expects-one-of", names=STRAIGHTNESS), found=name
+            )
         tables += reader.straightness(name, numbers)
     return tuple(tables)
 
@@ -177,5 +179,5 @@ class _Reader:
             return default
         if text is None:
             remedy = "add the punched parameters" + (f", or state {field} as the export report says" if field else "")
-            raise DataError(where, expected=message("a-value"), found="nothing", remedy=remedy)
+            raise DataError(where, expected=message("a-value"), found=message("nothing"), remedy=remedy)
         return whole(text.removesuffix(".0").removesuffix("."), where)

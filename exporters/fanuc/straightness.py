@@ -53,7 +53,7 @@ def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence
             code="template-lacks-parameters",
             expected=message("57"),
             found=message("none-of-sets"),
-            remedy="punch the parameters out (SYSTEM > PARAM > PUNCH) and name that file in machine.existing; without the option: false",
+            remedy=message("punch-parameters-out-system"),
         )
     names = sorted(asked, key=lambda name: -_worth_um(asked[name]))[: len(free)]
     given = {name: in_use[name] for name in names if name in in_use}

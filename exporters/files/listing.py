@@ -64,7 +64,7 @@ def whole(text: str, where: str) -> int:
     try:
         value = int(text)
     except ValueError as error:
-        raise DataError(where, expected="a whole number", found=shown(text)) from error
+        raise DataError(where, expected=message("whole"), found=shown(text)) from error
     if abs(value) > LARGEST:
         raise DataError(where, expected=message("whole-held"), found=shown(text))
     return value

@@ -191,7 +191,7 @@ def _read(file: ControlFile, *, free_cells: bool = False) -> tuple[re.Match[str]
     lines = [(at, line) for at, line in read_lines(file) if line.strip()]
     begin = _BEGIN.match(lines[0][1]) if lines else None
     if begin is None or begin["unit"] == "INCH":
-        raise DataError(f"{file.name}: line 1", expected="BEGIN <name> .. MM", found=repr(lines[0][1]) if lines else "nothing")
+        raise DataError(f"{file.name}: line 1", expected="BEGIN <name> .. MM", found=repr(lines[0][1]) if lines else message("nothing"))
     if len(lines) < 3 or lines[-1][1].strip() != _END:
         raise DataError(file.name, expected=message("heading-end", end=_END), found=message("no-eof"), remedy=message("truncated"))
     starts = [(match.group(), match.start()) for match in re.finditer(r"\S+", lines[1][1])]

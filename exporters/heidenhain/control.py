@@ -108,10 +108,8 @@ class Heidenhain:
                 angle, levers, profile, kind=KINEMATICS, laws=dict.fromkeys("XYZ", LAW), quantum_urad=_QUANTUM_URAD,
                 place=_place(angle.name[2], profile),
             )  # fmt: skip
-        recalled = f"unit and sense of C4 to C6, and the words of the rows in {LINES}, are in part from memory: see the marks there"
-        return Plan(
-            tables=tuple(tables), findings=(*plan.findings, Finding(code="kinematicscomp-recalled", severity="info", text=recalled))
-        )
+        recalled = finding("info", message("kinematicscomp-recalled", file=LINES))
+        return Plan(tables=tuple(tables), findings=(*plan.findings, recalled))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
         """Return the .COM files and the .CMA file; neither can hold a comment, so ``notes`` go into a note beside them."""
@@ -140,7 +138,7 @@ class Heidenhain:
             raise DataError("files", expected=message("table-once"), found=", ".join(file.name for file in coms))
         assignments = [file for file in files if file.name.upper().endswith(".CMA")]
         if not tables_of:
-            raise DataError("files", expected=message("com-table"), found=", ".join(file.name for file in files) or "nothing")
+            raise DataError("files", expected=message("com-table"), found=", ".join(file.name for file in files) or message("nothing"))
         if len(assignments) > 1:
             raise DataError("files", expected=message("one-cma"), found=", ".join(file.name for file in assignments))
         if assignments:
@@ -288,4 +286,4 @@ def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
     yield from averaged_remarks(curves, profile)
     if not any(file.name.upper().endswith((".COM", ".CMA")) for file in profile.existing):
         yield finding("warning", message("column-widths-assumed"))
-    yield Finding(code="sense-derived", severity="info", text="the sense of .COM tables is inferred from MP720; make the sign test")
+    yield finding("info", message("sense-derived.sense-com-tables-inferred"))

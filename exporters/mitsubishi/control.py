@@ -14,7 +14,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
@@ -209,11 +209,7 @@ def _scale(absolute_um: Vector, options: MitsubishiOptions, name: str) -> int:
 
 def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
     yield from averaged_remarks(curves, profile)
-    yield Finding(
-        code="sense-derived",
-        severity="info",
-        text="the unit and the sense of the data are derived from the manual's formulas; make the sign test",
-    )
+    yield finding("info", message("sense-derived.unit-and-sense-data"))
 
 
 def _lines(table: Table, profile: Profile) -> list[str]:
@@ -285,7 +281,7 @@ def _read_pair(source: str, values: dict[int, _Value], base: int, pair: int, pro
     options = profile.options_as(MitsubishiOptions)
     missing = [f"#{base + index} {word}" for index, word in enumerate(_HEAD) if index and base + index not in values]
     if missing:
-        raise DataError(source, expected=", ".join(missing), found="nothing", remedy=message("list-cut"))
+        raise DataError(source, expected=", ".join(missing), found=message("nothing"), remedy=message("list-cut"))
     data_form = values[4000]
     if data_form.whole() != int(options.data == "incremental"):
         raise DataError(data_form.where, expected=message("4000-for", count=options.data), found=data_form.text)

@@ -99,13 +99,13 @@ def _tables(file: ControlFile, profile: Profile) -> list[Table]:
     if not lines or lines[0][1] != HEADER:
         raise DataError(file.name, expected=message("header", words=HEADER), found=lines[0][1] if lines else message("empty-file"))
     if lines[-1][1] != "end,,,":
-        raise DataError(file.name, expected="the last row end,,,", found=lines[-1][1], remedy=message("truncated"))
+        raise DataError(file.name, expected=message("last-row-end"), found=lines[-1][1], remedy=message("truncated"))
     groups: dict[tuple[str, int], list[tuple[float, float]]] = {}
     for where, line in lines[1:-1]:
         name, direction, at, value = _row(where, line)
         points = groups.setdefault((name, direction), [])
         if points and at <= points[-1][0]:
-            raise DataError(where, expected=f"a position above {points[-1][0]:g}", found=f"{at:g}")
+            raise DataError(where, expected=message("position-above", points=points[-1][0]), found=f"{at:g}")
         points.append((at, value))
     return [_table(name, direction, np.array(points), profile, file.name) for (name, direction), points in groups.items()]
 
@@ -119,7 +119,7 @@ def _row(where: str, line: str) -> tuple[str, int, float, float]:
 
 def _table(name: str, direction: int, points: np.ndarray[tuple[int, int], np.dtype[np.float64]], profile: Profile, source: str) -> Table:
     if len(points) < 2:
-        raise DataError(f"{source}: {name}", expected="at least two points", found=str(len(points)))
+        raise DataError(f"{source}: {name}", expected=message("at-least-two-points"), found=str(len(points)))
     return Table(
         kind=KIND,
         input_axis=name[2],

@@ -71,7 +71,7 @@ def parse(file: ControlFile, chain: str) -> Result:
     values, functions = _read(file)
     missing = [name for name in ("EXX", "EYY", "EZZ") if name not in functions]
     if missing:
-        raise DataError(file.name, expected="the functions EXX, EYY and EZZ", found="no " + ", ".join(missing))
+        raise DataError(file.name, expected=message("functions-exx-eyy-and"), found="no " + ", ".join(missing))
     volume = _volume(functions, file.name)
     origin = np.asarray(volume.origin_mm)
     linear = np.zeros((3, 3))  # um of displacement (row) for a mm of travel (column), levers of first angles and slopes together
@@ -127,7 +127,7 @@ def _volume(functions: Mapping[str, Vector], where: str) -> Volume:
     sizes = tuple(float(at[-1] - at[0]) for at in axes)
     increments = min(len(axes[0]) - 1, MOST_INCREMENTS)
     if min(sizes) <= 0:
-        raise DataError(where, expected="positions that rise", found="none")
+        raise DataError(where, expected=message("positions-rise"), found=message("none"))
     return Volume(origin_mm=tuple(float(at[0]) for at in axes), size_mm=sizes, increments=increments)  # type: ignore[arg-type]
 
 
@@ -141,7 +141,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
         if (block := _BLOCK.match(line)) and rows is None:
             name = block[1]
             if name in values or name in functions or name not in (*SQUARENESS, *DISPLACEMENTS, *ROTATIONS):
-                raise DataError(where, expected="a function or squareness of three linear axes, once", found=line)
+                raise DataError(where, expected=message("function-or-squareness-three"), found=line)
         elif name and rows is None and (value := _VALUE.match(line)):
             values[name] = finite(value[1], where)
         elif name and rows is None and _BEGIN.match(line):
@@ -154,9 +154,9 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
         elif rows is not None and len(line.split()) == 2:
             rows.append([finite(cell, where) for cell in line.split()])
         else:
-            raise DataError(where, expected="a block of the Etalon Exchange format", found=excerpt(line))
+            raise DataError(where, expected=message("block-etalon-exchange-format"), found=excerpt(line))
     if rows is not None or not functions:
-        raise DataError(file.name, expected="whole blocks", found=message("no-end"), remedy=message("truncated"))
+        raise DataError(file.name, expected=message("whole-blocks"), found=message("no-end"), remedy=message("truncated"))
     return values, functions
 
 

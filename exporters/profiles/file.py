@@ -160,7 +160,7 @@ def _existing(machine: MachineSection, files: Mapping[str, bytes], source: str) 
             f"{source}: machine.existing",
             code="active-table-unknown",
             expected=message("active-files"),
-            found="nothing",
+            found=message("nothing"),
             remedy=message("back-up"),
         )
     return tuple(ControlFile(name=Path(name).name, data=files[name]) for name in machine.existing)

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import AXES, BODY_DIAGONALS
 from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number, travel_mm
@@ -163,10 +164,10 @@ def _check_increment(job: Job) -> None:
             for axis, value in zip(AXES, stop.position_mm, strict=True):
                 if abs(value - round(value, job.decimals)) > 1e-9:
                     raise UsageError(
-                        f"volume: setup {job.setup}, stop {stop.stop}, {axis}",
-                        expected=f"positions in whole input increments of {plain(increment)} mm",
+                        message("volume-setup-stop", setup=job.setup, stop=stop.stop, axis=axis),
+                        expected=message("positions-in-whole-input", plain=plain(increment)),
                         found=f"{value!r} mm",
-                        remedy="choose size_mm as a multiple of increments times that, or state more decimals if the control takes them",
+                        remedy=message("choose-size-mm-as"),
                     )
 
 

@@ -4,6 +4,7 @@ import re
 from pathlib import Path
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
 from stepdiag.exporters.programs.dialect import Dialect, Job
@@ -86,7 +87,7 @@ def companion_files(control: str, host: str = "127.0.0.1", port: int = 1502) -> 
     if control != "linuxcnc":
         return ()
     if not _ADDRESS.fullmatch(host):
-        raise UsageError("plc.host", expected="a name or an address", found=repr(host))
+        raise UsageError("plc.host", expected=message("name-or-address"), found=repr(host))
     lines = [
         "# stepdiag: what a survey program says, as Modbus registers. In the INI file: [HAL] HALFILE = stepdiag.hal, after the others.",
         "# A pin that is netted already keeps its signal: put that signal's name in the place of the one here.",

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES
 from stepdiag.exporters.programs.dialect import Dialect, Job
 from stepdiag.exporters.programs.fanuc import Fanuc
@@ -56,9 +57,9 @@ def nc_programs(
     if sequence.handshake and not chosen.wait:
         raise UsageError(
             f"{control}: program.wait",
-            expected="the block that waits until the PLC shows the stop as captured",
-            found="nothing",
-            remedy="ask the machine's builder for it and state it in the profile, or switch the handshake off",
+            expected=message("block-waits-until-plc"),
+            found=message("nothing"),
+            remedy=message("ask-machine-builder-for"),
         )
     jobs = [
         Job(sequence=sequence, setup=setup, signals=chosen, decimals=dialect.decimals if decimals is None else decimals)
@@ -76,9 +77,9 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
                 raise SafetyError(
                     f"plan.setups: {setup}, {axis.upper()}",
                     code="travel-exceeded",
-                    expected=f"positions from {least:g} to {most:g} mm, the travel_mm of the profile",
-                    found=f"{low[index]:g} to {high[index]:g} mm, overrun included",
-                    remedy="a smaller plan.overrun_mm, or a volume within the travel",
+                    expected=message("positions-from-to-mm-2", least_mm=least, most_mm=most),
+                    found=message("to-mm-overrun-included", low_mm=low[index], high_mm=high[index]),
+                    remedy=message("smaller-plan-overrun-mm"),
                 )
 
 
@@ -100,5 +101,5 @@ def program_name(sequence: Sequence, control: str, setup: str) -> str:
 
 def _dialect(control: str) -> Dialect:
     if control not in _DIALECTS:
-        raise UsageError("controller", expected="one of " + ", ".join(CONTROLS), found=repr(control))
+        raise UsageError("controller", expected=message("expects-one-of", names=CONTROLS), found=repr(control))
     return _DIALECTS[control]

@@ -72,7 +72,7 @@ def setup_number(setup: str) -> int:
     """
     travel = setup_of(setup, "plan.setups", tuple(SETUP_NUMBERS.values()))
     if travel.shift and not travel.is_diagonal:
-        raise UsageError("plan.setups", expected="a shifted beam on a body diagonal alone, such as ppp+1", found=repr(setup))
+        raise UsageError("plan.setups", expected=message("shifted-beam-on-body"), found=repr(setup))
     return next(number for number, name in SETUP_NUMBERS.items() if name == travel.base)
 
 
@@ -121,9 +121,9 @@ def check(sequence: Sequence) -> None:
         if not np.isfinite(number) or number < 0 or (number == 0 and least == "above 0"):
             raise UsageError(f"plan.{field}", expected=message("number-limits", limits=least), found=repr(number))
     if sequence.repeats < 1:
-        raise UsageError("plan.repeats", expected="1 or more", found=repr(sequence.repeats))
+        raise UsageError("plan.repeats", expected=message("1-or-more"), found=repr(sequence.repeats))
     if sorted(sequence.axis_order) != list(AXES):
-        raise UsageError("volume.axis_order", expected="each of x, y, z once", found=repr(sequence.axis_order))
+        raise UsageError("volume.axis_order", expected=message("each-x-y-z"), found=repr(sequence.axis_order))
     _check_setups(sequence)
 
 
@@ -131,14 +131,14 @@ def _check_setups(sequence: Sequence) -> None:
     for setup in sequence.setups:
         setup_number(setup)
     if not sequence.setups or len(set(sequence.setups)) < len(sequence.setups):
-        raise UsageError("plan.setups", expected="at least one setup, each once", found=", ".join(sequence.setups) or "none")
+        raise UsageError("plan.setups", expected=message("at-least-one-setup"), found=", ".join(sequence.setups) or message("none"))
     total = sum(_stops_in(sequence, setup) for setup in sequence.setups)
     if total > LARGEST_COUNT:
         raise UsageError(
             "plan",
-            expected=f"at most {LARGEST_COUNT} stops (the stop counter is a 16-bit word)",
+            expected=message("at-most-stops-stop", largest_count=LARGEST_COUNT),
             found=str(total),
-            remedy="fewer setups, repeats or increments, or two surveys",
+            remedy=message("fewer-setups-repeats-or"),
         )
 
 

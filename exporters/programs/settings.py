@@ -10,6 +10,7 @@ from typing import Annotated
 import msgspec
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
 from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.exporters.programs.signals import Signals
 
@@ -53,7 +54,7 @@ def program_section(text: str, source: str, control: str) -> ProgramSection:
     machine = tables.get("machine", {})
     named = machine.get("controller", control) if isinstance(machine, dict) else control
     if named != control:
-        raise UsageError(f"{source}: machine.controller", expected=control, found=repr(named), remedy="name the profile of this control")
+        raise UsageError(f"{source}: machine.controller", expected=control, found=repr(named), remedy=message("name-profile-this-control"))
     return convert(tables.get(SECTION, {}), ProgramSection, source, SECTION)
 
 
@@ -65,7 +66,7 @@ def travel_in(text: str, source: str) -> dict[str, tuple[float, float]]:
         if isinstance(axis, dict) and "travel_mm" in axis:
             travel = convert({"travel_mm": axis["travel_mm"]}, _Travel, source, f"axes.{letter}").travel_mm
             if travel[0] >= travel[1]:
-                raise refuse(source, f"axes.{letter}.travel_mm", "the lower end first", list(travel))
+                raise refuse(source, f"axes.{letter}.travel_mm", message("lower-end-first"), list(travel))
             found[letter.lower()] = travel
     return found
 

@@ -8,7 +8,7 @@ import string
 from dataclasses import dataclass, fields
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import excerpt
+from stepdiag.base.messages import excerpt, message
 
 LONGEST_TEXT = 1000
 PLACEHOLDERS = {"begin": {"setup"}, "stand": {"setup", "count"}, "leave": {"setup", "count"},
@@ -40,7 +40,7 @@ class Signals:
                 if name not in known:
                     raise UsageError(
                         f"program.{item.name}",
-                        expected="only " + " and ".join(f"{{{each}}}" for each in sorted(known)) if known else "no placeholder",
+                        expected="only " + " and ".join(f"{{{each}}}" for each in sorted(known)) if known else message("no-placeholder"),
                         found=f"{{{name}}}",
                     )
 
@@ -51,19 +51,21 @@ class Signals:
 
 
 def _placeholders(where: str, text: str) -> list[str]:
-    expected = "text with {setup} and {count}"
+    expected = message("text-with", names=["{setup}", "{count}"])
     try:
         found = [(name, spec, conversion) for _, name, spec, conversion in string.Formatter().parse(text) if name is not None]
     except ValueError as error:
         raise UsageError(where, expected=expected, found=f"{text!r}: {error}") from error
     for name, spec, conversion in found:
         if spec or conversion:  # a width of millions of digits is one as well
-            raise UsageError(where, expected=expected, found=f"{{{name}}} with a form of its own", remedy="leave out what follows the name")
+            raise UsageError(
+                where, expected=expected, found=message("own-form", name=f"{{{name}}}"), remedy=message("leave-out-what-follows")
+            )
     return [name for name, _, _ in found]
 
 
 def _refuse_unprintable(where: str, text: str) -> None:
     """Refuse what an NC program cannot hold, and texts that stand at every stop and would make it endless."""
     if len(text) > LONGEST_TEXT or any(letter != "\n" and not (letter.isascii() and letter.isprintable()) for letter in text):
-        expected = f"printable ASCII characters and line ends, at most {LONGEST_TEXT}"
+        expected = message("printable-ascii-characters-and", longest_text=LONGEST_TEXT)
         raise UsageError(where, expected=expected, found=repr(excerpt(text)))

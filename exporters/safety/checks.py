@@ -98,7 +98,7 @@ def check_slope(case: Case) -> Iterator[Finding]:
         if most == "plausible":
             most = plausible_slope_um_mm(_measured_mm(case.result, table))
         if most is not None and steepest > most:
-            yield finding("warning", message("slope-steep", label=table.label, steep_um_mm=steepest, limit_um_mm=most))
+            yield finding("warning", message("slope-steep", label=table.label, slope_um_mm=steepest, limit_um_mm=most))
         allowed = np.full(steps.shape, np.inf if own.neighbour_um is None else own.neighbour_um)
         if own.neighbour_um_mm is not None:
             allowed = np.minimum(allowed, own.neighbour_um_mm * spacing)
@@ -116,9 +116,8 @@ def check_points(case: Case) -> Iterator[Finding]:
         held = case.controller.limits(of_kind[0], case.profile).tables
         highest = max((number for table in of_kind if isinstance(number := table.place.get("table"), int)), default=-1)
         if held is not None and (len(of_kind) > held or highest >= held):
-            yield finding(
-                "error", message("tables-beyond-limit", count=len(of_kind), kind=kind, number=max(highest, len(of_kind) - 1), held=held)
-            )
+            text = message("tables-beyond-limit", count=len(of_kind), kind=kind, number=max(highest, len(of_kind) - 1), held=held)
+            yield finding("error", text)
     for table in case.tables:
         own = case.controller.limits(table, case.profile).points
         allowed = min((limit for limit in (own, case.profile.limits.points) if limit is not None), default=None)
@@ -145,10 +144,18 @@ def check_travel(case: Case) -> Iterator[Finding]:
             continue  # of an old table that is emptied nothing is held
         if table.position_mm[0] > travel[0] + _ZERO_UM or table.position_mm[-1] < travel[1] - _ZERO_UM:
             low, high = table.absolute_um[[0, -1]]
-            yield _warning(
-                "travel-not-covered",
-                f"{table.label}: from {table.position_mm[0]:g} to {table.position_mm[-1]:g} mm, "
-                f"the axis travels {travel[0]:g} to {travel[1]:g} mm; {low:.2f} and {high:.2f} um are held outside",
+            yield finding(
+                "warning",
+                message(
+                    "travel-not-covered",
+                    label=table.label,
+                    first_mm=table.position_mm[0],
+                    last_mm=table.position_mm[-1],
+                    from_mm=travel[0],
+                    to_mm=travel[1],
+                    low_um=low,
+                    high_um=high,
+                ),
             )
 
 
@@ -171,9 +178,9 @@ def check_reversal(case: Case) -> Iterator[Finding]:
     for letter in sorted({table.input_axis for table in both if not case.controller.limits(table, case.profile).ends_backlash}):
         backlash = case.profile.axis(letter).backlash_um
         if backlash is None:
-            yield _warning(
-                "reversal-unasked",
-                f"{case.axis_label(letter)}: backlash_um is not in the profile; tables for both directions need it to be 0",
+            yield finding(
+                "warning",
+                message("reversal-unasked", axis_label=case.axis_label(letter)),
             )
         elif backlash != 0:
             yield finding("error", message("reversal-twice", axis=case.axis_label(letter), um=backlash))
@@ -181,13 +188,14 @@ def check_reversal(case: Case) -> Iterator[Finding]:
 
 def check_quality(case: Case) -> Iterator[Finding]:
     """13: what the solver says about the data, and the correction against repeatability and its own uncertainty."""
-    for one in case.result.findings:
-        if one.severity == "error":
-            yield finding("error", message("data-quality", code=one.code, said=one.said))
+    for each in case.result.findings:
+        if each.severity == "error":
+            yield finding("error", message("data-quality", code=each.code, said=each.said))
     largest = max((float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0)
-    spreads = {name: report.repeatability_um or 0.0 for name, report in case.result.setups.items()}
-    worst = max(spreads, key=lambda name: spreads[name], default="")
-    if worst and spreads[worst] > largest / 2:
+    stated = {name: report.get("repeatability_um") for name, report in case.result.setups.items()}
+    spreads = {name: value for name, value in stated.items() if isinstance(value, int | float) and value > 0}
+    if spreads and max(spreads.values()) > largest / 2:
+        worst = max(spreads, key=lambda name: spreads[name])
         yield finding("warning", message("repeatability-exceeds-correction", setup=worst, um=spreads[worst], largest_um=largest))
     uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]
     if uncertain and all(np.max(np.abs(curve.mean_um)) < 2 * np.nanmax(curve.u_um) for curve in uncertain):
@@ -199,7 +207,9 @@ def check_sign(case: Case) -> Iterator[Finding]:
     for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
         for record in case.profile.sign_tests:
             if record.kind == kind and record.verdict != sense:
-                yield finding("error", message("sign-contradicted", kind=kind, date=str(record.date), verdict=record.verdict, sense=sense))
+                yield finding(
+                    "error", message("sign-contradicted", kind=kind, date=record.date.isoformat(), verdict=record.verdict, sense=sense)
+                )
 
 
 CHECKS: tuple[Check, ...] = (
@@ -251,14 +261,14 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -
     if not open_findings:
         return
     first = min(open_findings, key=lambda item: item.severity != "error")
-    others = [message("coded", said=item.said, code=item.code) for item in open_findings if item is not first]
-    remedy = message("mend-the-cause") if first.severity == "error" else message("mend-or-accept", code=first.code)
+    others = [message("with-its-code", said=item.said, code=item.code) for item in open_findings if item is not first]
+    remedy = message("mend-cause") if first.severity == "error" else message("mend-or-accept", code=first.code)
     raise SafetyError(
         where,
         code=first.code,
         expected=message("safe-tables"),
         found=first.said,
-        remedy=message("and-refused", remedy=remedy, others=others) if others else remedy,
+        remedy=message("also-refused", remedy=remedy, others=others) if others else remedy,
     )
 
 
@@ -312,7 +322,3 @@ def _net_um(case: Case, table: Table) -> Vector:
     moved = mean_correction_um([*turns, *(each for each in case.tables if each.name == table.name)], points)
     moved = moved[:, AXES.index(table.output_axis.lower())]
     return np.asarray(moved[:-1] - moved[-1])
-
-
-def _warning(code: str, text: str) -> Finding:
-    return Finding(code=code, severity="warning", text=text)

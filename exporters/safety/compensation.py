@@ -13,8 +13,7 @@ from typing import Literal
 
 from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
-from stepdiag.base.settings import UNANSWERED
+from stepdiag.base.messages import Message, message
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.result.members import ActiveFile, Facts
 from stepdiag.solver.result.result import Result
@@ -56,12 +55,20 @@ def stated_in(result: Result) -> Statement:
     facts = result.survey
     if facts is None:
         return Statement()
-    if facts.compensation is None:
-        return Statement(state=UNANSWERED)
-    if (facts.compensation == "on") != bool(facts.active_files):
-        where, found = f"{result.source}: survey.compensation", f"{facts.compensation!r} with {len(facts.active_files)} active_files"
-        raise DataError(where, expected=message("off-on-files"), found=found)
-    return Statement(state=facts.compensation, files=facts.active_files)
+    state, rows = survey.get("compensation"), survey.get("active_files", [])
+    if state is None:
+        return Statement(state="?")
+    if state not in ("off", "on") or not isinstance(rows, list) or (state == "on") != bool(rows):
+        where = f"{result.source}: {_SECTION}.compensation"
+        raise DataError(where, expected=message("off-on-files"), found=f"{state!r} with {rows!r:.60}")
+    return Statement(state=state, files=tuple(_active_file(row, result.source) for row in rows))
+
+
+def _active_file(row: Any, source: str) -> ActiveFile:
+    names = ("name", "sha256", "date", "source")
+    if not isinstance(row, Mapping) or not all(isinstance(row.get(name), str) for name in names):
+        raise DataError(f"{source}: {_SECTION}.active_files", expected=message("name-sha"), found=f"{row!r:.60}")
+    return ActiveFile(name=row["name"], sha256=row["sha256"], date=row["date"], source=row["source"])
 
 
 def require_agreement(result: Result, profile: Profile) -> None:
@@ -79,7 +86,9 @@ def require_agreement(result: Result, profile: Profile) -> None:
             f"{profile.source}: machine.measured_with",
             code="compensation-differs",
             expected=message("as-survey", state=statement.state),
-            found=f'"{profile.machine.measured_with}"' + (" (assumed)" if profile.assumed else ""),
+            found=message("assumed-state", state=profile.machine.measured_with)
+            if profile.assumed
+            else f'"{profile.machine.measured_with}"',
             remedy=message("profile-of") if statement.state == "on" else "",
         )
     if statement.state == "on":
@@ -95,8 +104,7 @@ def require_answer(result: Result) -> Statement:
             code="compensation-unanswered",
             expected=message("off-or-on"),
             found=message("says-not"),
-            remedy="say it before the first pass (machine.compensation of the survey file); whoever knows it for certain can say it "
-            "afterwards: --compensation off, or on with the files that were active (--active)",
+            remedy=message("say-it-before-first"),
         )
     return statement
 
@@ -113,7 +121,7 @@ def _require_same_files(statement: Statement, profile: Profile) -> None:
     if set(wanted) != set(given):
         missing = [name for digest, name in wanted.items() if digest not in given]
         other = [name for digest, name in given.items() if digest not in wanted]
-        raise _differs(profile, f"{_listed(statement.files)}, as they were active", missing, other)
+        raise _differs(profile, message("as-they-were-active", names=[file.name for file in statement.files]), missing, other)
 
 
 def _require_noted(profile: Profile) -> None:
@@ -123,16 +131,16 @@ def _require_noted(profile: Profile) -> None:
     noted = {digest.lower() for digest in profile.machine.active_sha256}
     other = [file.name for file in profile.existing if hashlib.sha256(file.data).hexdigest() not in noted]
     if other or len(noted) != len(profile.existing):
-        raise _differs(profile, "files whose SHA-256, noted when they were active, stand in machine.active_sha256", [], other)
+        raise _differs(profile, message("files-noted-as-active"), [], other)
 
 
-def _differs(profile: Profile, expected: str, missing: Iterable[str], other: Iterable[str]) -> SafetyError:
-    found = [*(f"no file {name}" for name in missing), *(f"another file {name}" for name in other)]
+def _differs(profile: Profile, expected: Message, missing: Iterable[str], other: Iterable[str]) -> SafetyError:
+    found = [*(message("no-such-file", name=name) for name in missing), *(message("another-file", name=name) for name in other)]
     return SafetyError(
         f"{profile.source}: machine.existing",
         code="active-table-differs",
         expected=expected,
-        found=", ".join(found) or message("other-files"),
+        found=message("comma-list", items=found) if found else message("other-files"),
         remedy=message("very-tables"),
     )
 

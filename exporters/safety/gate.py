@@ -9,7 +9,7 @@ from collections.abc import Collection, Iterator, Sequence
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.checks import Case, limit_findings
 from stepdiag.exporters.safety.standing import Standing
@@ -40,8 +40,8 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
                 file.name,
                 code="text-not-clean",
                 expected=message("plain-numbers", digits=_DIGITS, decimals=_DECIMALS),
-                found="; ".join(found),
-                remedy="report it; nothing was written",
+                found=message("semicolon-list", items=found),
+                remedy=message("report-it-nothing-was"),
             )
 
 
@@ -50,7 +50,7 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
     profile = case.profile
     yield from limit_findings(case.controller, profile, case.result, read)
     judged = judge(case.result, read, standing, profile)
-    yield from (Finding(code=each.code, severity="error", text=each.text) for each in worst(judged))
+    yield from (Finding(code=each.code, severity="error", text=each.text, message=each.said) for each in worst(judged))
     for table in read:
         travel = profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
         if travel is None or table.law.ends == "extended" or not table.value_um.any():
@@ -61,16 +61,16 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
             yield finding("error", message("beyond-travel", label=table.label, first=first, last_mm=last, low=travel[0], high_mm=travel[1]))
 
 
-def _suspicious(file: ControlFile, known: Collection[bytes]) -> Iterator[str]:
+def _suspicious(file: ControlFile, known: Collection[bytes]) -> Iterator[Message]:
     for number, raw in enumerate(file.data.splitlines(), start=1):
         if raw in known:
             continue
         line = raw.decode("ascii", errors="replace")
         if not raw.isascii():
-            yield f"line {number}: a byte that is no ASCII"
+            yield message("line-not-ascii", line=number)
             continue
         odd = _NO_NUMBER.search(line) or _POWER.search(line) or _BARE_POINT.search(line)
         if odd is None:
             odd = next((each for each in _NUMBER.finditer(line) if len(each[1]) > _DIGITS or len(each[2] or "") > _DECIMALS), None)
         if odd is not None:
-            yield f"line {number}: {odd.group()}"
+            yield message("line-holds", line=number, words=odd.group())

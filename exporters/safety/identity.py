@@ -23,7 +23,7 @@ def require_same_machine(result: Result, profile: Profile) -> None:
             code="other-machine",
             expected=message("measured-machine", name=repr(measured), file=result.source),
             found=repr(profile.machine.name),
-            remedy="use the profile of that machine; where both names mean one machine, write the same name in both",
+            remedy=message("use-profile-machine-where"),
         )
 
 

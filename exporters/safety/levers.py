@@ -8,7 +8,7 @@ import re
 from collections.abc import Mapping
 
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.compensation import stated_in
@@ -34,11 +34,7 @@ def left_out(files: Mapping[str, bytes]) -> Finding | None:
     names = without_levers(files)
     if not names:
         return None
-    text = (
-        f"measured angles are not used: {', '.join(names)} was active while measuring and takes their levers out of what the tool does; "
-        "to use angles, measure with the compensation off"
-    )
-    return Finding(code="angles-left-out", severity="warning", text=text)
+    return finding("warning", message("angles-left-out", names=names))
 
 
 def require_levers(result: Result, profile: Profile) -> None:

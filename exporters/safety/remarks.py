@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, untested_kinds
@@ -27,27 +27,22 @@ def remarks(case: Case) -> tuple[Finding, ...]:
 def _assumptions(case: Case) -> Iterator[Finding]:
     if not case.profile.assumed:
         return
-    axes = ", ".join(f"{letter} = {axis.name} with its reference at {axis.reference_mm:g} mm" for letter, axis in case.profile.axes.items())
-    yield _note(
-        "profile-assumed", f"no profile: assumed {axes}; first measuring system; compensation was off while measuring; lengths in mm"
-    )
+    axes = [
+        message("axis-assumed", letter=letter, name=axis.name, reference_mm=axis.reference_mm) for letter, axis in case.profile.axes.items()
+    ]
+    yield finding("info", message("profile-assumed", axes=axes))
 
 
 def _shape_only(case: Case) -> Iterator[Finding]:
     names = [curve.name for curve in case.curves if not curve.slope_known]
     if names:
-        text = (
-            f"{', '.join(names)}: ONLY THE SHAPE is in the tables. The scale of these axes was not identified (four diagonals cannot "
-            "separate the three scales); measure one linear run along two axes to have it"
-        )
-        yield Finding(code="shape-only", severity="warning", text=text)
+        yield finding("warning", message("shape-only", names=names))
 
 
 def _sign(case: Case) -> Iterator[Finding]:
     kinds = untested_kinds(case)
     if kinds:
-        text = f"no sign test within 12 months for {', '.join(kinds)}: the files are named _UNTESTED_SIGN; make the sign test first"
-        yield Finding(code="sign-untested", severity="warning", text=text)
+        yield finding("warning", message("sign-untested", kinds=kinds))
 
 
 def _coarse(case: Case) -> Iterator[Finding]:
@@ -56,7 +51,7 @@ def _coarse(case: Case) -> Iterator[Finding]:
     left = {}
     for curve in (curve for curve in case.curves if curve.name in written):
         left[curve.name] = missed_um(case.profile.grid_mm(curve.input_axis), curve.position_mm, curve.mean_um)
-    yield from coarse("these tables", left)
+    yield from coarse(message("these-tables"), left)
 
 
 def missed_um(grid_mm: Vector, position_mm: Vector, value_um: Vector) -> float:
@@ -66,12 +61,11 @@ def missed_um(grid_mm: Vector, position_mm: Vector, value_um: Vector) -> float:
     return float(np.max(np.abs(value_um - joined)[inside], initial=0.0))
 
 
-def coarse(whose: str, missed: Mapping[str, float]) -> Iterator[Finding]:
+def coarse(whose: Message, missed: Mapping[str, float]) -> Iterator[Finding]:
     """Yield the remark that the points of ``whose`` miss functions by more than a survey's uncertainty."""
-    left = [f"{name} {um:.1f} um" for name, um in missed.items() if um >= _COARSE_UM]
+    left = [message("so-much-of", name=name, size_um=um) for name, um in missed.items() if um >= _COARSE_UM]
     if left:
-        text = f"the points of {whose} do not stand at the measured positions, which leaves up to: {', '.join(left)}"
-        yield _note("step-coarse", text + "; take a step that meets them, or a smaller one")
+        yield finding("info", message("step-coarse", whose=whose, left=left))
 
 
 def _ends(case: Case) -> Iterator[Finding]:
@@ -83,11 +77,11 @@ def _ends(case: Case) -> Iterator[Finding]:
 
 
 def _state(case: Case) -> Iterator[Finding]:
-    yield _note("reference-axes-first", "reference (home) every axis before the tables are switched on, and again after the restart")
+    yield finding("info", message("reference-axes-first"))
     if not case.profile.existing:
-        yield _note(
-            "restore-is-zero",
-            "no table of the control was given: the restore files take the new tables out, they bring nothing of before back",
+        yield finding(
+            "info",
+            message("restore-is-zero"),
         )
 
 
@@ -114,26 +108,18 @@ def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Ite
     number: Backlash | None = getattr(result.backlash, letter, None)
     if number is None or abs(number.value) <= SIGNIFICANT * number.u:
         return
-    text = f"E{letter}{letter}: the table holds the mean of both directions; backlash {-number.value:.2f} um (in - minus in +), "
-    text += f"U {2 * number.u:.2f} um (k = 2): "
-    if ends_backlash:
-        text += 'direction = "both" writes it into the table, beside which the backlash parameter does not act'
-    else:
-        text += "to be added to what the backlash parameter held while measuring"
-    yield _note("reversal-value", text)
+    whither = message("backlash-into-table") if ends_backlash else message("backlash-to-add")
+    value_um, expanded_um = -number["value"], 2 * number["u"]
+    yield finding("info", message("reversal-value", name=f"E{letter}{letter}", value_um=value_um, expanded_um=expanded_um, whither=whither))
 
 
 def _runs(case: Case) -> Iterator[Finding]:
     single = [name for name, report in case.result.setups.items() if report.passes == (1,)]
     if single:
-        yield _note("single-run", f"{', '.join(single)}: driven once only: nothing is known about the repeatability")
+        yield finding("info", message("single-run", single=single))
 
 
 def _data(case: Case) -> Iterator[Finding]:
-    for one in case.result.findings:
-        if one.severity == "warning":
-            yield finding("info", message("data-remark", code=one.code, said=one.said))
-
-
-def _note(code: str, text: str) -> Finding:
-    return Finding(code=code, severity="info", text=text)
+    for each in case.result.findings:
+        if each.severity == "warning":
+            yield finding("info", message("data-remark", code=each.code, said=each.said))

@@ -31,9 +31,9 @@ def from_readings(off: Readings, on: Readings, axis: str) -> SignRun:
     before, after = (_by_position(readings, axis, state) for readings, state in ((off, "off"), (on, "on")))
     if len(before) != len(after) or any(abs(one - other) > _SAME_MM for one, other in zip(before, after, strict=True)):
         raise DataError(
-            f"sign test along {axis}",
-            expected="the same commanded positions with the table off and on",
-            found=f"{len(before)} and {len(after)} positions",
+            message("sign-test-along", axis=axis),
+            expected=message("same-commanded-positions-with"),
+            found=message("and-positions", off=len(before), on=len(after)),
         )
     position = np.array(list(before))
     shift = 1000.0 * position
@@ -50,9 +50,9 @@ def _by_position(readings: Readings, axis: str, state: str) -> dict[float, float
                 actual.setdefault(round(float(along[row]), 4), []).append(1000.0 * float(along[rows[0]] + readings.reading_mm[row]))
     if not actual:
         raise DataError(
-            f"sign test, table {state}",
-            expected=f"a run linear-{axis.lower()}",
-            found=", ".join(sorted(set(readings.setup))) or "nothing",
+            message("sign-test-table", state=state),
+            expected=message("run-linear", axis=axis.lower()),
+            found=", ".join(sorted(set(readings.setup))) or message("nothing"),
         )
     return {at: float(np.mean(actual[at])) for at in sorted(actual)}
 
@@ -70,5 +70,5 @@ def read_sign_run(file: ControlFile) -> SignRun:
 def _row(where: str, line: str) -> list[float]:
     cells = line.split(",")
     if len(cells) != 3:
-        raise DataError(where, expected="three numbers", found=repr(line))
+        raise DataError(where, expected=message("three-numbers"), found=repr(line))
     return [finite(cell, where) for cell in cells]

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.messages import message
+from stepdiag.base.messages import Message, message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.restore import restore_files
@@ -31,10 +31,10 @@ _NO_MOVEMENT = 0.05
 _SIZE = (0.525, 1.9)
 """Share of the expected movement at which a sense is believed: 0.5 to 2 less what a reading is off, for both ends have causes."""
 _CAUSES = (
-    (10.0, "the detection unit, or the least input unit, is ten times what the profile says"),
-    (2.0, "the axis counts in diameters, or the unit of the table is half or twice what the profile says"),
-    (25.4, "inch and mm are mixed up"),
-    (1000.0, "mm and um are mixed up"),
+    (10.0, message("unit-ten-times")),
+    (2.0, message("counts-in-diameters")),
+    (25.4, message("inch-mixed-up")),
+    (1000.0, message("um-mixed-up")),
 )
 _ALIKE = 1.3
 """How near to the factor of a cause a movement must be for the cause to be named."""
@@ -75,17 +75,22 @@ class Bump:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What the sign test showed; ``sense`` is None where it decides nothing, and ``text`` says why."""
+    """What the sign test showed; ``sense`` is None where it decides nothing, and ``said`` says why."""
 
     kind: str
     sense: Sense | None
     moved_um: float
-    text: str
+    said: Message
+
+    @property
+    def text(self) -> str:
+        """Return the English sentence."""
+        return str(self.said)
 
     def as_toml(self, day: date) -> str:
         """Return the record for the profile. Raises ``DataError`` for a test that decided nothing."""
         if self.sense is None:
-            raise DataError("sign test", expected="a test that decides", found=self.text)
+            raise DataError(message("sign-test"), expected=message("test-decides"), found=self.said)
         return f'[[sign_test]]\nkind = "{self.kind}"\ndate = {day.isoformat()}\nverdict = "{self.sense}"\n'
 
 
@@ -96,7 +101,7 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
     """
     base, star, by = function.partition("*")
     if base not in FUNCTIONS or (star and by not in tuple(_levers(base))):
-        raise UsageError("--function", expected="one of " + ", ".join(FUNCTIONS) + ", or a product such as EYX*Z", found=function)
+        raise UsageError("--function", expected=message("one-or-product-such", functions=FUNCTIONS), found=function)
     letter = function[2]
     grid = profile.grid_mm(letter)
     reference = profile.axis(letter).reference_mm
@@ -111,7 +116,7 @@ def bump(controller: Controller, profile: Profile, function: str) -> Bump:
         plan = controller.plan([_curve(function, grid, shape, *_squareness_of(function))], one_way)
     if not plan.tables:
         expected = message("has-table")
-        raise UsageError("--function", expected=expected, found=function, remedy="straightness stays in its report")
+        raise UsageError("--function", expected=expected, found=function, remedy=message("straightness-stays-in-its"))
     settled = replace(one_way, options=plan.options or profile.options)
     tested = tuple(table for table in plan.tables if not by or table.name == function)
     return Bump(
@@ -150,8 +155,8 @@ def _product_plan(controller: Controller, profile: Profile, function: str, shape
     plan = controller.plan_products((), (product,), profile) if isinstance(controller, Multiplying) else None
     if plan is None or not plan.tables:
         raise UsageError(
-            f"{profile.source}: {controller.name}.products", expected="a control and a profile with products of tables", found="none",
-            remedy="set products = true in the profile of a control that multiplies tables",
+            f"{profile.source}: {controller.name}.products", expected=message("control-and-profile-with"), found=message("none"),
+            remedy=message("set-products-true-in"),
         )  # fmt: skip
     return plan
 
@@ -170,31 +175,37 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
     signed = at_top / expected
     share = abs(signed)
 
-    def undecided(text: str) -> Verdict:
-        return Verdict(kind=table.kind, sense=None, moved_um=at_top, text=text)
+    def undecided(said: Message) -> Verdict:
+        return Verdict(kind=table.kind, sense=None, moved_um=at_top, said=said)
 
     if share < _NO_MOVEMENT:
-        return undecided(f"the axis moved {at_top:.1f} um: the table is not active")
+        return undecided(message("axis-moved-um-table", at_top_um=at_top))
     if abs(beyond) > _LEFT_BEYOND * max(abs(at_top), abs(expected)):
-        return undecided(f"{beyond:.1f} um are left beyond the bump: the control reads {_other_data(table)} data")
+        return undecided(
+            message("left-beyond-bump-incremental" if table.law.data == "absolute" else "left-beyond-bump-absolute", left_um=beyond)
+        )
     if test.lever is not None and share > _BESIDE:
-        text = f"the axis moved {at_top:.1f} um of {expected:.1f} um: the control adds the tables themselves, products are not for it"
+        text = message("axis-moved-um-um", at_top_um=at_top, expected_um=expected)
         return undecided(text)
     if not _SIZE[0] <= share <= _SIZE[1]:
-        return undecided(f"the axis moved {at_top:+.1f} um instead of {expected:.1f} um, {share:.3g} times as much: {_cause(share)}")
+        return undecided(message("axis-moved-um-instead", at_top_um=at_top, expected_um=expected, share=share, cause=_cause(share)))
     right = signed > 0
     sense = table.law.sense if right else _opposite(table.law.sense)
-    text = f"the axis moved {at_top:+.1f} um: the table is {sense}" + ("" if right else f", NOT {table.law.sense} as it was written")
-    return Verdict(kind=table.kind, sense=sense, moved_um=at_top, text=text)
+    said = (
+        message("sense-shown", moved_um=at_top, sense=sense)
+        if right
+        else message("other-sense-shown", moved_um=at_top, sense=sense, written=table.law.sense)
+    )
+    return Verdict(kind=table.kind, sense=sense, moved_um=at_top, said=said)
 
 
-def _cause(share: float) -> str:
+def _cause(share: float) -> Message:
     """Return the likely cause of a movement of the wrong size: the one whose factor is nearest."""
     factor = max(share, 1.0 / share)
     nearest, words = min(_CAUSES, key=lambda cause: abs(np.log(factor / cause[0])))
     if max(factor / nearest, nearest / factor) <= _ALIKE:
         return words
-    return "look at the detection unit, diameter programming and inches, and that the table of the test alone is active"
+    return message("look-at-units")
 
 
 def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, float]:
@@ -207,9 +218,9 @@ def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, floa
         raise SafetyError(
             where,
             code="bump-does-not-fit",
-            expected="at least five points of the grid on one side of the reference",
+            expected=message("at-least-five-points"),
             found=str(len(outward)),
-            remedy="take a smaller step_mm in the profile for this test",
+            remedy=message("take-smaller-step-mm"),
         )
     start = 1 if len(outward) > 3 * flank + 1 else 0
     corners = outward[[start, start + flank, start + 2 * flank, start + 3 * flank]]
@@ -229,15 +240,13 @@ def _from_reference(test: Bump, position_mm: Vector, moved_um: Vector) -> tuple[
     needed = (test.reference_mm, test.top_mm, test.top_mm if test.beyond_mm is None else test.beyond_mm)
     if len(position) < 3 or position[0] > min(needed) + 1e-3 or position[-1] < max(needed) - 1e-3:
         raise DataError(
-            "sign test", expected=f"positions from {min(needed):g} to {max(needed):g} mm", found=f"{len(position)} positions",
-            remedy="drive the run over the reference, the bump and the end beyond it",
-        )  # fmt: skip
+            message("sign-test"),
+            expected=message("positions-from-to-mm", low_mm=min(needed), high_mm=max(needed)),
+            found=message("so-many-positions", count=len(position)),
+            remedy=message("drive-run-over-reference"),
+        )
     return position, moved - np.interp(test.reference_mm, position, moved)
 
 
 def _opposite(sense: Sense) -> Sense:
     return "as-compensation" if sense == "as-error" else "as-error"
-
-
-def _other_data(table: Table) -> str:
-    return "incremental" if table.law.data == "absolute" else "absolute"

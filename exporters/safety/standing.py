@@ -86,14 +86,14 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
     foreign = {table.identity for table in standing.foreign()}
     for table in standing.staying:
         if table.name in named and table.identity not in foreign:
-            yield finding("error", message("old-table-left-active.together", label=table.label, other=named[table.name].label))
+            yield finding("error", message("old-table-left-active", label=table.label, other=named[table.name].label))
         elif table.identity in foreign:
-            yield finding("error", message("old-table-left-active.partly", label=table.label))
+            yield finding("error", message("old-table-left-active.new-tables-take-part", label=table.label))
         elif table.multiplier is not None and profile.machine.measured_with == "off" and not identifies(result, table):
             yield from _twice(table, standing.new)
     for table in standing.lost():
         if table.name not in asked and (profile.machine.measured_with == "off" or table.multiplier is None) and not _chosen(result, table):
-            yield finding("error", message("old-table-lost.place", label=table.label))
+            yield finding("error", message("old-table-lost", label=table.label))
     for table in standing.new:
         old = [each for each in standing.before if each.name == table.name and each.multiplier is None and each.value_um.any()]
         if old and table.multiplier is None and table.value_um.any():
@@ -108,7 +108,7 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
     for table in new:
         alike = table.multiplier is None and table.output_axis == product.output_axis and table.input_axis in (product.input_axis, lever)
         if alike and table.value_um.any():
-            yield finding("error", message("old-table-left-active.beside", label=product.label, other=table.label))
+            yield finding("error", message("old-table-left-active.goes-on-beside-new", label=product.label, other=table.label))
             return
 
 
@@ -130,7 +130,7 @@ def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Itera
             held_um = float(np.ptp(moved[:, axis]))
             function = result.errors.get(name)
             if held_um > _NOTHING_UM and (function is None or function.value is None):
-                yield finding("error", message("old-table-lost", name=name, um=held_um))
+                yield finding("error", message("old-table-lost.x-field-holds", name=name, um=held_um))
             elif name[1] == name[2] and function is not None and not function.slope_identified and abs(rise_um[name]) > _NOTHING_UM:
                 yield _slope_of(name, rise_um[name])
     for name, functions in SQUARENESS_SLOPE.items():
@@ -142,7 +142,7 @@ def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Itera
 
 
 def _slope_of(name: str, rise_um: float) -> Finding:
-    return finding("warning", message("old-slope-lost.lattice", name=name, slope_um=rise_um))
+    return finding("warning", message("old-slope-lost", name=name, um=rise_um))
 
 
 def _chosen(result: Result, table: Table) -> bool:
@@ -162,11 +162,18 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
         way = each.direction or 1
         lost_um = float(np.max(np.abs(correction_um(each, outside, way) - correction_um(each, ends, way))))
         if lost_um > _NOTHING_UM:
-            text = (
-                f"{table.label}: {table.position_mm[0]:g} to {table.position_mm[-1]:g} mm, the old table reaches from "
-                f"{each.position_mm[0]:g} to {each.position_mm[-1]:g} mm: up to {lost_um:.1f} um of it are lost outside"
+            yield finding(
+                "warning",
+                message(
+                    "table-shrinks",
+                    label=table.label,
+                    first_mm=table.position_mm[0],
+                    last_mm=table.position_mm[-1],
+                    low_mm=each.position_mm[0],
+                    high_mm=each.position_mm[-1],
+                    lost_um=lost_um,
+                ),
             )
-            yield Finding(code="table-shrinks", severity="warning", text=f"{text}; start_mm and end_mm of the axis keep them")
             return
 
 
@@ -175,8 +182,7 @@ def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
     ends = table.position_mm[[0, -1]]
     rise_um = sum(float(np.diff(correction_um(each, ends, each.direction))[0]) for each in old) / len({each.direction for each in old})
     if abs(rise_um) > _NOTHING_UM:
-        text = f"{table.label}: the result knows its shape alone; the old table holds a slope of {rise_um:.1f} um that is lost"
-        yield Finding(code="old-slope-lost", severity="warning", text=f"{text}: measure a linear run, or with the compensation on")
+        yield finding("warning", message("old-slope-lost.result-knows-its-shape", label=table.label, rise_um=rise_um))
 
 
 def _same(one: Table, other: Table) -> bool:

@@ -216,8 +216,8 @@ def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile 
     ``SafetyError`` where profile and result disagree about what was active while measuring, ``UsageError`` where a profile has to say it.
     """
     if stated_in(result).state == "on" and profile is None:
-        expected = "the profile of the machine: a compensation was active while measuring, and what it did is in machine.existing"
-        raise UsageError("--profile", expected=expected, found="none")
+        expected = message("profile-machine-compensation-was")
+        raise UsageError("--profile", expected=expected, found=message("none"))
     if profile is not None:
         require_same_machine(result, profile)
         require_agreement(result, profile)
@@ -257,15 +257,15 @@ def _standing(controller: Controller, files: Sequence[ControlFile], tables: tupl
 def worse_findings(prediction: Prediction, standing: Standing, result: Result, profile: Profile) -> Iterator[Finding]:
     """Yield an error where the machine would err clearly more after loading than while it was measured, or with its old tables."""
     before, after = (figures.rms_um for figures in prediction.figures(rigid_motion=False))
-    then = "while it was measured"
+    then = message("while-measured")
     old = [table for table in standing.before if identifies(result, table)] if profile.machine.measured_with == "off" else []
     if old:
         effect = prediction.anywhere
         with_old = Figures.of(effect.rest_um(effect.before_um + mean_correction_um(old, effect.points_mm))).rms_um
-        before, then = min((before, then), (with_old, "with the tables that are in the control now"))
+        if with_old < before:
+            before, then = with_old, message("with-old-tables")
     if after > before * CLEARLY + ROUNDING_UM:
-        text = f"the machine would err by {after:.1f} um rms after loading, {then} by {before:.1f}"
-        yield Finding(code="worse-after", severity="error", text=text)
+        yield finding("error", message("worse-after", after_um=after, then=then, before_um=before))
 
 
 def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
@@ -275,15 +275,12 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
     if not prediction.clearly_worse:
         beside = effect.before_um - error_field_um(result, effect.points_mm)
         for one in harmed(result, effect.points_mm, effect.after_um - effect.before_um, beside):
-            text = message(
-                STRETCH,
-                axis=one.axis,
-                low_mm=one.low_mm,
-                high_mm=one.high_mm,
-                after=one.after.words(),
-                before=one.before.words(),
+            yield finding(
+                "warning",
+                message(
+                    "stretch-worse", axis=one.axis, low=one.low_mm, high_mm=one.high_mm, after=one.after.words(), before=one.before.words()
+                ),
             )
-            yield finding("warning", text)
     names = sorted({*coarse_functions(result.errors), *hiding_functions(result.errors)}, key=DISPLACEMENTS.index)
     if names:
         yield finding("warning", message("between-unknown", names=names))
@@ -320,9 +317,17 @@ def controller_of(files: Sequence[ControlFile]) -> Controller:
     for file in files:
         names = [name for name, controller in CONTROLLERS.items() if controller.recognises(file)]
         if len(names) != 1:
-            raise DataError(file.name, expected="a compensation file of a known controller", found=" or ".join(names) or "none of them")
+            raise DataError(
+                file.name,
+                expected=message("compensation-file-known-controller"),
+                found=message("or-list", items=names) if names else message("none-them"),
+            )
         named.setdefault(names[0], file.name)
     if len(named) != 1:
-        found = ", ".join(f"{file} of {name}" for name, file in named.items()) or message("no-file")
-        raise DataError("files", expected="files of one controller", found=found)
+        found = (
+            message("comma-list", items=[message("file-of-control", file=file, control=name) for name, file in named.items()])
+            if named
+            else message("no-table-file")
+        )
+        raise DataError("files", expected=message("files-one-controller"), found=found)
     return CONTROLLERS[next(iter(named))]

@@ -65,7 +65,7 @@ def _table(key: str, points: dict[int, Assignment], head: Mapping[str, Assignmen
     where = f"{source}: table [{key}]"
     missing = [name for name in _AXES + _GRID if name not in head]
     if missing:
-        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found="nothing")
+        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found=message("nothing"))
     if "AN_CEC_IS_MODULO" in head and head["AN_CEC_IS_MODULO"].number() != 0:
         raise DataError(head["AN_CEC_IS_MODULO"].where, expected=message("linear-axis"), found=head["AN_CEC_IS_MODULO"].value)
     input_axis, output_axis = (profile.letter_of(head[name].axis(), head[name].where) for name in _AXES)

@@ -12,7 +12,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, restore
@@ -149,7 +149,7 @@ class Siemens:
         for file in files:
             tables = self._numbered_in(file, profile)
             if not tables:
-                raise DataError(file.name, expected=message("eec-or-cec"), found="none", remedy=message("data-files"))
+                raise DataError(file.name, expected=message("eec-or-cec"), found=message("none"), remedy=message("data-files"))
             for table in tables:
                 _require_full_effect(file, table, profile)
                 key = (table.kind, str(sorted(table.place.items())))
@@ -263,20 +263,15 @@ def _possible(products: Sequence[Product]) -> Iterator[Finding]:
     """Say what products would hold where the profile does not want them."""
     worth = float(np.sqrt(sum(product.rms_um**2 for product in products)))
     if worth >= _WORTH_SAYING_UM:
-        text = (
-            f"angles with their levers leave {worth:.1f} um rms in the volume that products of CEC tables can hold: siemens.products = true"
-        )
-        yield Finding(code="products-possible", severity="info", text=text)
+        yield finding("info", message("products-possible", worth_um=worth))
 
 
 def _chosen_remarks(budget: Budget, options: SiemensOptions) -> Iterator[Finding]:
     if budget.products:
-        held = ", ".join(f"{product.name} {product.rms_um:.2f} um" for product in budget.products)
-        text = f"products (rms in the volume): {held}; linked tables give their product alone (example of K3 p. 252): make the sign test"
-        yield Finding(code="products-written", severity="info", text=text)
+        held = [message("product-rms", name=product.name, rms_um=product.rms_um) for product in budget.products]
+        yield finding("info", message("products-written", held=held))
     if budget.left_out:
-        text = f"the control has {options.cec_tables_held} CEC tables; of less worth and left out: {', '.join(budget.left_out)}"
-        yield Finding(code="tables-left-out", severity="info", text=text)
+        yield finding("info", message("tables-left-out", held=str(options.cec_tables_held), left_out=budget.left_out))
 
 
 def _free_numbers(options: SiemensOptions) -> Iterator[int]:
@@ -302,11 +297,9 @@ def _numbered(planned: Sequence[Table], options: SiemensOptions, free: Iterator[
 def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Finding]:
     sized = {eec.KIND: bool(options.eec_points), cec.KIND: options.cec_points is not None, KIND: options.cec_points is not None}
     if any(not sized[table.kind] for table in tables):
-        text = "MD38000 or MD18342 is not in the profile: the data files write only MIN to MAX, the part programs zero the rest"
-        yield Finding(code="surplus-points-unknown", severity="info", text=text)
+        yield finding("info", message("surplus-points-unknown"))
     if any(table.kind == cec.KIND for table in tables):
-        text = f"CEC is written {options.cec_sense}: the manual does not state its sense, a builder's program shows it; make the sign test"
-        yield Finding(code="sense-derived", severity="info", text=text)
+        yield finding("info", message("sense-derived.cec-written-manual-does", cec_sense=options.cec_sense))
 
 
 def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> None:

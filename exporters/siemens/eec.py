@@ -50,7 +50,7 @@ def _table(key: tuple[str, str], points: dict[int, Assignment], head: dict[str, 
     where = f"{source}: table [{system},{axis}]"
     missing = [name for name in _HEAD if name not in head]
     if missing:
-        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found="nothing")
+        raise DataError(where, expected=" ".join(f"${name}" for name in missing), found=message("nothing"))
     step, start, end, modulo = (head[name].number() for name in _HEAD)
     if modulo:
         raise DataError(head[_HEAD[3]].where, expected=message("linear-modulo"), found=message("rotary"))

@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.messages import Message, message
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, products
 from stepdiag.exporters.siemens.ini import Assignment, data_file, is_program, read_assignments, switches_in
@@ -46,24 +47,24 @@ class Old:
         values = [held[name] for name in switches if name in held]
         off, known = any(value in ("0", "FALSE") for value in values), len(values) == len(switches)
         acted = self.profile.machine.measured_with == "on" and self.enabled is None
-        active = not off and (known or acted or self._stated(table, self.enabled, "old_enabled", "whether it was switched on"))
+        active = not off and (known or acted or self._stated(table, self.enabled, "old_enabled", message("whether-switched-on")))
         weighs = 1.0
         if weight:
             stated = held.get(weight)
-            weighs = float(stated) if stated is not None else self._stated(table, self.weight, "old_weight", "its weight (SD41310)")
+            weighs = float(stated) if stated is not None else self._stated(table, self.weight, "old_weight", message("its-weight"))
         if self.profile.machine.measured_with == "on" and active and weighs != 1.0:
-            expected = "weight 1 of tables that acted while measuring: bring their values to it, and measure again"
+            expected = message("weight-1-tables-acted")
             raise UsageError(f"{self.profile.source}: siemens.old_weight", expected=expected, found=f"{weighs:g} of {table.label}")
         return Load(table=table, lines=lines, active=bool(active), weight=weighs)
 
-    def _stated(self, table: Table, value: float | None, key: str, what: str) -> float:
+    def _stated(self, table: Table, value: float | None, key: str, what: Message) -> float:
         if value is None and table.value_um.any():
             raise SafetyError(
                 f"{self.profile.source}: siemens.{key}",
                 code="switches-unasked",
-                expected=f"for {table.label}, which the control holds: {what} before this loading",
-                found="nothing",
-                remedy="read it in the control, or back the tables up with their switches; the restore files bring it back as it was",
+                expected=message("for-which-control-holds", label=table.label, what=what),
+                found=message("nothing"),
+                remedy=message("read-it-in-control"),
             )
         return 0.0 if value is None else value
 

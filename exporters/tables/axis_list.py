@@ -144,7 +144,7 @@ class AxisList:
         letter = profile.letter_of(lines[0][1].removeprefix("AXIS "), lines[0][0])
         rows = [[finite(cell, where) for cell in line.split(";")] for where, line in lines[2:]]
         if any(len(row) != 3 for row in rows) or any(later[0] <= row[0] for row, later in pairwise(rows)):
-            raise DataError(file.name, expected=message("rows-three"), found="others")
+            raise DataError(file.name, expected=message("rows-three"), found=message("others"))
         position, forward, reverse = np.array(rows).T
         for direction, error in ((1, forward), (-1, reverse)) if reverse.any() else ((0, forward),):
             yield Table(

@@ -103,7 +103,11 @@ def _folded_slopes(result: Result, names: Sequence[str], fold: Mapping[str, str]
     for squareness, target in fold.items():
         pair = SQUARENESS_SLOPE.get(squareness, {})
         if target not in pair:
-            raise UsageError(f"squareness_into.{squareness}", expected=" or ".join(pair) or "C0Y, B0Z or A0Z", found=repr(target))
+            raise UsageError(
+                f"squareness_into.{squareness}",
+                expected=message("or-list", items=list(pair)) if pair else message("a-squareness"),
+                found=repr(target),
+            )
         if target in names:
             slopes.setdefault(target, {})[squareness] = pair[target] * _squareness_urad(result, squareness) / 1000.0
     return slopes
@@ -123,7 +127,7 @@ def _squareness_urad(result: Result, name: str) -> float:
 
 def _curve(result: Result, name: str, slopes: Mapping[str, float]) -> Curve:
     if name not in FUNCTIONS:
-        raise UsageError("functions", expected="one of " + ", ".join(FUNCTIONS), found=repr(name))
+        raise UsageError("functions", expected=message("expects-one-of", names=FUNCTIONS), found=repr(name))
     function = result.errors.get(name)
     if function is None or function.value is None:
         raise DataError(

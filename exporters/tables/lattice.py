@@ -56,7 +56,7 @@ def lattice_of(result: Result, step_mm: float | Sequence[float]) -> Lattice:
     Raises ``SafetyError`` where one does not fit, ``DataError`` where the axes were measured alone.
     """
     if not result.volume.solid:
-        raise DataError(f"{result.source}: volume", expected="a survey of the volume", found="runs of axes alone")
+        raise DataError(f"{result.source}: volume", expected=message("of-volume"), found=message("axes-alone"))
     steps_mm = np.broadcast_to(step_mm, 3).tolist()
     count = math.prod(size / each + 1.0 for size, each in zip(result.volume.size_mm, steps_mm, strict=True))
     if not count <= MOST_LINES:
@@ -102,7 +102,7 @@ def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
             f"{where}: machine.existing",
             code="active-not-a-lattice",
             expected=message("one-lattice"),
-            found=", ".join(file.name for file in files) or "nothing",
+            found=", ".join(file.name for file in files) or message("nothing"),
             remedy=message("no-merge"),
         )
     return given[0]

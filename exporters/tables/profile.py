@@ -137,7 +137,7 @@ class Profile:
     def axis(self, letter: str) -> AxisSection:
         """Return the section of axis X, Y or Z. Raises ``UsageError`` for an axis that the profile does not name."""
         if letter not in self.axes:
-            raise UsageError(f"{self.source}: axes.{letter}", expected=f"a section [axes.{letter}]", found="nothing")
+            raise UsageError(f"{self.source}: axes.{letter}", expected=message("section-axes", letter=letter), found=message("nothing"))
         return self.axes[letter]
 
     @property
@@ -157,7 +157,7 @@ class Profile:
         axis = self.axis(letter)
         if axis.start_mm is None or axis.end_mm is None:
             remedy = message("start-end-from")
-            raise UsageError(f"{self.source}: axes.{letter}", expected=message("start-end"), found="nothing", remedy=remedy)
+            raise UsageError(f"{self.source}: axes.{letter}", expected=message("start-end"), found=message("nothing"), remedy=remedy)
         sections = (axis.end_mm - axis.start_mm) / axis.step_mm
         if not abs(sections) <= MOST_SECTIONS:
             raise UsageError(
@@ -172,7 +172,7 @@ class Profile:
                 code="grid-not-integral",
                 expected=message("divides", size_mm=axis.end_mm - axis.start_mm),
                 found=message("sections", step_mm=axis.step_mm, count=sections),
-                remedy=message("fits", step_mm=(axis.end_mm - axis.start_mm) / max(round(sections), 1)),
+                remedy=message("fits", step=f"{(axis.end_mm - axis.start_mm) / max(round(sections), 1):.10g}"),
             )
         grid: Vector = axis.start_mm + axis.step_mm * np.arange(count + 1, dtype=np.float64)
         return grid

@@ -4,6 +4,7 @@ A pattern is the English sentence with its arguments as ``{name}``; it is matche
 themselves, are put into the other language's words. Logs and results record the English sentence, so that old ones read in German too.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
@@ -19,6 +20,8 @@ TOLD = frozenset({"what", "why", "said", "spot"})
 """Arguments that are sentences themselves, and must be known too."""
 _ONE_WORD = frozenset({"um", "limit", "count", "number", "first", "last"})
 """Arguments that are one figure: a sentence in their place is another sentence, which begins like this one."""
+_SHORT = 3
+"""Letters of a word that marks no sentence by itself: of, and, mm."""
 _REMEMBERED = 2048
 LONGEST = 4000
 """Characters of a sentence that is looked up; what is longer is none of the program's."""
@@ -57,10 +60,18 @@ def _patterns() -> tuple[_Pattern, ...]:
     """Return every pattern; the longer ones come first, so that the special one wins over the general one."""
     old = {language: catalogue("sentence", language) for language in LANGUAGES}
     known = [(key, {language: pattern_of(words[key]) for language, words in old.items()}) for key in old["en"]]
-    # a message of slots alone would be every sentence
-    worded = [(key, words) for key, words in sentences().items() if any(map(str.isalpha, "".join(part for part, _ in words["en"])))]
+    # a message of slots and short words would be every sentence
+    worded = [
+        (key, words)
+        for key, words in sentences().items()
+        if any((slot is None and part.isalpha()) or _wordy(part) for part, slot in words["en"])
+    ]
     made = [_made(words) for _, words in sorted([*worded, *known], key=lambda item: item[0])]
     return tuple(sorted(made, key=lambda one: -sum(map(len, one.literals))))
+
+
+def _wordy(part: str) -> bool:
+    return any(len(word) > _SHORT for word in re.findall("[^\\W\\d_]+", part))
 
 
 def _made(words: Mapping[Language, Pattern]) -> _Pattern:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.base.messages import Message, message
 from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.exporters.safety.verdicts.measures import NODES, POINTS, centred, grid_mm
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
@@ -82,5 +83,11 @@ class TableCase:
         moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
         return np.asarray(moved[:, axis].reshape(NODES, NODES, NODES))
 
-    def says(self, code: Code, text: str, factor: float | None = None) -> Judgement:
-        return Judgement(function=self.table.name, table=self.table, code=code, text=f"{self.table.label}: {text}", factor=factor)
+    def says(self, code: Code, said: Message, factor: float | None = None) -> Judgement:
+        return Judgement(
+            function=self.table.name,
+            table=self.table,
+            code=code,
+            said=message("of-table", label=self.table.label, said=said),
+            factor=factor,
+        )

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, Vector, Volume
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.measures import ALIKE, POINTS, SAME, SIZED, SPIKE, SURE_UM, centred, rms
@@ -28,24 +29,24 @@ _EXCUSED = 0.25
 def of_curve(case: TableCase, wanted: Wanted, volume: Volume) -> Judgement:
     own = wanted.as_slope(case.table.name) if case.is_slope else wanted.of(case.table.name)
     if not own:
-        return case.says("unidentified", "the result does not identify what it corrects: nothing to compare it with")
+        return case.says("unidentified", message("result-does-not-identify"))
     own = [case.unstepped(curve) for curve in own]
     plain = replace(case, turn_um_mm=0.0)
     known = _fits(plain, own)
     turned = _fits(case, own) if case.turn_um_mm else []
     right = [fit for fit in (*known, *turned) if fit.is_right]
     if right:
-        return _measured(case.says("right", "what the result asks for"), min(right, key=lambda fit: fit.left))
+        return _measured(case.says("right", message("what-result-asks-for")), min(right, key=lambda fit: fit.left))
     case = plain
     if known and all(fit.moved_um < fit.sure_um for fit in known):
-        return case.says("missing", f"no correction, where the result asks for {max(fit.wanted_um for fit in known):.1f} um")
+        return case.says("missing", message("no-correction-where-result", names_um=max(fit.wanted_um for fit in known)))
     return (
         _turned(case, known)
         or _nearly(case, (*known, *turned))
         or _swapped(case, wanted, min((fit.left_scaled for fit in known), default=1.0))
         or _shifted(case, own, volume)
         or _scaled(case, known)
-        or case.says("unlike", "nothing like what the result asks for: of another machine, another survey, or damaged")
+        or case.says("unlike", message("nothing-like-what-result"))
     )
 
 
@@ -136,7 +137,7 @@ def _fits(case: TableCase, curves: Iterable[Curve]) -> list[_Fit]:
 
 def _turned(case: TableCase, fits: Iterable[_Fit]) -> Judgement | None:
     if any(fit.turned <= SAME and fit.wanted_um > fit.sure_um for fit in fits):
-        return case.says("sign-turned", "the right shape with the opposite sign: it would double the error", -1.0)
+        return case.says("sign-turned", message("right-shape-with-opposite"), -1.0)
     return None
 
 
@@ -150,7 +151,7 @@ def _nearly(case: TableCase, fits: Iterable[_Fit]) -> Judgement | None:
         return _scaled(case, [fit])
     point_mm = min(case.table.position_mm, key=lambda mm: abs(mm - fit.largest_mm))
     where = f"{case.table.input_axis} {point_mm:g} mm"
-    return _measured(case.says("unlike", f"{fit.largest_um:.1f} um off at {where}, where the rest is what the result asks for"), fit)
+    return _measured(case.says("unlike", message("um-off-at-where", largest_um=fit.largest_um, where=where)), fit)
 
 
 def _measured(judgement: Judgement, fit: _Fit) -> Judgement:
@@ -169,9 +170,10 @@ def _swapped(case: TableCase, wanted: Wanted, left_scaled: float) -> Judgement |
         for fit in (_Fit.of(case, curve) for curve in wanted.of(name) if name != own):
             if fit is None or fit.wanted_um < 2.0 * fit.sure_um or min(fit.left, fit.turned) > min(_OTHER, max(_EXACT, left_scaled)):
                 continue
-            turned = " with the opposite sign" if fit.turned < fit.left else ""
             code: Code = "input-output-swapped" if name == mirrored else "axes-swapped"
-            return case.says(code, f"this is the table of {name}{turned}")
+            return case.says(
+                code, message("this-table-with-opposite", name=name) if fit.turned < fit.left else message("this-table", name=name)
+            )
     return None
 
 
@@ -185,9 +187,9 @@ def _shifted(case: TableCase, own: Sequence[Curve], volume: Volume) -> Judgement
     for shift in (low - first, high - last):
         fits = [_Fit.of(case, curve, shift) for curve in own] if abs(shift) > 1e-6 else []
         if any(fit is not None and fit.left <= _OTHER and fit.wanted_um > fit.sure_um for fit in fits):
-            return case.says("beside-volume", f"right if it lay {shift:+g} mm from where it lies ({first:g} to {last:g} mm)")
+            return case.says("beside-volume", message("right-if-it-lay", shift_mm=shift, first_mm=first, last_mm=last))
     if min(last, high) - max(first, low) < COVERED * (high - low):
-        return case.says("beside-volume", f"{first:g} to {last:g} mm, the measured travel is {low:g} to {high:g} mm")
+        return case.says("beside-volume", message("to-mm-measured-travel", first_mm=first, last_mm=last, low_mm=low, high_mm=high))
     return None
 
 
@@ -197,8 +199,8 @@ def _scaled(case: TableCase, fits: Sequence[_Fit]) -> Judgement | None:
         return None
     # two slopes are alike to rounding, whatever their sizes: then the one that the table misses least
     factor = max(alike, key=lambda fit: (round(abs(fit.alike), 6), -fit.left)).factor
-    sign = " and turned in sign" if factor < 0 else ""
-    return case.says("scaled", f"the right shape, {abs(factor):.3g} times as large as it should be{sign}", factor)
+    text = message("right-shape-times-as", factor=abs(factor)) if factor < 0 else message("right-shape-times-as-2", factor=abs(factor))
+    return case.says("scaled", text, factor)
 
 
 def _held(values: Vector, at: Vector, position_mm: Vector) -> Vector:

@@ -10,6 +10,7 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.messages import message
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.safety.standing import Standing, unchanged
 from stepdiag.exporters.safety.verdicts.case import TableCase
@@ -86,8 +87,8 @@ def _measuring_system(table: Table, profile: Profile) -> Judgement | None:
     system, used = table.place.get("measuring system"), getattr(profile.options, "measuring_system", None)
     if profile.assumed or system is None or used is None or system == used:
         return None
-    text = f"{table.label}: written for measuring system {system}, the profile says that {used} is in use: it would not act"
-    return Judgement(function=table.name, table=table, code="wrong-measuring-system", text=text)
+    text = message("written-for-measuring-system", label=table.label, system=str(system), used=str(used))
+    return Judgement(function=table.name, table=table, code="wrong-measuring-system", said=text)
 
 
 def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | None:
@@ -97,11 +98,11 @@ def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | Non
     then, now = ([each for each in some if each.name == table.name] for some in (standing.before, standing.after))
     if not then or not now or not unchanged(now, then):
         return None
-    return Judgement(function=table.name, table=table, code="kept", text=f"{table.label}: as it was in the control before")
+    return Judgement(function=table.name, table=table, code="kept", said=message("as-it-was-in", label=table.label))
 
 
 def _emptied(case: TableCase) -> Judgement | None:
     """Return a judgement of zeros beside another table that does the work."""
     if case.table.value_um.any() or not any(each.value_um.any() for each in case.together):
         return None
-    return case.says("empty", "zeros: nothing acts from this place any more")
+    return case.says("empty", message("zeros-nothing-acts-from"))

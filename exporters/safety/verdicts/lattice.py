@@ -56,9 +56,8 @@ def judge_field(result: Result, moved_um: Moved, axes_mm: Axes) -> Finding | Non
     if abs(common) <= ALIKE * size * size_moved:  # equal where the result asks for nothing at all
         return finding("error", message("lattice-unlike"))
     factor = common / size**2
-    sign = " and turned in sign" if factor < 0 else ""
-    text = f"the lattice is {abs(factor):.3g} times as large as the result asks for{sign}"
-    return Finding(code="lattice-scaled", severity="error", text=text)
+    text = message("lattice-scaled", factor=abs(factor)) if factor < 0 else message("lattice-scaled.x-lattice-times", factor=abs(factor))
+    return finding("error", text)
 
 
 def _vertices_mm(volume: Volume, axes_mm: Axes) -> Vector:

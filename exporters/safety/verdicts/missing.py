@@ -3,6 +3,7 @@
 from collections.abc import Iterator, Mapping, Sequence
 
 from stepdiag.base.errors import SafetyError, UsageError
+from stepdiag.base.messages import message
 from stepdiag.exporters.safety.verdicts.curve import typical_u
 from stepdiag.exporters.safety.verdicts.measures import SURE_UM, centred, rms
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
@@ -27,9 +28,13 @@ def judge_missing(result: Result, controller: Controller, new: Sequence[Table], 
     folds = (FOLD_DEFAULT, _other_fold()) if profile.assumed else (profile.machine.squareness_into,)
     lacking = [[curve for curve in _asked(result, controller, profile, fold) if curve.name not in held] for fold in folds]
     for curve in min(lacking, key=len):
-        text = f"{curve.name}: no table for it, where the result asks for {rms(centred(curve.mean_um)):.1f} um"
-        text += "; without a profile every function counts" if profile.assumed else ""
-        yield Judgement(function=curve.name, table=None, code="missing", text=text)
+        size_um = rms(centred(curve.mean_um))
+        text = (
+            message("no-table-for-it", name=curve.name, size_um=size_um)
+            if profile.assumed
+            else message("no-table-for-it-2", name=curve.name, size_um=size_um)
+        )
+        yield Judgement(function=curve.name, table=None, code="missing", said=text)
 
 
 def _other_fold() -> Mapping[str, str]:

@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from stepdiag.base.messages import message
 from stepdiag.base.volume import AXES, Vector
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.measures import ALIKE, NODES, SAME, SURE_UM, grid_mm, growing_um, rms
@@ -15,24 +16,24 @@ def of_product(case: TableCase, result: Result) -> Judgement:
     """Return the judgement of a product table: it is compared with the part of the field that grows with the same lever."""
     multiplier = case.table.multiplier
     if multiplier is None or multiplier.axis == case.table.input_axis:
-        return case.says("right", "a lever along the axis itself: what it does is judged with the curve of that axis")
+        return case.says("right", message("lever-along-axis-itself"))
     moving, by = (AXES.index(letter.lower()) for letter in (case.table.input_axis, multiplier.axis))
     moved = -growing_um(case.moved_field_um(), moving, by)
     asked = growing_um(_field_um(result, case.table), moving, by)
     size, wanted = rms(moved), rms(asked)
     if size < SURE_UM / 2:
-        return case.says("empty", "no correction")
+        return case.says("empty", message("no-correction"))
     if wanted < SURE_UM / 2:
-        return case.says("unlike", "the field of the result holds nothing like this product")
+        return case.says("unlike", message("field-result-holds-nothing"))
     factor, alike = float(np.mean(moved * asked)) / wanted**2, float(np.mean(moved * asked)) / (size * wanted)
     if rms(moved - asked) <= max(SAME * wanted, SURE_UM / 2):
-        return case.says("right", "what the result asks for", factor)
+        return case.says("right", message("what-result-asks-for"), factor)
     if rms(moved + asked) <= SAME * wanted:
-        return case.says("sign-turned", "a product with the opposite sign: it would double what it should correct", -1.0)
+        return case.says("sign-turned", message("product-with-opposite-sign"), -1.0)
     if abs(alike) < ALIKE:
-        return case.says("unlike", "the field of the result holds nothing like this product")
-    sign = " and turned in sign" if factor < 0 else ""
-    return case.says("scaled", f"{abs(factor):.3g} times as large as it should be{sign}", factor)
+        return case.says("unlike", message("field-result-holds-nothing"))
+    text = message("times-as-large-as", factor=abs(factor)) if factor < 0 else message("times-as-large-as-2", factor=abs(factor))
+    return case.says("scaled", text, factor)
 
 
 def _field_um(result: Result, table: Table) -> Vector:

@@ -4,6 +4,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from typing import Literal
 
+from stepdiag.base.messages import Message
 from stepdiag.exporters.tables.tables import Table
 
 Code = Literal[
@@ -25,10 +26,15 @@ class Judgement:
     function: str
     table: Table | None
     code: Code
-    text: str
+    said: Message
     factor: float | None = None
     rms_um: float | None = None
     largest_um: float | None = None
+
+    @property
+    def text(self) -> str:
+        """Return the English sentence."""
+        return str(self.said)
 
     @property
     def harmless(self) -> bool:

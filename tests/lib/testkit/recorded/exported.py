@@ -68,7 +68,7 @@ def said(item: Finding) -> str:
     place = [
         f"{name}={value}"
         for name, value in item.as_json().items()
-        if name not in ("code", "severity", "text", "action", "arguments", "key") and value is not None
+        if name in ("setup", "pass", "stop", "size_um", "among") and value is not None
     ]
     return f"{item.severity} {item.code} {' '.join(place)}: {item.text}"
 
