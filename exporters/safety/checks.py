@@ -192,10 +192,9 @@ def check_quality(case: Case) -> Iterator[Finding]:
         if each.severity == "error":
             yield finding("error", message("data-quality", code=each.code, said=each.said))
     largest = max((float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0)
-    stated = {name: report.get("repeatability_um") for name, report in case.result.setups.items()}
-    spreads = {name: value for name, value in stated.items() if isinstance(value, int | float) and value > 0}
-    if spreads and max(spreads.values()) > largest / 2:
-        worst = max(spreads, key=lambda name: spreads[name])
+    spreads = {name: report.repeatability_um or 0.0 for name, report in case.result.setups.items()}
+    worst = max(spreads, key=lambda name: spreads[name], default="")
+    if worst and spreads[worst] > largest / 2:
         yield finding("warning", message("repeatability-exceeds-correction", setup=worst, um=spreads[worst], largest_um=largest))
     uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]
     if uncertain and all(np.max(np.abs(curve.mean_um)) < 2 * np.nanmax(curve.u_um) for curve in uncertain):

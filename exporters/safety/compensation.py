@@ -14,6 +14,7 @@ from typing import Literal
 from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
+from stepdiag.base.settings import UNANSWERED
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.solver.result.members import ActiveFile, Facts
 from stepdiag.solver.result.result import Result
@@ -55,20 +56,12 @@ def stated_in(result: Result) -> Statement:
     facts = result.survey
     if facts is None:
         return Statement()
-    state, rows = survey.get("compensation"), survey.get("active_files", [])
-    if state is None:
-        return Statement(state="?")
-    if state not in ("off", "on") or not isinstance(rows, list) or (state == "on") != bool(rows):
-        where = f"{result.source}: {_SECTION}.compensation"
-        raise DataError(where, expected=message("off-on-files"), found=f"{state!r} with {rows!r:.60}")
-    return Statement(state=state, files=tuple(_active_file(row, result.source) for row in rows))
-
-
-def _active_file(row: Any, source: str) -> ActiveFile:
-    names = ("name", "sha256", "date", "source")
-    if not isinstance(row, Mapping) or not all(isinstance(row.get(name), str) for name in names):
-        raise DataError(f"{source}: {_SECTION}.active_files", expected=message("name-sha"), found=f"{row!r:.60}")
-    return ActiveFile(name=row["name"], sha256=row["sha256"], date=row["date"], source=row["source"])
+    if facts.compensation is None:
+        return Statement(state=UNANSWERED)
+    if (facts.compensation == "on") != bool(facts.active_files):
+        where, found = f"{result.source}: survey.compensation", f"{facts.compensation!r} with {len(facts.active_files)} active_files"
+        raise DataError(where, expected=message("off-on-files"), found=found)
+    return Statement(state=facts.compensation, files=facts.active_files)
 
 
 def require_agreement(result: Result, profile: Profile) -> None:

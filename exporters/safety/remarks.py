@@ -109,7 +109,7 @@ def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Ite
     if number is None or abs(number.value) <= SIGNIFICANT * number.u:
         return
     whither = message("backlash-into-table") if ends_backlash else message("backlash-to-add")
-    value_um, expanded_um = -number["value"], 2 * number["u"]
+    value_um, expanded_um = -number.value, 2 * number.u
     yield finding("info", message("reversal-value", name=f"E{letter}{letter}", value_um=value_um, expanded_um=expanded_um, whither=whither))
 
 
