@@ -17,7 +17,7 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.base.errors import SafetyError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
@@ -84,11 +84,8 @@ def room_findings(held: Lattice, profile: Profile) -> Iterator[Finding]:
         joint_mm = np.moveaxis(held.vectors_um[..., index], index, 0).reshape(len(at), -1) / 1000.0 + at[:, None]
         inside = joint_mm[(at >= travel[0]) & (at <= travel[1])]
         if inside.size and (inside.min() < travel[0] or inside.max() > travel[1]):
-            text = (
-                f"{letter}: corrections move the joint to {inside.min():.3f} and {inside.max():.3f} mm, "
-                f"the axis travels {travel[0]:g} to {travel[1]:g} mm: widen the limits of the joint as {NAME} states"
-            )
-            yield Finding(code="beyond-travel", severity="warning", text=text)
+            reached = {"low_mm": float(inside.min()), "high_mm": float(inside.max()), "first_mm": travel[0], "last_mm": travel[1]}
+            yield finding("warning", message("beyond-travel.corrected", axis=letter, file=NAME, **reached))
 
 
 def _naming(files: Sequence[ControlFile], profile: Profile, joints: Joints) -> Naming:

@@ -19,6 +19,7 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.verify import Figures, verify_files
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
+from stepdiag.solver.result.members import ActiveFile, Facts
 from stepdiag.solver.result.result import Result
 from testkit.exact.machines import EOB, new_punch_file, profile_of
 from testkit.exact.results import VOLUME, made_result
@@ -64,9 +65,9 @@ def measured(seed: int, active: Sequence[Table], own: ControlFile | None) -> Res
             error = error - slope * (at - at[0])
             square[SQUARE[name][0]] = SQUARE[name][1] * slope
         errors[name] = error
-    files = [] if own is None else [{"name": own.name, "sha256": hashlib.sha256(own.data).hexdigest(), "date": "", "source": ""}]
-    survey = {"compensation": "on" if own else "off", "active_files": files}
-    return replace(made_result(errors, squareness=square, u_um=0.1, volume=FINE), extra={"survey": survey})
+    files = () if own is None else (ActiveFile(name=own.name, sha256=hashlib.sha256(own.data).hexdigest(), date="", source=""),)
+    survey = Facts(compensation="on" if own else "off", active_files=files)
+    return replace(made_result(errors, squareness=square, u_um=0.1, volume=FINE), survey=survey)
 
 
 @settings(max_examples=12, suppress_health_check=[HealthCheck.function_scoped_fixture])
