@@ -505,9 +505,9 @@ def _remarks() -> Any:
         found[f"coarse {um}"] = [said(item) for item in coarse("these tables", {"EXX": um, "EYY": 0.1})]
     for um in (0.25, 0.5, 0.75, -0.75):
         found[f"ends {um}"] = checked([table_of((0, 1, 2, um)), table_of((um, 1, 2, 0), "EYX", kind="cec")], whole=True)
-    setups = {"a": {"passes": 1}, "b": {"passes": [1]}, "c": {"passes": 2}, "d": {"passes": [1, 2]}, "e": {}}
+    driven = setups(a={"passes": [1]}, b={"passes": [1]}, c={"passes": [1, 2]}, d={"passes": [1, 2]}, e={})
     warned = (Finding(code="w", severity="warning", text="text"), Finding(code="i", severity="info", text="text"))
-    found["runs and data"] = checked([table_of((0, 1, 2, 0))], result=replace(PLAIN, setups=setups, findings=warned), whole=True)
+    found["runs and data"] = checked([table_of((0, 1, 2, 0))], result=replace(PLAIN, setups=driven, findings=warned), whole=True)
     found["with files"] = checked([table_of((0, 1, 2, 0))], profile=profile_of("siemens", files=own_of("siemens")), whole=True)
     both = limited(replace(profile_of("siemens"), machine=msgspec.structs.replace(profile_of("siemens").machine, direction="both")))
     turned = replace(curve_of("EXX", (0, 1, 2, 0), 0.5), reverse_um=np.array([0.0, 0.0, 1.0, 1.0]))
