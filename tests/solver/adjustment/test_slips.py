@@ -8,6 +8,7 @@ import pytest
 
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.result.field import error_field_um
+from stepdiag.solver.result.members import UnseenSlip
 from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench
 
 NAMED = {
@@ -37,6 +38,11 @@ def said(readings):
     return {each.code for each in solve(readings, assumed=IDEAL).findings if each.severity != "info"} & NAMED
 
 
+def slip_at(setup, stop):
+    """Return a slip on the way to a stop of pass 1, of no size."""
+    return UnseenSlip(setup=setup, pass_number=1, stop=stop, half_um=None, nearly_um=None, volume_um=None)
+
+
 def slipped(readings, at, size_um):
     """Return the readings with a step on the way to a stop of a pass: way back, it is there from the stops with a lower number on."""
     mine = (np.array(readings.setup) == at.setup) & (np.array(readings.pass_number) == at.pass_number)
@@ -54,16 +60,17 @@ def test_a_slip_of_the_size_said_is_nearly_always_named(kind, increments, passes
     named = []
     for seed in SEEDS:
         readings, slips = survey(seed, increments, passes)
-        named.append(bool(said(slipped(readings, slips[kind], (1 if seed % 2 else -1) * slips[kind]["nearly_um"]))))
+        at = getattr(slips, kind)
+        named.append(bool(said(slipped(readings, at, (1 if seed % 2 else -1) * at.nearly_um))))
     assert sum(named) >= 5
     readings, slips = survey(SEEDS[0], increments, passes)
-    assert not said(slipped(readings, slips[kind], 0.5 * slips[kind]["half_um"]))
+    assert not said(slipped(readings, getattr(slips, kind), 0.5 * getattr(slips, kind).half_um))
 
 
 def test_what_a_hidden_slip_makes_of_the_volume_is_what_it_makes_of_the_result():
     """Half the size, which nothing names: the result moves over the volume by half of what is said."""
     readings, slips = survey(41, 3, (1,))
-    at = slips["diagonals"]
+    at = slips.diagonals
     clean, wrong = solve(readings, assumed=IDEAL), solve(slipped(readings, at, 0.5 * at.half_um), assumed=IDEAL)
     nodes = np.array([0, 1, 2, 3])
     x, y, z = np.meshgrid(nodes, nodes, nodes, indexing="ij")
@@ -82,7 +89,7 @@ def test_a_slip_of_2_um_that_nobody_noticed_is_held_by_what_is_said_of_its_pass(
     for seed in (50, 53):
         readings, slips = survey(seed, increments, (1,))
         rng = np.random.default_rng(seed)
-        at = {"setup": DIAGONALS[rng.integers(4)], "pass": 1, "stop": int(rng.integers(1, 3 * increments + 1))}
+        at = slip_at(DIAGONALS[rng.integers(4)], int(rng.integers(1, 3 * increments + 1)))
         clean, wrong = solve(readings, assumed=IDEAL), solve(slipped(readings, at, 2.0), assumed=IDEAL)
         points = np.random.default_rng(1).uniform(size=(200, 3)) * (300.0, 200.0, 100.0)
         moved = error_field_um(wrong, points) - error_field_um(clean, points)
@@ -91,7 +98,7 @@ def test_a_slip_of_2_um_that_nobody_noticed_is_held_by_what_is_said_of_its_pass(
         if not {each.code for each in wrong.findings if each.severity != "info"} & NAMED:
             assert f"{at.setup}/1" in told.passes
             assert rms_um <= 1.3 * told.volume_um * 2.0 / told.half_um
-        assert slips["diagonals"]["passes"] == [f"{name}/1" for name in DIAGONALS]
+        assert slips.diagonals.passes == tuple(f"{name}/1" for name in DIAGONALS)
 
 
 @pytest.mark.parametrize("increments", [4, 5])
@@ -139,7 +146,7 @@ def test_in_a_run_of_three_stops_a_slip_of_any_size_goes_unnoticed_and_nobody_bl
     runs = solve(readings).unseen_slip.runs
     assert runs.half_um is None
     assert runs.setup.startswith("linear-")
-    result = solve(slipped(readings, {"setup": "linear-x", "pass": 1, "stop": 1}, 20.0))
+    result = solve(slipped(readings, slip_at("linear-x", 1), 20.0))
     assert "machine-warms" not in {each.code for each in result.findings}
     assert any(each.severity == "error" and "linear-x" in each.text for each in result.findings)
 

@@ -164,5 +164,5 @@ def test_the_tool_offset_is_said_to_be_zero_with_what_that_may_cost():
         name: Function(position_mm=position, value=np.array([0.0, 4.0, -10.0]), u=np.full(3, 1.0), unit="urad") for name in ROTATIONS[:3]
     }
     report = tool_report(known, {}, Assumptions(angles_urad=10.0))
-    assert report["offset_mm"] == [0.0, 0.0, 0.0]
-    assert report["up_to_um_per_100_mm"] == pytest.approx(0.1 * np.sqrt(3 * 12.0**2 + 6 * 20.0**2))
+    assert report.offset_mm == (0.0, 0.0, 0.0)
+    assert report.up_to_um_per_100_mm == pytest.approx(0.1 * np.sqrt(3 * 12.0**2 + 6 * 20.0**2))

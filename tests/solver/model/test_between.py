@@ -47,7 +47,7 @@ def test_a_finer_linear_run_is_known_at_all_its_positions(finer_runs):
         assert len(off) == 20
         assert np.mean(np.abs(off) <= 2 * u) >= 0.9
         assert np.sqrt(np.mean(off**2)) < 0.5, name
-    assert all(report["noise_um"] < 0.5 for report in result.setups.values())
+    assert all(report.noise_um < 0.5 for report in result.setups.values())
     assert len(result.errors["EYX"].position_mm) == 6
 
 
