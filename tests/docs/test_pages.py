@@ -3,12 +3,14 @@
 import re
 import runpy
 import shutil
+from datetime import date
 from itertools import chain
 from pathlib import Path
 
 import pytest
 
 from stepdiag.cli.completion import PROGRAMS, TABLES
+from stepdiag.daq.passes.survey_time import BUILT
 from testkit.cli import stepdiag
 from testkit.exact.surveys import DATA
 
@@ -46,7 +48,7 @@ def test_the_example_runs_from_its_first_line_to_its_last(beside_readings: Path,
     assert len(re.findall(r"^[CBA]0[YZ]: .*\(k = 2\)$", said, flags=re.MULTILINE)) == 3
     assert len(re.findall(r"^E[XYZ]{2}: .* U = ", said, flags=re.MULTILINE)) == 9
     assert "True" in said.splitlines()
-    assert re.search(r"^[\d.]+ to [\d.]+$", said, flags=re.MULTILINE)
+    assert re.search(r"^\d+\.\d+ to \d+\.\d+", said, flags=re.MULTILINE)
 
 
 def test_a_survivor_with_a_reason_is_a_line_of_the_program() -> None:
@@ -54,6 +56,25 @@ def test_a_survivor_with_a_reason_is_a_line_of_the_program() -> None:
     lines = {path: {line.strip() for line in (CHECKOUT / path).read_text(encoding="utf-8").splitlines()} for path, _, _ in told}
     assert len(told) > 20
     assert not [(path, line) for path, _, line in told if line not in lines[path]]
+
+
+def released(changelog: str) -> list[date]:
+    """Return the day of each version, newest first. Raises ValueError for a version without one."""
+    sections = re.findall(r"^## \[(?!Unreleased\])([^\]]+)\](?: - (\S+))?$", changelog, flags=re.MULTILINE)
+    return [date.fromisoformat(day) for _, day in sections]
+
+
+def test_the_program_is_no_older_than_its_newest_version() -> None:
+    """The day before which a clock was never set moves with every release."""
+    days = released((CHECKOUT / "CHANGELOG.md").read_text(encoding="utf-8"))
+    assert days == sorted(days, reverse=True)
+    assert BUILT.date() >= days[0], "move BUILT in daq/passes/survey_time.py to the day of the release"
+
+
+def test_a_version_without_a_day_is_found() -> None:
+    assert released("## [Unreleased]\n\n## [1.0.0] - 2027-01-02\n") == [date(2027, 1, 2)]
+    with pytest.raises(ValueError, match="isoformat"):
+        released("## [1.0.0]\n")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -97,3 +118,26 @@ def test_the_readme_names_every_control() -> None:
     missing = [name for name in TABLES if name != "neutral" and not any(name in row for row in rows)]
     assert missing == []
     assert {name for name in TABLES if any(name in row and "| yes" in row for row in rows)} == set(PROGRAMS)
+
+
+def test_the_readme_begins_with_what_was_met_and_says_it_of_every_row() -> None:
+    """No real machine, LinuxCNC in simulation, no rotary axes; an instrument without a word promises."""
+    readme = (CHECKOUT / "README.md").read_text(encoding="utf-8")
+    top = " ".join(readme.partition("\n## ")[0].split())
+    assert "No real machine and no real laser" in top
+    assert "LinuxCNC" in top
+    assert "Rotary axes are not measured" in top
+    tables = readme.partition("## What it works with")[2].partition("\n## ")[0]
+    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in tables.splitlines() if line.startswith("| ")]
+    heads, rest = [row for row in rows if row[-1] == "met so far"], [row for row in rows if row[-1] != "met so far"]
+    assert len(heads) == 2
+    assert [row[0] for row in rest if not row[-1]] == ["any other"]
+    assert [row[0] for row in rest if "real" in row[-1] and "LinuxCNC" not in row[0]] == [
+        "uMD0, uMD1, uMD2 interferometer boards", "the machine's signals",
+    ]  # fmt: skip
+
+
+def test_no_page_gives_the_quick_look_a_step_of_its_own() -> None:
+    """A step that is not of the survey costs up to a micrometre: the commands that people copy leave it to the program."""
+    pages = [CHECKOUT / "README.md", *DOCS.rglob("*.md")]
+    assert [page.name for page in pages if re.search(r"^    .*(--step-mm|step_mm=)", page.read_text(encoding="utf-8"), re.MULTILINE)] == []

@@ -22,6 +22,7 @@ from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
+from stepdiag.solver.result.members import SetupReport
 from stepdiag.solver.result.result import Quantity, Result
 from testkit.exact.members import members, setups
 from testkit.recorded import plain
@@ -505,7 +506,7 @@ def _remarks() -> Any:
         found[f"coarse {um}"] = [said(item) for item in coarse("these tables", {"EXX": um, "EYY": 0.1})]
     for um in (0.25, 0.5, 0.75, -0.75):
         found[f"ends {um}"] = checked([table_of((0, 1, 2, um)), table_of((um, 1, 2, 0), "EYX", kind="cec")], whole=True)
-    driven = setups(a={"passes": [1]}, b={"passes": [1]}, c={"passes": [1, 2]}, d={"passes": [1, 2]}, e={})
+    driven = {name: SetupReport(passes=passes) for name, passes in {"a": (1,), "b": (2,), "d": (1, 2), "e": ()}.items()}
     warned = (Finding(code="w", severity="warning", text="text"), Finding(code="i", severity="info", text="text"))
     found["runs and data"] = checked([table_of((0, 1, 2, 0))], result=replace(PLAIN, setups=driven, findings=warned), whole=True)
     found["with files"] = checked([table_of((0, 1, 2, 0))], profile=profile_of("siemens", files=own_of("siemens")), whole=True)
