@@ -11,7 +11,8 @@ from collections.abc import Callable
 import numpy as np
 
 from benchmarks.table import Row
-from stepdiag.base.volume import BODY_DIAGONALS, LINEAR_RUNS, Volume
+from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.volume import Volume
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.model.design import Design, Model, build_design

@@ -15,7 +15,8 @@ import numpy as np
 
 from benchmarks.stand import peak_mb
 from benchmarks.table import Row
-from stepdiag.base.volume import BODY_DIAGONALS, LINEAR_RUNS, Volume
+from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.layout import lay_out

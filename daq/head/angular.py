@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.volume import AXES, Vector
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.survey.models import Head

@@ -9,7 +9,8 @@ import numpy as np
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, POSITION_TOLERANCE_MM, Vector
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.head.angular import turns_of
 from stepdiag.daq.passes.driven import Pass

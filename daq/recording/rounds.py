@@ -21,7 +21,7 @@ from mcap.records import Channel, Message
 from stepdiag.base.errors import DataError, DeviceError, UsageError
 from stepdiag.base.findings import Finding, Severity
 from stepdiag.base.messages import message
-from stepdiag.base.volume import SETUP_NUMBERS
+from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.part_file import PART_SUFFIX

@@ -13,8 +13,8 @@ import msgspec
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
+from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import SETUP_NUMBERS
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import believed_before, told_names, with_air

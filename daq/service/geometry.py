@@ -4,7 +4,8 @@ from collections.abc import Sequence
 from functools import lru_cache
 from itertools import product
 
-from stepdiag.base.volume import BODY_DIAGONALS, Volume
+from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import GeometryStatus, Point, SetupStatus, WayStatus
 

@@ -3,7 +3,8 @@
 from collections.abc import Iterator
 
 from stepdiag.base.findings import Finding
-from stepdiag.base.volume import AXES, BODY_DIAGONALS, MOST_INCREMENTS
+from stepdiag.base.names import AXES, BODY_DIAGONALS
+from stepdiag.base.volume import MOST_INCREMENTS
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.models import Survey
 from stepdiag.solver.planning.planner import Circumstances, forecast

@@ -12,7 +12,8 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from stepdiag.base.volume import BODY_DIAGONALS, MOST_INCREMENTS, Volume
+from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.volume import MOST_INCREMENTS, Volume
 from stepdiag.daq.formats.expressions import Expression, Kind, parse_expression
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SIGNAL_NAMES, SignalMap, SignalSpec, describe
 from stepdiag.daq.records.events import Table

@@ -5,9 +5,10 @@ from collections.abc import Collection, Iterator
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
 from stepdiag.base.settings import refuse, unknown_key
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS, reads_like_metres
+from stepdiag.base.volume import reads_like_metres
 from stepdiag.daq.formats.instruments.line import line_pattern
 from stepdiag.daq.formats.signals import COUNTED, SIGNAL_NAMES, SWITCHED, SignalMap, SignalSpec, describe, plan_reads, registers
 from stepdiag.daq.links.ports.address import can_be_host, network_line

@@ -8,8 +8,8 @@ import numpy as np
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import AXES, BODY_DIAGONALS
 from stepdiag.exporters.programs.sequence import Pass, Sequence, Stop, passes_of, setup_number, travel_mm
 from stepdiag.exporters.programs.signals import Signals
 

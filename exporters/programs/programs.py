@@ -7,7 +7,7 @@ from types import MappingProxyType
 
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES
+from stepdiag.base.names import AXES
 from stepdiag.exporters.programs.dialect import Dialect, Job
 from stepdiag.exporters.programs.fanuc import Fanuc
 from stepdiag.exporters.programs.heidenhain import Heidenhain

@@ -7,8 +7,9 @@ import numpy as np
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.names import AXES, BODY_DIAGONALS, SETUP_NUMBERS
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import AXES, BODY_DIAGONALS, SETUP_NUMBERS, Vector, Volume, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.volume import Vector, Volume, diagonal_stops_mm, linear_stops_mm
 
 LARGEST_COUNT = 32767
 """The stop counter stays within a signed 16-bit word: some controls hand nothing larger to their PLC."""

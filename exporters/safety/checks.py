@@ -14,7 +14,8 @@ import numpy as np
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, Vector
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
 from stepdiag.exporters.tables.curves import Curve

@@ -6,7 +6,8 @@ import numpy as np
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, Vector
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite, read_lines
 from stepdiag.solver.readings.readings import Readings

@@ -12,7 +12,8 @@ import numpy as np
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, Vector
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.numbers import fixed
 
 Sense = Literal["as-error", "as-compensation"]

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.setups import Setup
-from stepdiag.base.volume import BODY_DIAGONALS, Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.adjustment.hypotheses import HIDDEN, along_the_way_m, tell
 from stepdiag.solver.adjustment.scatter import FIRST

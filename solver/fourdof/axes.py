@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.volume import AXES
+from stepdiag.base.names import AXES
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.solver.standards.straightness import LineMethod, residuals_um
 

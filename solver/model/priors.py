@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.volume import AXES, Vector
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles, KnownAngle, angle_at_nodes
 from stepdiag.solver.model.design import Columns, Design, rotation_coefficients

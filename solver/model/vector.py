@@ -19,7 +19,8 @@ import numpy as np
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
-from stepdiag.base.volume import BODY_DIAGONALS, Vector, Volume
+from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.model.design import between_nodes
 from stepdiag.solver.model.layout import Layout
 

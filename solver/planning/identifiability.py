@@ -10,8 +10,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
 from stepdiag.base.setups import FACE_DIAGONALS
-from stepdiag.base.volume import BODY_DIAGONALS, LINEAR_RUNS, Vector
+from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.least_squares import NULL_TOLERANCE, Inverse, invert
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.layout import Layout, lay_out

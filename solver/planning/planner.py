@@ -10,8 +10,9 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
+from stepdiag.base.names import AXES, BODY_DIAGONALS
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import AXES, BODY_DIAGONALS, MOST_INCREMENTS
+from stepdiag.base.volume import MOST_INCREMENTS
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.planning.foresight import Foresight, foresee

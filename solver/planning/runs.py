@@ -7,8 +7,9 @@ import numpy as np
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.names import AXES
 from stepdiag.base.setups import Setup, setup_of
-from stepdiag.base.volume import AXES, Vector, Volume, nodes_to_mm
+from stepdiag.base.volume import Vector, Volume, nodes_to_mm
 from stepdiag.solver.readings.readings import Readings, make_readings
 
 

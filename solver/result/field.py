@@ -8,7 +8,8 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, BODY_DIAGONALS, Vector, Volume, diagonal_direction, travel_signs
+from stepdiag.base.names import AXES, BODY_DIAGONALS
+from stepdiag.base.volume import Vector, Volume, diagonal_direction, travel_signs
 from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
 
 BEYOND_MM = 1.0

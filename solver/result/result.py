@@ -12,7 +12,8 @@ from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.kinematics import abbe_mask
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, MOST_INCREMENTS, Vector, Volume
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.solver.result.finding import parse_finding
 from stepdiag.solver.result.interval import Predicted
 from stepdiag.solver.result.json_tree import Node, load_json

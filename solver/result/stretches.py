@@ -6,7 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.volume import AXES, Vector, Volume
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.result.interval import Interval
 from stepdiag.solver.result.prediction import squares_um2, told
 from stepdiag.solver.result.result import Result

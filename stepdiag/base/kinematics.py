@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.volume import AXES, Vector
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector
 
 
 class Chain(NamedTuple):

@@ -16,7 +16,7 @@ from itertools import combinations
 from typing import Literal
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.volume import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
+from stepdiag.base.names import AXES, BODY_DIAGONALS, FOURDOF_RUNS, LINEAR_RUNS
 
 Kind = Literal["step", "face", "body", "linear", "fourdof"]
 

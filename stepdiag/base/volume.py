@@ -6,19 +6,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.names import AXES
+
 Vector = NDArray[np.float64]
-
-AXES = ("x", "y", "z")
-BODY_DIAGONALS = ("ppp", "npp", "pnp", "ppn")
-LINEAR_RUNS = ("linear-x", "linear-y", "linear-z")
-FOURDOF_RUNS = ("fourdof-x", "fourdof-y", "fourdof-z")
-SETUP_NUMBERS = {
-    1: "ppp", 2: "npp", 3: "pnp", 4: "ppn",
-    11: "linear-x", 12: "linear-y", 13: "linear-z",
-    21: "fourdof-x", 22: "fourdof-y", 23: "fourdof-z",
-}  # fmt: skip
-"""The setup numbers of the machine's ``setup`` register (contract 2)."""
-
 
 MOST_INCREMENTS = 500
 """Of one axis: out and back along four diagonals that is a survey of thirteen hours. The solver takes a minute and 2.4 GB for it, and both

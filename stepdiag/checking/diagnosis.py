@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from typing import Literal
 
 from stepdiag.base.findings import Finding
-from stepdiag.base.volume import SETUP_NUMBERS
+from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
 from stepdiag.daq.capture.conditions import needed_conditions
 from stepdiag.daq.capture.remarks.unchecked import WITHOUT, assumed, unchecked

@@ -51,7 +51,7 @@ def rtl(
     One file an axis, for programs that read them; built from public readers of the format, not yet met the maker's.
     """
     from stepdiag.base.files import read_text, refuse_file_name, write_together
-    from stepdiag.base.volume import LINEAR_RUNS
+    from stepdiag.base.names import LINEAR_RUNS
     from stepdiag.solver.readings.readings import parse_readings
     from stepdiag.solver.readings.rtl import render_rtl
 
@@ -111,7 +111,7 @@ def print_compared(each: Compared) -> None:
 
 def _placed(said: str) -> tuple[str, Path, list[float]]:
     """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where not said. Raises UsageError."""
-    from stepdiag.base.volume import LINEAR_RUNS
+    from stepdiag.base.names import LINEAR_RUNS
 
     rest, at, place = said.rpartition("@")
     if not at:

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import BODY_DIAGONALS
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
 from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
 from stepdiag.conclusion.sentences import Sentence

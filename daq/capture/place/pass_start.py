@@ -4,8 +4,8 @@ import msgspec
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.names import FOURDOF_RUNS, SETUP_NUMBERS
 from stepdiag.base.setups import setup_of
-from stepdiag.base.volume import FOURDOF_RUNS, SETUP_NUMBERS
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.log_start import CaptureStart, PassHint
 from stepdiag.daq.capture.outcome import Ended

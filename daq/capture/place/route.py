@@ -6,8 +6,9 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.names import AXES
 from stepdiag.base.setups import Setup, setup_of
-from stepdiag.base.volume import AXES, Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.volume import Volume, diagonal_direction, diagonal_stops_mm, linear_stops_mm
 from stepdiag.daq.capture.standing.dwell import STILL_MM
 
 STEP_TOLERANCE = 0.02

@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag.base.messages import Message, message
-from stepdiag.base.volume import AXES, Vector, Volume
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.safety.verdicts.measures import NODES, POINTS, centred, grid_mm
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
 from stepdiag.exporters.tables.curves import Curve

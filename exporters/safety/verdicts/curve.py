@@ -9,7 +9,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, Vector, Volume
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.measures import ALIKE, POINTS, SAME, SIZED, SPIKE, SURE_UM, centred, rms
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement

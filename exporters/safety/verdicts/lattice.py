@@ -11,7 +11,8 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, Vector, Volume
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing

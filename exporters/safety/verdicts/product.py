@@ -3,7 +3,8 @@
 import numpy as np
 
 from stepdiag.base.messages import message
-from stepdiag.base.volume import AXES, Vector
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.measures import ALIKE, NODES, SAME, SURE_UM, grid_mm, growing_um, rms
 from stepdiag.exporters.safety.verdicts.verdict import Judgement

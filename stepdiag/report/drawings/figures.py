@@ -5,7 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from stepdiag.base.volume import AXES, Vector
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import Vector
 from stepdiag.report.drawings import charts, slices, space
 from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table

@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.volume import BODY_DIAGONALS, SETUP_NUMBERS, Volume, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.names import BODY_DIAGONALS, SETUP_NUMBERS
+from stepdiag.base.volume import Volume, diagonal_stops_mm, linear_stops_mm
 from stepdiag.exporters.programs import CONTROLS, Sequence, Signals, default_decimals, default_signals, nc_programs, program_name
 from stepdiag.exporters.programs.settings import program_section, program_template
 from testkit.exact.nc import RefusedError, Walk, walk_program

@@ -14,7 +14,8 @@ import numpy as np
 from structlog.contextvars import get_contextvars
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.volume import AXES, diagonal_stops_mm
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import diagonal_stops_mm
 from stepdiag.conclusion import Export, Reach, conclude, conclusion_json
 from stepdiag.daq.records.status import (
     CommandName,

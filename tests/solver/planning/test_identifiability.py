@@ -5,8 +5,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
 from stepdiag.base.setups import CONTINUOUS_DIAGONALS, FACE_DIAGONALS
-from stepdiag.base.volume import BODY_DIAGONALS, LINEAR_RUNS, Volume
+from stepdiag.base.volume import Volume
 from stepdiag.solver.linear.least_squares import invert
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.model.design import Model, build_design

@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
-from stepdiag.base.volume import BODY_DIAGONALS, Volume
+from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.planning.planner import Circumstances, bare_survey, best_survey, forecast, plan, rank, resolving

@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.names import BODY_DIAGONALS
 from stepdiag.base.setups import SETUP_NAMES
-from stepdiag.base.volume import BODY_DIAGONALS, Volume, diagonal_stops_mm, linear_stops_mm
+from stepdiag.base.volume import Volume, diagonal_stops_mm, linear_stops_mm
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.runs import Pace, Plan, Run, perfect_readings, plan_minutes, run_minutes, run_stops_mm
 

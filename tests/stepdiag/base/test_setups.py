@@ -5,8 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.base.setups import DRIVEN_SETUPS, SETUP_NAMES, setup_of
-from stepdiag.base.volume import SETUP_NUMBERS
 
 
 def test_the_numbers_of_the_register_are_those_of_the_contract():

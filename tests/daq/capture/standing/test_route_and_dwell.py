@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from stepdiag.base.volume import BODY_DIAGONALS, Volume
+from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.place.route import judge_step, make_route
 from stepdiag.daq.capture.standing.dwell import TRANSITIONS, DwellTracker, State, count_steps
 from stepdiag.daq.capture.standing.window import find_plateaus

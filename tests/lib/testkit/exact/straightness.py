@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from stepdiag.base.volume import AXES
+from stepdiag.base.names import AXES
 from stepdiag.solver.model.lateral import MeasuredStraightness
 
 STRAIGHT = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")

@@ -4,7 +4,8 @@ from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
-from stepdiag.base.volume import SETUP_NUMBERS, Volume
+from stepdiag.base.names import SETUP_NUMBERS
+from stepdiag.base.volume import Volume
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.profiles.template import profile_template
 from stepdiag.exporters.programs import CONTROLS, Sequence, Signals, default_decimals, default_signals, nc_programs, program_name

@@ -3,10 +3,9 @@
 import numpy as np
 
 from stepdiag.base.kinematics import abbe_mask, cross_matrix, parse_chain
+from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
 from stepdiag.base.setups import SETUP_NAMES, setup_of
 from stepdiag.base.volume import (
-    BODY_DIAGONALS,
-    LINEAR_RUNS,
     Volume,
     anywhere_mm,
     diagonal_direction,

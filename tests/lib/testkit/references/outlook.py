@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from stepdiag.base.volume import BODY_DIAGONALS, Volume, anywhere_mm
+from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.volume import Volume, anywhere_mm
 from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.planning.planner import Circumstances, Forecast, best_survey, forecast, plan
 from stepdiag.solver.planning.runs import Plan, Run, run_minutes, run_stops_mm, setup_minutes
