@@ -147,7 +147,7 @@ def test_an_angle_whose_ends_read_a_little_short_reaches_over_the_volume():
     """Registers of one decimal are off by 0.05 mm: the solver takes such an angle, and it was left out for 0.01 mm."""
     wanted = survey()
     book = PassBook(wanted)
-    for stop in (stop for each in captured(wanted)[0] for stop, _ in each.chosen().values()):
+    for stop in (stop for each in captured(wanted)[0] for stop in each.chosen().values()):
         at_end = stop.setup == "fourdof-x" and stop.position_mm[0] == 0.0
         book.add(msgspec.structs.replace(stop, position_mm=(0.05, *stop.position_mm[1:])) if at_end else stop)
     found = evaluate_head(wanted, book.passes, FILES, {})

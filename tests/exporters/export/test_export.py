@@ -124,7 +124,7 @@ class TestQuickLook:
             report = export(measured, control, None, step_mm=step, accept=("slope-steep",), out_dir=tmp_path / f"{step}")
             coarse = [item for item in report.findings if item.code == "step-coarse"]
             assert step is not None or coarse == []
-            left[step] = 0.0 if report.prediction is None else report.prediction.predicted.without_rigid_motion["after"].rms_um.value
+            left[step] = 0.0 if report.prediction is None else report.prediction.predicted.without_rigid_motion["after"].rms_um.value_um
         assert left[None] <= min(left.values()) + 0.02
 
     @pytest.mark.parametrize(("targets", "sections"), [(20, 20), (10, 10), (None, None)])

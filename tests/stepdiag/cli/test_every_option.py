@@ -20,7 +20,6 @@ from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.fleet.archive import add as archived
 from stepdiag.fleet.store import Store
-from stepdiag.solver.result.members import Facts
 from stepdiag.solver.result.result import Result
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
 from testkit.cli import Told, stepdiag
@@ -267,9 +266,9 @@ UNTRIED = {
 
 
 def unstated() -> Result:
-    """A result whose survey does not say whether a compensation was active."""
+    """A result without a survey: nothing states whether a compensation was active."""
     made = made_result(ERRORS, squareness={"C0Y": 15.0, "B0Z": -12.0, "A0Z": 11.0}, u_um=0.1)
-    return replace(made, survey=Facts())
+    return replace(made, survey=None)
 
 
 def write_head(folder: Path) -> None:

@@ -26,7 +26,8 @@ def unset(folder: Path) -> Path:
 def test_a_survey_of_1970_is_named_in_result_report_and_archive(tmp_path: Path) -> None:
     log = unset(tmp_path / "0001")
     result = complete([log], log.parent).result
-    assert result.extra["survey"]["date"] == "1970-01-01"
+    assert result.survey is not None
+    assert result.survey.date == "1970-01-01"
     assert [found.severity for found in result.findings if found.code == "clock-unset"] == ["warning"]
     assert "clock of the computer was never set" in build_report(result, source="result.json").html
     assert "dated 1970-01-01" in undated(log.parent)
