@@ -48,7 +48,7 @@ def test_the_example_runs_from_its_first_line_to_its_last(beside_readings: Path,
     assert len(re.findall(r"^[CBA]0[YZ]: .*\(k = 2\)$", said, flags=re.MULTILINE)) == 3
     assert len(re.findall(r"^E[XYZ]{2}: .* U = ", said, flags=re.MULTILINE)) == 9
     assert "True" in said.splitlines()
-    assert re.search(r"^\d+\.\d+ to \d+\.\d+", said, flags=re.MULTILINE)
+    assert re.search(r"^[\d.]+ to [\d.]+$", said, flags=re.MULTILINE)
 
 
 def test_a_survivor_with_a_reason_is_a_line_of_the_program() -> None:
