@@ -26,8 +26,8 @@ NEARLY_ALWAYS = 1.6
 normal distribution (95 %), and more where effects larger than usual explain part of a step."""
 MOST_STANDING = 15.0
 """Standard uncertainties: of surveys with three to ten degrees of freedom all slips of that size were named or refused."""
-NOTHING_UM = 1e-9
-"""A step of 1 um that makes less of the volume makes nothing of it: at the turn of one count 1e-12 is rounding, elsewhere 0.1 is little."""
+NOTHING_UM = 1e-6
+"""A step of 1 um that makes less of the volume makes nothing of it: at the turn of one count 1e-9 is rounding, elsewhere 0.1 is little."""
 TELLS_MORE = 1.3
 """A slip that makes the volume's errors larger by this factor than the noise of the readings does is said with its pass."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
