@@ -109,7 +109,7 @@ def _may_refuse(finding: Finding, profile: Profile) -> bool:
 def _require_something(plan: Plan, profile: Profile) -> None:
     """Raise ``SafetyError`` where the control has no table for anything that is asked: an export of nothing is no export."""
     if not plan.tables and not plan.listed:
-        asked, why = profile.machine.functions, [each.said for each in plan.findings]
+        asked, why = profile.machine.functions, [each.words for each in plan.findings]
         raise SafetyError(
             f"{profile.source}: machine.functions",
             code="nothing-to-write",

@@ -122,7 +122,7 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
         yield finding("warning", message("slope-steep.lattice-um-mm-above", steepest_um_mm=steepest, steep_um_mm=steep))
     for each in result.findings:
         if each.severity == "error":
-            yield finding("error", message("data-quality", code=each.code, said=each.said))
+            yield finding("error", message("data-quality", code=each.code, what=each.words))
 
 
 def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:

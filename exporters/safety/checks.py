@@ -191,7 +191,7 @@ def check_quality(case: Case) -> Iterator[Finding]:
     """13: what the solver says about the data, and the correction against repeatability and its own uncertainty."""
     for each in case.result.findings:
         if each.severity == "error":
-            yield finding("error", message("data-quality", code=each.code, said=each.said))
+            yield finding("error", message("data-quality", code=each.code, what=each.words))
     largest = max((float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0)
     spreads = {name: report.repeatability_um or 0.0 for name, report in case.result.setups.items()}
     worst = max(spreads, key=lambda name: spreads[name], default="")
@@ -261,13 +261,13 @@ def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -
     if not open_findings:
         return
     first = min(open_findings, key=lambda item: item.severity != "error")
-    others = [message("with-its-code", said=item.said, code=item.code) for item in open_findings if item is not first]
+    others = [message("with-its-code", what=item.words, code=item.code) for item in open_findings if item is not first]
     remedy = message("mend-cause") if first.severity == "error" else message("mend-or-accept", code=first.code)
     raise SafetyError(
         where,
         code=first.code,
         expected=message("safe-tables"),
-        found=first.said,
+        found=first.words,
         remedy=message("also-refused", remedy=remedy, others=others) if others else remedy,
     )
 

@@ -50,7 +50,7 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
     profile = case.profile
     yield from limit_findings(case.controller, profile, case.result, read)
     judged = judge(case.result, read, standing, profile)
-    yield from (Finding(code=each.code, severity="error", text=each.text, message=each.said) for each in worst(judged))
+    yield from (Finding(code=each.code, severity="error", text=each.text, message=each.words) for each in worst(judged))
     for table in read:
         travel = profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
         if travel is None or table.law.ends == "extended" or not table.value_um.any():

@@ -122,4 +122,4 @@ def _runs(case: Case) -> Iterator[Finding]:
 def _data(case: Case) -> Iterator[Finding]:
     for each in case.result.findings:
         if each.severity == "warning":
-            yield finding("info", message("data-remark", code=each.code, said=each.said))
+            yield finding("info", message("data-remark", code=each.code, what=each.words))

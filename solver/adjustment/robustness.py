@@ -187,7 +187,7 @@ def _passes_of(layout: Layout, wanders: Sequence[Wander]) -> tuple[str, ...]:
 def _of_pass(layout: Layout, wander: Wander) -> dict[str, Argument]:
     """Return the arguments of a pass that wanders."""
     first, last = (int(layout.stop[wander.rows[place]]) for place in (0, -1))
-    passes = [layout.passes[int(number)].said for number in dict.fromkeys(layout.pass_index[wander.rows])]
+    passes = [layout.passes[int(number)].words for number in dict.fromkeys(layout.pass_index[wander.rows])]
     return {"passes": passes, "first": first, "last": last, "size_um": wander.step_um * float(np.sqrt(len(wander.rows) - 1))}
 
 

@@ -48,12 +48,12 @@ class PassKey(NamedTuple):
         return f"{self.setup}/{self.number}"
 
     @property
-    def said(self) -> Message:
+    def words(self) -> Message:
         """Return the pass for a person."""
         return message("pass-of-setup", setup=self.setup, number=self.number)
 
     def __str__(self) -> str:
-        return str(self.said)
+        return str(self.words)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

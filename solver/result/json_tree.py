@@ -10,7 +10,7 @@ import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError
-from stepdiag.base.messages import Said, excerpt, message
+from stepdiag.base.messages import Words, excerpt, message
 from stepdiag.base.volume import Vector
 
 _SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
@@ -49,7 +49,7 @@ class Node:
     strict: bool = False
     """Whether an unknown name is refused, too."""
 
-    def refuse(self, expected: Said) -> NoReturn:
+    def refuse(self, expected: Words) -> NoReturn:
         raise DataError(f"{self.source}: {self.path or 'document'}", expected=expected, found=excerpt(json.dumps(self.value)))
 
     def mapping(self) -> dict[str, Any]:

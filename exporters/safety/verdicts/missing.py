@@ -34,7 +34,7 @@ def judge_missing(result: Result, controller: Controller, new: Sequence[Table], 
             if profile.assumed
             else message("no-table-for-it-2", name=curve.name, size_um=size_um)
         )
-        yield Judgement(function=curve.name, table=None, code="missing", said=text)
+        yield Judgement(function=curve.name, table=None, code="missing", words=text)
 
 
 def _other_fold() -> Mapping[str, str]:

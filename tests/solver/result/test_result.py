@@ -36,7 +36,7 @@ def test_reading_back_gives_the_same_bytes_and_values():
     assert again.to_json() == TEXT
     assert np.allclose(again.errors["EYZ"].value, RESULT.errors["EYZ"].value, atol=1e-6)
     assert [replace(one, message=None) for one in again.findings] == [replace(one, message=None) for one in RESULT.findings]
-    assert [rendered(one.said, "en") for one in again.findings] == [one.text for one in RESULT.findings], "figures as they are written"
+    assert [rendered(one.words, "en") for one in again.findings] == [one.text for one in RESULT.findings], "figures as they are written"
     assert [getattr(again, name) is None for name in MEMBERS] == [getattr(RESULT, name) is None for name in MEMBERS]
 
 
