@@ -154,9 +154,9 @@ class Conditions:
     def _wrong(self, name: str, value: float, time_s: float) -> str:
         """Return the finding's code of a value that is not believed; empty for one that is."""
         if math.isnan(value):
-            return "sensor-silent"
+            return "conditions-held"
         if not _possible(name, value):
-            return "sensor-implausible"
+            return "conditions-held"
         last = self._credible.get(name)
         return "sensor-jump" if last is not None and abs(value - last.value) > self._reach(name, time_s) else ""
 

@@ -55,7 +55,7 @@ def stability_of(record: HeadRecord, file: HeadFile, distance_mm: float, interva
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Signed:
-    """What the wobble told about both lateral axes, and the calibration with the signs and the lever put in."""
+    """The result of the wobble for both lateral axes, and the calibration with the signs and the lever put in."""
 
     axes: dict[AxisName, SignsAndLever]
     file: HeadFile
@@ -78,10 +78,10 @@ def signs_of(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile) ->
             table: AxisTable = getattr(signed.detector(detector), axis)
             signed = signed.with_axis(detector, axis, msgspec.structs.replace(table, sign=1 if table.sign == factor else -1))
     lever, findings = _common_lever(list(axes.values()))
-    said = tuple(
+    remarks = tuple(
         Finding(code=one.code, severity=one.severity, text=f"{axis}: {one.text}") for axis, found in axes.items() for one in found.findings
     )
-    return Signed(axes=axes, file=msgspec.structs.replace(signed, lever=lever), findings=(*said, *findings))
+    return Signed(axes=axes, file=msgspec.structs.replace(signed, lever=lever), findings=(*remarks, *findings))
 
 
 def _signs_along(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile, column: int) -> SignsAndLever:
@@ -112,7 +112,7 @@ def _common_lever(axes: Sequence[SignsAndLever]) -> tuple[LeverTable, list[Findi
     apart = abs(lines[0].at(common.u_at_mm) - lines[1].at(common.u_at_mm))
     findings = []
     if apart > 3 * math.hypot(*(line.u_at(common.u_at_mm) for line in lines)):
-        text = message("fourdof-lever-differs", size_mm=apart)
+        text = message("fourdof-gain-mismatch.levers", size_mm=apart)
         findings.append(finding("warning", text))
     turned = abs(lines[0].scale - lines[1].scale)
     u_scale = U_SCALE_ASSUMED if common.u_scale is None else float(np.hypot(common.u_scale, turned / np.sqrt(12.0)))

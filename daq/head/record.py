@@ -101,7 +101,7 @@ def render_head_csv(record: HeadRecord) -> str:
 
 
 def head_of_log(path: Path) -> HeadRecord:
-    """Return what the head said in a log. Raises DataError for a log without a head."""
+    """Return the samples of the head in a log. Raises DataError for a log without a head."""
     log = open_log(path)
     survey = parse_survey(log.header.survey_text, f"{path.name}: survey.toml")
     if survey.head is None:

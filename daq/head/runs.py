@@ -86,7 +86,7 @@ def _whole(angles: dict[str, KnownAngle], survey: Survey) -> tuple[dict[str, Kno
         text = (
             f"{name} is known from {reach} only, of {nodes[0]:g} to {nodes[-1]:g} mm: it is not used; drive the run again with a free beam"
         )
-        findings.append(Finding(code="fourdof-incomplete", severity="warning", text=text))
+        findings.append(Finding(code="fourdof-beam-blocked", severity="warning", text=text))
     return whole, tuple(findings)
 
 
@@ -121,7 +121,7 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
     count = int(np.count_nonzero(found.usable))
     if count < LEAST_STOPS:
         text = f"{name}: {count} of {len(stops)} stops have usable light: the pass says nothing; drive it again"
-        return _PassSeen(straightness=(), turns={}, findings=(*findings, Finding(code="fourdof-no-data", severity="error", text=text)))
+        return _PassSeen(straightness=(), turns={}, findings=(*findings, Finding(code="fourdof-beam-blocked", severity="error", text=text)))
     shift_um = survey.uncertainty.source_shift_um
     seen = _named(each, run, position, found, _noise(found, channels, u_channels, distance, head, file, shift_um))
     if not qd_only:
@@ -268,7 +268,7 @@ def _mean(passes: Sequence[tuple[Vector, Vector, Vector]]) -> tuple[Vector, Vect
 
 
 def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
-    """Return all functions known: the head's, and the file's for what the head does not see (the rolls); said where both have one."""
+    """Return all functions known: the head's, and the file's for what the head does not see (the rolls); a finding where both have one."""
     both = [name for name in head if name in level]
     findings = []
     if both:

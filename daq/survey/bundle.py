@@ -62,7 +62,7 @@ def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
-    """Return ``compensation-unanswered`` where nobody has said what is active in the control; to be said before the first pass."""
+    """Return ``compensation-unanswered`` where the survey does not state what is active in the control."""
     if survey.machine.compensation in ("off", "on"):
         return ()
     text = message("compensation-unanswered")

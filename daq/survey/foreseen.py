@@ -45,7 +45,7 @@ def hidden_slip(survey: Survey) -> Iterator[Finding]:
         return
     if hides := forecast(planned(survey), circumstances(survey)).ahead.hides():
         cure = "drive out and back (return_pass = true), or each setup twice (repeats = 2)"
-        yield Finding(code="slip-hidden", severity="info", text=f"each setup is driven once: {hides}; to see it, {cure}")
+        yield Finding(code="plan-hides", severity="info", text=f"each setup is driven once: {hides}; to see it, {cure}")
 
 
 def hidden_waves(survey: Survey) -> Iterator[Finding]:
@@ -64,7 +64,7 @@ def hidden_waves(survey: Survey) -> Iterator[Finding]:
     better = next((n for n in finer if not any(_in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)), None)
     cure = "" if better is None else f"; increments = {better} shows them"
     text = f"steps of {', '.join(hidden)} do not show waves of the screw's pitch of {pitch_mm:g} mm{cure}"
-    yield Finding(code="pitch-hidden", severity="info", text=text)
+    yield Finding(code="plan-hides", severity="info", text=text)
 
 
 def _in_step(step_mm: float, pitch_mm: float) -> bool:

@@ -306,7 +306,7 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         return {**self.own_signals, **self.inputs} or ({} if self.transport in ("s7", "lsv2") else CONTRACT_SIGNALS)
 
     @property
-    def said(self) -> tuple[str, ...]:
+    def signal_names(self) -> tuple[str, ...]:
         """Return the names of the signals that this machine says, outright or by an expression, in the order of the contract's block."""
         return tuple(name for name in SIGNAL_NAMES if name in self.expressions or (name in self.signals and name not in self.inputs))
 

@@ -220,7 +220,7 @@ def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) 
         if other != curve.input_axis:
             raise SafetyError(
                 f"{profile.source}: machine.functions",
-                code="one-cross-table",
+                code="control-full.cross-table",
                 expected=message("cross-one", axis=curve.output_axis),
                 found=f"E{curve.output_axis}{other} and {curve.name}",
                 remedy=message("leave-one"),
@@ -245,8 +245,8 @@ def _remarks(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
     yield from averaged_remarks([curve for curve in curves if curve.name not in bilateral], profile)
     if options.way == "volumetric":
         if options.chain is not None:
-            yield finding("info", message("chain-derived"))
-        yield finding("info", message("sense-derived"))
+            yield finding("info", message("sign-untested.chain"))
+        yield finding("info", message("sign-untested.volumetric-file"))
 
 
 def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:

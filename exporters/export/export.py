@@ -86,8 +86,14 @@ def export(
     refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
     prediction = predict(result, *standing.acting(result, case.profile))
     refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, f"export for {controller}")
-    said = (*findings, *plan.findings, *compensation_remarks(result, case.profile), *remarks(case), *harm_findings(prediction, result))
-    text = report_text(case, plan, said, prediction)
+    all_findings = (
+        *findings,
+        *plan.findings,
+        *compensation_remarks(result, case.profile),
+        *remarks(case),
+        *harm_findings(prediction, result),
+    )
+    text = report_text(case, plan, all_findings, prediction)
     try:
         files = _control_files(case, standing)
     except SafetyError as error:
@@ -97,7 +103,13 @@ def export(
         raise
     names = write_set(out_dir, [*files, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(
-        controller=controller, out_dir=out_dir, files=names, findings=said, tables=tuple(case.tables), prediction=prediction, text=text
+        controller=controller,
+        out_dir=out_dir,
+        files=names,
+        findings=all_findings,
+        tables=tuple(case.tables),
+        prediction=prediction,
+        text=text,
     )
 
 

@@ -99,7 +99,7 @@ def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
     """Return what stands in the control once the files of a plan are loaded over the machine's own."""
     try:
         files = [file for file in case.controller.render(case.tables, case.profile) if file.role == "data"]
-    except SafetyError:  # said when the files are written, after the checks of the plan
+    except SafetyError:  # reported when the files are written, after the checks of the plan
         return Standing(before=before, after=tuple(case.tables), new=tuple(case.tables))
     after = case.controller.standing(case.profile.existing, files, case.profile)
     return Standing(before=before, after=after, new=case.controller.parse(files, case.profile))
@@ -114,7 +114,7 @@ def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
     if directional and profile.machine.direction == "mean":
         raise SafetyError(
             f"{profile.source}: machine.direction",
-            code="merge-direction",
+            code="direction-unfit.active",
             expected=message("both-old", name=name),
             found='"mean"',
         )

@@ -137,7 +137,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
     functions: dict[str, Vector] = {}
     name = ""
     rows: list[list[float]] | None = None
-    for where, line in _said(file):
+    for where, line in _lines(file):
         if (block := _BLOCK.match(line)) and rows is None:
             name = block[1]
             if name in values or name in functions or name not in (*SQUARENESS, *DISPLACEMENTS, *ROTATIONS):
@@ -160,7 +160,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
     return values, functions
 
 
-def _said(file: ControlFile) -> Iterator[tuple[str, str]]:
+def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
     for where, line in read_lines(file):
         if text := line.partition("//")[0].strip():
             yield where, text

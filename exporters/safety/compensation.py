@@ -24,7 +24,7 @@ State = Literal["off", "on"]
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Statement:
-    """What is said of the compensation: ``state`` is None where there is no survey to say it, ``"?"`` where the survey leaves it open."""
+    """The statement about the compensation: ``state`` is None where there is no survey, ``"?"`` where the survey leaves it open."""
 
     state: Literal["off", "on", "?"] | None = None
     files: tuple[ActiveFile, ...] = ()
@@ -67,8 +67,8 @@ def stated_in(result: Result) -> Statement:
 def require_agreement(result: Result, profile: Profile) -> None:
     """Raise ``SafetyError`` unless survey, profile and files agree about what was active while the result was measured.
 
-    Codes: ``compensation-unanswered`` (the survey left the question open), ``compensation-differs`` (one says on, the other off),
-    ``active-table-differs`` (other files).
+    Codes: ``compensation-unanswered`` (the survey left the question open), ``survey-differs.compensation`` (one says on, the other off),
+    ``active-table-unfit.other`` (other files).
     """
     statement = require_answer(result)
     if statement.state is None:
@@ -77,7 +77,7 @@ def require_agreement(result: Result, profile: Profile) -> None:
     if statement.state != profile.machine.measured_with:
         raise SafetyError(
             f"{profile.source}: machine.measured_with",
-            code="compensation-differs",
+            code="survey-differs.compensation",
             expected=message("as-survey", state=statement.state),
             found=message("assumed-state", state=profile.machine.measured_with)
             if profile.assumed
@@ -103,9 +103,9 @@ def require_answer(result: Result) -> Statement:
 
 
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
-    """Yield ``compensation-unstated`` where nothing but the profile says what was active."""
+    """Yield ``compensation-unanswered.profile`` where nothing but the profile says what was active."""
     if stated_in(result).state is None and not profile.assumed:
-        yield finding("warning", message("compensation-unstated", state=profile.machine.measured_with))
+        yield finding("warning", message("compensation-unanswered.profile", state=profile.machine.measured_with))
 
 
 def _require_same_files(statement: Statement, profile: Profile) -> None:
@@ -131,7 +131,7 @@ def _differs(profile: Profile, expected: Message, missing: Iterable[str], other:
     found = [*(message("no-such-file", name=name) for name in missing), *(message("another-file", name=name) for name in other)]
     return SafetyError(
         f"{profile.source}: machine.existing",
-        code="active-table-differs",
+        code="active-table-unfit.other",
         expected=expected,
         found=message("comma-list", items=found) if found else message("other-files"),
         remedy=message("very-tables"),

@@ -20,7 +20,7 @@ def require_same_machine(result: Result, profile: Profile) -> None:
     if _plain(measured) != _plain(profile.machine.name):
         raise SafetyError(
             f"{profile.source}: machine.name",
-            code="other-machine",
+            code="survey-differs.machine",
             expected=message("measured-machine", name=repr(measured), file=result.source),
             found=repr(profile.machine.name),
             remedy=message("use-profile-machine-where"),

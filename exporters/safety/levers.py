@@ -44,7 +44,7 @@ def require_levers(result: Result, profile: Profile) -> None:
     if profile.machine.measured_with == "on" and stated_in(result).state != "off" and names and known:
         raise SafetyError(
             f"{result.source}: errors.{known[0]}",
-            code="angles-beside-lattice",
+            code="active-table-unfit.angles",
             expected=message("without-angles"),
             found=message("and-active", names=known, files=names),
             remedy=message("solve-without"),

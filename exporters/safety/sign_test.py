@@ -217,7 +217,7 @@ def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, floa
     if flank < 1:
         raise SafetyError(
             where,
-            code="bump-does-not-fit",
+            code="grid-unfit.bump",
             expected=message("at-least-five-points"),
             found=str(len(outward)),
             remedy=message("take-smaller-step-mm"),

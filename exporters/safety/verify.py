@@ -205,12 +205,12 @@ def predict_moved(
         return Effect(volume=result.volume, points_mm=points_mm, before_um=before, after_um=before + added(points_mm))
 
     anywhere, drawn = at(anywhere_mm(result.volume)), at(grid_points_mm(result.volume, nodes))
-    told = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um, beside(anywhere.points_mm))
-    return Prediction(anywhere=anywhere, drawn=drawn, predicted=told)
+    corrected = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um, beside(anywhere.points_mm))
+    return Prediction(anywhere=anywhere, drawn=drawn, predicted=corrected)
 
 
 def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:
-    """Return what the files of one controller, told by their contents, are, and what they will do to the machine of the result.
+    """Return what the files of one controller, recognised by their contents, are, and what they will do to the machine of the result.
 
     Without a profile the axes are AX1 AX2 AX3. Raises ``DataError`` for files that no controller knows or that are mixed or damaged,
     ``SafetyError`` where profile and result disagree about what was active while measuring, ``UsageError`` where a profile has to say it.
@@ -283,7 +283,7 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
             )
     names = sorted({*coarse_functions(result.errors), *hiding_functions(result.errors)}, key=DISPLACEMENTS.index)
     if names:
-        yield finding("warning", message("between-unknown", names=names))
+        yield finding("warning", message("increments-coarse.verify", names=names))
 
 
 def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:

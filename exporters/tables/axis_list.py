@@ -88,7 +88,7 @@ class AxisList:
         return Plan(tables=tuple(tables), findings=(*straightness_remark(curves, "this list"), *self.remarks))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
-        """Return one list for each axis. Raises ``SafetyError`` (code ``reverse-column-zero``) where zeros would be read as no column."""
+        """Return one list for each axis. Raises ``SafetyError`` (``direction-unfit.column``) where zeros would be read as no column."""
         by_axis = {letter: [table for table in tables if table.input_axis == letter] for letter in profile.axes}
         return tuple(self._list(of_axis, notes) for of_axis in by_axis.values() if of_axis)
 
@@ -126,7 +126,7 @@ class AxisList:
         reverse = next((table.value_um for table in tables if table.direction < 0), np.zeros(forward.value_um.shape))
         if len(tables) > 1 and forward.value_um.any() and not reverse.any():
             raise SafetyError(
-                file, code="reverse-column-zero", expected=message("reverse-not-zero"),
+                file, code="direction-unfit.column", expected=message("reverse-not-zero"),
                 found=message("zeros"), remedy=message("export-mean"),
             )  # fmt: skip
         rows = zip(forward.position_mm, forward.value_um / 1000, reverse / 1000, strict=True)

@@ -160,8 +160,8 @@ def _significant(name: str, reversal: Function) -> bool:
         return reversal.value is not None
     if name in POSITIONING and not reversal.u[0] > 0.0:
         return False
-    told = reversal.u > 0.0
-    return bool(np.any(np.abs(reversal.value[told]) > SIGNIFICANT * reversal.u[told]))
+    measured = reversal.u > 0.0
+    return bool(np.any(np.abs(reversal.value[measured]) > SIGNIFICANT * reversal.u[measured]))
 
 
 def _half_reversal(result: Result, name: str, position_mm: Vector) -> Vector | None:

@@ -140,9 +140,9 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
     suspects, among = [_suspect(layout, one) for one in suspicion.hypotheses], _among(layout, suspicion.hypotheses)
     if kinds == {STOP}:
         if suspicion.apart_um > APART_UM:
-            return finding("error", message("stop-outlier-ambiguous.apart", suspects=suspects, apart_um=suspicion.apart_um), among=among)
-        return finding("warning", message("stop-outlier-ambiguous", suspects=suspects))
-    return finding("error", message("setup-scale" if kinds == {SCALE} else "contradiction-ambiguous", suspects=suspects), among=among)
+            return finding("error", message("contradiction-ambiguous.apart", suspects=suspects, apart_um=suspicion.apart_um), among=among)
+        return finding("warning", message("contradiction-ambiguous.stop", suspects=suspects))
+    return finding("error", message("contradiction-ambiguous", suspects=suspects), among=among)
 
 
 def _among(layout: Layout, every: Sequence[Hypothesis]) -> tuple[str, ...]:
@@ -157,8 +157,8 @@ def _name_decided(layout: Layout, one: Hypothesis) -> Finding:
         return finding("warning", message("setup-scale-off", setup=layout.setups[one.named].name, scale_um_m=one.size))
     key = layout.passes[int(layout.pass_index[one.named])]
     place = Place(setup=key.setup, pass_number=key.number, stop=int(layout.stop[one.named]))
-    said = message("stop-outlier" if one.kind == STOP else "count-step", place=layout.place(one.named), size_um=one.size)
-    return finding("warning", said, place, size_um=one.size)
+    words = message("stop-outlier" if one.kind == STOP else "count-step", place=layout.place(one.named), size_um=one.size)
+    return finding("warning", words, place, size_um=one.size)
 
 
 def _suspect(layout: Layout, one: Hypothesis) -> Message:

@@ -1,4 +1,4 @@
-"""Angular functions that nobody measured: what the readings make likely of them, which of them are resolved, and what is said about it."""
+"""Angular functions that nobody measured: what the readings make likely of them, which of them are resolved, and the findings about it."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -67,7 +67,7 @@ def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], v
         return [finding("info", message("angles-resolved", names=resolved))]
     unknown = [name for name in found.shapes.names if name not in resolved]
     every = len(unknown) == len(ROTATIONS)
-    said = message(
+    words = message(
         "angles-unmeasured",
         names=message("all-angular-functions") if every else message("angular-functions-of", names=unknown),
         turn_urad=size[0],
@@ -76,7 +76,7 @@ def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], v
         left_um=volume_um["now"],
         head_um=volume_um["with_head"],
     )
-    return [finding("info", said), *_far(found, size[1])]
+    return [finding("info", words), *_far(found, size[1])]
 
 
 def _far(found: Adjustment, least_urad: float) -> list[Finding]:

@@ -120,10 +120,10 @@ def _used(layout: Layout) -> list[str]:
 
 def _method_findings(method: str) -> list[Finding]:
     if method == "wang2000":
-        return [finding("warning", message("method-as-printed"))]
-    return [finding("warning", message("scale-unidentified.sum"))]
+        return [finding("warning", message("method-limited.printed"))]
+    return [finding("warning", message("unidentified.sum"))]
 
 
 def _unused(layout: Layout) -> list[Finding]:
     others = [setup.name for setup in layout.setups if setup.name not in _used(layout)]
-    return [finding("info", message("runs-not-used", others=others))] if others else []
+    return [finding("info", message("method-limited.runs", others=others))] if others else []

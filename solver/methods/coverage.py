@@ -46,5 +46,5 @@ def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
     if not report:
         return []
     worst = max(report, key=lambda name: report[name].k)
-    told = report[worst]
-    return [finding("info", message("coverage-factor", name=worst, factor=told.k, freedom=told.degrees_of_freedom))]
+    figures = report[worst]
+    return [finding("info", message("coverage-factor", name=worst, factor=figures.k, freedom=figures.degrees_of_freedom))]

@@ -326,10 +326,10 @@ def _with_fit(result: Result, done: Estimate) -> Result:
     )
 
 
-_UNIDENTIFIED: tuple[Literal["scale-unidentified", "squareness-unidentified", "function-unidentified"], ...] = (
-    "scale-unidentified",
-    "squareness-unidentified",
-    "function-unidentified",
+_UNIDENTIFIED: tuple[Literal["unidentified.scale", "unidentified.squareness", "unidentified.function"], ...] = (
+    "unidentified.scale",
+    "unidentified.squareness",
+    "unidentified.function",
 )
 
 
@@ -351,7 +351,7 @@ def _standing(done: Estimate) -> Finding:
     standing = [letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels]
     missing: list[str | Message] = [name for name in (*DISPLACEMENTS, *SQUARENESS) if not done.known[name]]
     missing += [message("scale-of", axis=letter) for letter in AXIS_LETTERS if not done.known[letter]]
-    return finding("info", message("function-unidentified.standing", axes=standing, names=missing))
+    return finding("info", message("unidentified.standing", axes=standing, names=missing))
 
 
 def _advice(done: Estimate, missing: list[str]) -> Message:

@@ -17,7 +17,7 @@ from stepdiag.solver.result.result import Result
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """What a method is told: the chain, angular functions that are known, straightness that a 4-DOF head measured, and
+    """The input of a method: the chain, angular functions that are known, straightness that a 4-DOF head measured, and
     what the user takes for granted."""
 
     chain: str

@@ -30,7 +30,7 @@ from stepdiag.solver.uncertainty.machine import (
     machine_of,
     over_volume,
     posterior_of,
-    told_apart,
+    separated,
     usual_rows,
     with_usual,
 )
@@ -54,7 +54,7 @@ _MOST_OF_SHOWN = 1.5
 _SURE = 2.0
 """What values say of what lies between them holds within this factor: only what is more was not to be expected."""
 FEW_VALUES = 6
-"""Of a function with so few values the waves are not told from their bends: half of what is known (in logarithms) is what is usual."""
+"""Of a function with so few values the waves are not separated from their bends: half of what is known (in logarithms) is what is usual."""
 _OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
 """Drawn functions of five half waves leave the curve through so few values by so much more than these say: their waves are no longer than
 two increments."""
@@ -86,12 +86,12 @@ def make_posterior(
     """
     first = found.first_cause("angles") if found.shapes.names else 0
     machine = machine_of(found.design, found.shapes, first, len(spread.fit.size))
-    told, unmeasured, offset = machine, np.zeros((len(machine.names),) * 2), np.zeros(len(machine.names))
+    seen, unmeasured, offset = machine, np.zeros((len(machine.names),) * 2), np.zeros(len(machine.names))
     rows, u = usual_rows(quantities, known, found.assumed)
     if len(rows):
-        told, unmeasured = told_apart(machine, spread.fit.inverse, rows, u)
+        seen, unmeasured = separated(machine, spread.fit.inverse, rows, u)
         offset = _offset(machine, wider, spread, errors, known)
-    posterior = posterior_of(spread, told, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
+    posterior = posterior_of(spread, seen, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
 
@@ -203,7 +203,7 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
         found.append(message("increments-coarse", names=names))
     if hiding := hiding_functions(errors):
         found.append(message("increments-coarse.hidden", names=list(hiding), waves_um=max(hiding.values())))
-    return [finding("warning", said) for said in found]
+    return [finding("warning", words) for words in found]
 
 
 def _evenly(function: Function) -> Vector:

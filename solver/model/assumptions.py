@@ -47,7 +47,7 @@ class Assumptions:
     ``index_setup`` what it changes unseen between setups. ``alignment_mrad``: largest angle of a beam to mirror or travel.
     ``between_um``: waves of the positioning functions that are too short for the targets. ``reading_um`` serves where a stop
     does not bring its own. ``material_c``: temperature of the axes, ``u_material_c`` how well that is known: it is in the uncertainty of
-    lengths at 20 C, thus of the readings where they are ``reduced_to_20_c``; ``material_stated`` where the user said it himself.
+    lengths at 20 C, thus of the readings where they are ``reduced_to_20_c``; ``material_stated`` where the user states it.
     ``shape_um``, ``squareness_urad``, ``scale_um_m``: what a machine of its class usually has where nobody measured it.
     """
 

@@ -239,7 +239,7 @@ def _tilt_entries(layout: Layout, columns: Columns, tilt_direction: Vector) -> t
 
 
 def _drift_pairs(layout: Layout) -> list[tuple[str, int, NDArray[np.bool_]]]:
-    """Return setup, pair number and rows of every outward pass with its return: only there can drift be told from the machine."""
+    """Return setup, pair number and rows of every outward pass with its return: only there can drift be separated from the machine."""
     numbers = {key: index for index, key in enumerate(layout.passes)}
     pairs = []
     for key, index in numbers.items():

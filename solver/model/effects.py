@@ -198,7 +198,7 @@ def _growth(layout: Layout, assumed: Assumptions) -> Effect:
 
     Three columns an axis for its length, three for how far from the low corner its bearing holds it.
 
-    Without the times of all readings nothing of it can be told from the scales of setups.
+    Without the times of all readings nothing of it can be separated from the scales of setups.
     """
     waves = growth_waves(layout)
     beside_m = BEARING * 1e-3 * np.array(layout.volume.size_mm) * layout.direction

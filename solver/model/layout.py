@@ -340,5 +340,5 @@ def _inside_only(layout: Layout, findings: tuple[Finding, ...]) -> Layout:
     if not outside.any():
         return replace(layout, findings=findings)
     first = layout.place(int(np.argmax(outside)))
-    said = message("outside-volume", count=int(outside.sum()), place=first)
-    return replace(layout.select(~outside), findings=(finding("info", said), *findings))
+    words = message("outside-volume", count=int(outside.sum()), place=first)
+    return replace(layout.select(~outside), findings=(finding("info", words), *findings))

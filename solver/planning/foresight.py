@@ -201,9 +201,9 @@ class _Ahead:
         u = self.usual[1]
         quiet, _ = self.over(u, _NEXT_TO_NONE)
         missing, missed = _missed_um(self, known)
-        told = self.over(np.where(missing, _NEXT_TO_NONE * u, u), _NEXT_TO_NONE)[0] if np.any(missing) else quiet
+        identified = self.over(np.where(missing, _NEXT_TO_NONE * u, u), _NEXT_TO_NONE)[0] if np.any(missing) else quiet
         return _Parts(
-            identified_um=told,
+            identified_um=identified,
             missed_um=missed,
             angles_um=float(np.sqrt(max(both**2 - quiet**2, 0.0))),
             hidden_um=self.hidden_um,

@@ -100,17 +100,17 @@ def _sections(text: str, source: str) -> dict[str, list[str]]:
 def _refuse_other_kinds(texts: Mapping[str, str], source: str) -> None:
     """Raise DataError for files of angles and others: their units were never seen."""
     for key in ("file type", "filetype", "title", "measurement", "measurement type"):
-        said = texts.get(key, "").lower()
-        if key != "title" and any(word in said for word in _OTHER):
+        text = texts.get(key, "").lower()
+        if key != "title" and any(word in text for word in _OTHER):
             remedy = "straightness and angles in .rtl are refused until one of them has been seen; give the readings as CSV"
             raise DataError(f"{source}: {key}", expected="lengths (a linear measurement)", found=repr(texts[key]), remedy=remedy)
 
 
 def _count(texts: Mapping[str, str], key: str, most: int, source: str) -> int:
-    said = texts.get(key, "")
-    if not said.isascii() or not said.isdecimal() or not 1 <= int(said[:9]) <= most:
-        raise DataError(f"{source}: {key}", expected=f"a whole number from 1 to {most}", found=repr(said) if said else message("nothing"))
-    return int(said)
+    text = texts.get(key, "")
+    if not text.isascii() or not text.isdecimal() or not 1 <= int(text[:9]) <= most:
+        raise DataError(f"{source}: {key}", expected=f"a whole number from 1 to {most}", found=repr(text) if text else message("nothing"))
+    return int(text)
 
 
 def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source: str) -> Vector:

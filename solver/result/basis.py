@@ -22,7 +22,7 @@ class Basis:
     """``assumed`` holds the sizes by name, ``tables`` which lengths the tables correct, None where the result does not say.
 
     ``material_c`` is how warm the machine was, ``scales`` are those that the tables correct, ``other`` those at the other temperature.
-    ``air`` holds the conditions of the air that nobody told and that were assumed, by name. ``tool_um`` is what angles may make of a tool
+    ``air`` holds the assumed conditions of the air that no sensor measured, by name. ``tool_um`` is what angles may make of a tool
     tip 100 mm from where the beam met the mirror.
     """
 

@@ -5,7 +5,7 @@ from typing import get_args
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message, message_of
 from stepdiag.solver.result.json_tree import Node
-from stepdiag.texts.texts import Action
+from stepdiag.texts.explained import Action
 
 _NAMES = ("code", "key", "severity", "action", "place", "arguments", "text", "setup", "pass", "stop", "size_um", "among")
 

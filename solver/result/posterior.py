@@ -3,7 +3,7 @@
     machine = result + offset + sum_k z_k mode_k + rest * z,    all z normal(0, 1)
 
 A mode is a machine of its own: functions and squarenesses that go together because one cause moves them all. What is too small or
-too much alone to need a mode is ``rest``: values that differ each by itself. Everything that is said about the volume comes from here.
+too much alone to need a mode is ``rest``: values that differ each by itself. Every figure of the volume comes from here.
 
 The last modes belong to causes whose size is not known. Several sizes are equally likely; at each of them the amount of such a mode
 is ``shift + scale z`` instead of z, with a mean square of one over all sizes.
@@ -134,7 +134,7 @@ def parse_posterior(root: Node) -> Posterior:
 
 
 def _parse_between(node: Node) -> Vector:
-    """Return the sizes; results of this version once said one alone."""
+    """Return the sizes; older results of this version hold one alone."""
     if not node.strict and isinstance(node.value, int | float):
         return np.array([node.number()])
     sizes = node.numbers()

@@ -20,7 +20,7 @@ DRAWS, FOR_LARGEST = 2000, 250
 TAIL = 0.02275
 """Share beyond k = 2 on either side."""
 BELOW = 0.005
-"""Share below the lower end of what is said of the volume: what is taken for usual (drift, warmth, air) is drawn as large as stated or
+"""Share below the lower end of the interval of the volume: what is taken for usual (drift, warmth, air) is drawn as large as stated or
 found, and a good machine has none of it. One in eight of such was better than an interval with k = 2 on both sides promised."""
 BETWEEN_SHARE = 8.0 / 15.0
 """Mean square of an arch (a parabola between two targets) over its largest square."""
@@ -54,7 +54,7 @@ def _predicted(machines: "_Machines", motions: Vector, correction_um: Vector) ->
     return Predicted(**parts)
 
 
-def told(drawn: Vector, known: bool) -> Interval:
+def interval_of(drawn: Vector, known: bool) -> Interval:
     """Return the median of draws and the interval that holds all but `BELOW` of them on the lower side and `TAIL` on the upper."""
     low, value, high = (float(end) for end in np.quantile(drawn, (BELOW, 0.5, 1.0 - TAIL)))
     return Interval(value_um=value, low_um=low, high_um=high) if known else Interval(value_um=value)
@@ -131,7 +131,7 @@ class _Machines(NamedTuple):
         ``beside_um`` what `beside_um` says."""
         rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
         largest_um = _largest_um(drawn.likely, beside_um)
-        return FieldFigures(rms_um=told(rms_um, self.known), largest_um=told(largest_um, self.known))
+        return FieldFigures(rms_um=interval_of(rms_um, self.known), largest_um=interval_of(largest_um, self.known))
 
     def squares_um2(self, drawn: _Drawn) -> Vector:
         """Return the squared length of the error vector at each point, shape (draws, N), whose mean over all points is that of `figures`.

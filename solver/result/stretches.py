@@ -9,12 +9,12 @@ from numpy.typing import NDArray
 from stepdiag.base.names import AXES
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.prediction import squares_um2, told
+from stepdiag.solver.result.prediction import interval_of, squares_um2
 from stepdiag.solver.result.result import Result
 
 MOST_CELLS, MOST_STRETCHES = 10, 10
 FEWEST = 8
-"""Points of which a mean square is told."""
+"""Points of one mean square."""
 CLEARLY, LEAST_UM = 1.02, 0.1
 """By more than this factor and this many um what is left must be larger than what was there: less is the rounding of tables."""
 
@@ -69,7 +69,7 @@ def _candidates(
 
 
 def _of(square: Vector, mine: NDArray[np.bool_]) -> Interval:
-    return told(np.sqrt(np.mean(square[:, mine], axis=1)), known=len(square) > 1)
+    return interval_of(np.sqrt(np.mean(square[:, mine], axis=1)), known=len(square) > 1)
 
 
 def _worse(before: Interval, after: Interval) -> bool:

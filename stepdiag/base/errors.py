@@ -43,9 +43,9 @@ class DeviceError(StepdiagError, ConnectionError):
 
 
 class SafetyError(StepdiagError, ValueError):
-    """An export was refused by a safety check; ``code`` names the check.
+    """An export was refused by a safety check; ``code`` names the check: a code of docs/findings.md, or code and variant.
 
-    A check that is only a warning can be accepted by that code.
+    A check that is only a warning can be accepted by that name.
     """
 
     def __init__(self, where: Words, *, code: str, expected: Words, found: Words, remedy: Words = "") -> None:

@@ -2,16 +2,17 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 from stepdiag.base.messages import Message, Place, Way, Words, at, message_json, rendered
+from stepdiag.texts.explained import Action, Severity, finding_action
 from stepdiag.texts.findings import sentence
 from stepdiag.texts.patterns import findings as finding_keys
-from stepdiag.texts.texts import Action, Language, finding_action
+from stepdiag.texts.texts import Language
 
-Severity = Literal["info", "warning", "error"]
+__all__ = ["Finding", "Severity", "finding", "in_words"]
+
 NOWHERE = Place()
-_OF_AN_EXPORT: dict[Severity, Action] = {"error": "mend-file", "warning": "accept", "info": "know"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,8 +38,13 @@ class Finding:
 
     @property
     def action(self) -> Action:
-        """Return what a person does about it. A remark of an export is cured in the profile, a mere warning accepted by its name."""
-        return finding_action(self.code) or _OF_AN_EXPORT[self.severity]
+        """Return what a person does about it."""
+        return finding_action(self.code, self.severity)
+
+    @property
+    def key(self) -> str:
+        """Return the key of its message: the code, or code and variant."""
+        return self.code if self.message is None else self.message.key
 
     @property
     def place(self) -> Place:

@@ -15,13 +15,13 @@ def say_granted(results: "Sequence[Result]") -> None:
     from stepdiag.solver.result.basis import basis_of
     from stepdiag.terminal.printable import printable
 
-    told = [_words(basis_of(result).assumed) for result in results]
-    if len(set(told)) == 1:
-        say = [told[0]]
+    granted = [_words(basis_of(result).assumed) for result in results]
+    if len(set(granted)) == 1:
+        say = [granted[0]]
     else:
         say = [
             f"{printable(result.source)}: {words or 'does not say what its U takes for granted'}"
-            for result, words in zip(results, told, strict=True)
+            for result, words in zip(results, granted, strict=True)
         ]
     for line in filter(None, say):
         typer.echo(line)

@@ -73,8 +73,8 @@ def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readi
     from stepdiag.solver.readings.rtl import parse_rtl, rtl_readings, with_runs
 
     found = []
-    for said in runs:
-        setup, path, at_mm = _placed(said)
+    for option in runs:
+        setup, path, at_mm = _placed(option)
         rows, name = rtl_readings(parse_rtl(read_text(path), path.name), setup, at_mm or readings.position_mm.min(axis=0), path.name)
         found.append((name, rows))
     return with_runs(readings, found, source)
@@ -89,10 +89,10 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
     from stepdiag.solver.result.field import along_diagonal_um
 
     found = []
-    for said in diagonals:
-        diagonal, separator, name = said.partition("=")
+    for option in diagonals:
+        diagonal, separator, name = option.partition("=")
         if not separator:
-            raise UsageError("--diagonal", expected="DIAGONAL=FILE.rtl, such as ppp=d1.rtl", found=repr(said))
+            raise UsageError("--diagonal", expected="DIAGONAL=FILE.rtl, such as ppp=d1.rtl", found=repr(option))
         file = parse_rtl(read_text(Path(name)), name)
         order = np.argsort(file.targets_mm)
         target, measured = file.targets_mm[order], file.deviations_um.mean(axis=0)[order]
@@ -109,13 +109,13 @@ def print_compared(each: Compared) -> None:
         typer.echo(f"  {target:9.3f}  {predicted:12.2f}  {measured:11.2f}")
 
 
-def _placed(said: str) -> tuple[str, Path, list[float]]:
-    """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where not said. Raises UsageError."""
+def _placed(option: str) -> tuple[str, Path, list[float]]:
+    """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where absent. Raises UsageError."""
     from stepdiag.base.names import LINEAR_RUNS
 
-    rest, at, place = said.rpartition("@")
+    rest, at, place = option.rpartition("@")
     if not at:
-        rest, place = said, ""
+        rest, place = option, ""
     setup, separator, name = rest.partition("=")
     if not separator:
         setup, name = "", rest

@@ -177,7 +177,7 @@ def replay(
 ) -> None:
     """Make result and files again from the logs.
 
-    And compare them with what the live run wrote, byte for byte; another processor may write a last digit otherwise, which is said.
+    And compare them with what the live run wrote, byte for byte; another processor may write a last digit otherwise, which is reported.
     """
     from stepdiag.daemon.replay import replay_and_compare
 

@@ -166,8 +166,8 @@ def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
 
 
 def _number_change(name: str, unit: str, before: Known, after: Known, alike: Shares) -> Change:
-    told = None if before[1] is None or after[1] is None else (np.array(before[1]), np.array(after[1]))
-    u = None if told is None else float(_u_of_difference(*told, alike))
+    both = None if before[1] is None or after[1] is None else (np.array(before[1]), np.array(after[1]))
+    u = None if both is None else float(_u_of_difference(*both, alike))
     significant = None
     if before[0] is not None and after[0] is not None and u is not None:
         significant = abs(after[0] - before[0]) > coverage_factor(1) * u

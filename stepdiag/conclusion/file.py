@@ -47,7 +47,7 @@ def titles_of(language: Language) -> dict[str, str]:
 
 def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[str]]:
     """Return section -> sentences of a conclusion's JSON."""
-    # an older program said nothing of the basis
+    # files of older programs hold no basis
     return {section: [sentence[language] for sentence in document.get(section, [])] for section in SECTIONS}
 
 

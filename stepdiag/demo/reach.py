@@ -11,7 +11,7 @@ from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.compensation import Control
 
-ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", "column-widths-assumed")
+ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", "profile-assumed")
 """Warnings of a first export on a machine that is as bad as the demo's."""
 
 

@@ -77,7 +77,7 @@ def add(folder: Path, store: Store) -> Added:
             return Added(source=folder, place=place, outcome="already there", size_bytes=0)
         size = 0
         for path, data in files():
-            there = store.write_checked(f"{place.folder}/{path}", data, _said_by if path.endswith(".mcap") else sha256)
+            there = store.write_checked(f"{place.folder}/{path}", data, _content_of if path.endswith(".mcap") else sha256)
             hashes[path] = sha256(there)
             size += len(there)
     manifest = {"format": FORMAT, "version": VERSION, "machine": facts.machine, "survey": name, "files": hashes}
@@ -87,7 +87,7 @@ def add(folder: Path, store: Store) -> Added:
     return Added(source=folder, place=place, outcome="archived", size_bytes=size + len(table))
 
 
-def _said_by(log: bytes) -> str:
+def _content_of(log: bytes) -> str:
     """Return the digest of what a log says: another computer's zstd packs the same log to other bytes."""
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "there.mcap"

@@ -98,7 +98,7 @@ def _outcome(future: Any, place: Place) -> Solved:
 
 
 def solve_anew(address: str, at: tuple[str, str, str, str], survey: str = "") -> Solved:
-    """Solve one survey of a store anew and write what differs beside it; a survey that cannot be solved is said, not raised."""
+    """Solve one survey of a store anew and write what differs beside it; a survey that cannot be solved is reported, not raised."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     place, store = Place(*at), Store(address)
     with tempfile.TemporaryDirectory() as scratch:

@@ -90,11 +90,11 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
     rows = []
     unit = "um" if detector == "qd" else "arcsec"
     while True:
-        said = typer.prompt(f"{detector}.{axis}: reference in {unit}, empty when done", default="", show_default=False)
-        if not said.strip():
+        typed = typer.prompt(f"{detector}.{axis}: reference in {unit}, empty when done", default="", show_default=False)
+        if not typed.strip():
             break
         try:
-            reference = float(said)
+            reference = float(typed)
         except ValueError:
             typer.echo("a number, such as -650 or 12.5", err=True)
             continue

@@ -37,16 +37,16 @@ class Letterhead:
 
 def read_letterhead(path: Path) -> Letterhead:
     """Return the letterhead in a settings file: ``company``, ``address``, ``logo`` (a picture beside it). Raises UsageError."""
-    said = read_toml(read_text(path), str(path))
-    unknown = sorted(said.keys() - {"company", "address", "logo"})
-    if unknown or not all(isinstance(said.get(name, ""), str) for name in ("company", "address", "logo")):
+    fields = read_toml(read_text(path), str(path))
+    unknown = sorted(fields.keys() - {"company", "address", "logo"})
+    if unknown or not all(isinstance(fields.get(name, ""), str) for name in ("company", "address", "logo")):
         raise UsageError(
             str(path), expected='texts "company", "address" and "logo"', found=", ".join(unknown) or "something else than text"
         )
-    logo = said.get("logo", "")
+    logo = fields.get("logo", "")
     return Letterhead(
-        company=said.get("company", ""),
-        address=tuple(said.get("address", "").splitlines()),
+        company=fields.get("company", ""),
+        address=tuple(fields.get("address", "").splitlines()),
         logo=_picture(path.parent / logo) if logo else "",
     )
 

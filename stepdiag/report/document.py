@@ -96,7 +96,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         **page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
         concluded=words_of(conclusion_document(known), language), titles=titles_of(language), predicted=correction is not None,
-        letterhead=letterhead or Letterhead(), left=left, said=lambda text: translated(text, language) if language != "en" else text,
+        letterhead=letterhead or Letterhead(), left=left, shown=lambda text: translated(text, language) if language != "en" else text,
     )  # fmt: skip
     return Report(html=localised_document(html, language), figures=tuple(figure for group in figures.values() for figure in group))
 

@@ -4,9 +4,10 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 
+from stepdiag.texts.explained import explained
 from stepdiag.texts.ranges import ranges
 from stepdiag.texts.sentences import is_known, translated
-from stepdiag.texts.texts import Language, catalogue, finding_advice
+from stepdiag.texts.texts import Language, catalogue
 
 _PLACE = re.compile(
     r"(?P<setup>[pn]{3}(?:\+\d+)?|(?:linear|fourdof)-[xyz]) (?P<way>out|back)(?: pass (?P<number>\d+))?"
@@ -52,11 +53,12 @@ def sentence(code: str, text: str, language: Language, stops: Sequence[int] = ()
 
 
 def meaning_of(code: str, language: Language) -> str:
-    """Return what a finding's code means, without what to do about it: the first sentence of the catalogue."""
-    advice = finding_advice(code, language)
-    return advice.split(". ", 1)[0].rstrip(".") or code
+    """Return the cause of a finding; the code where it is not documented."""
+    entry = explained(code)
+    return code if entry is None else entry.words[language].cause.rstrip(".")
 
 
 def advice_of(code: str, language: Language) -> str:
-    """Return what to do about a finding: the catalogue's words behind their first sentence."""
-    return finding_advice(code, language).partition(". ")[2]
+    """Return what a finding costs and what to do about it; empty where it is not documented."""
+    entry = explained(code)
+    return "" if entry is None else entry.words[language].advice

@@ -444,4 +444,4 @@ def test_positions_that_no_control_knows_apart_do_not_rise(tmp_path):
     assert changed != door.files[door.wrong]
     (tmp_path / "here").mkdir()
     told = door.with_text(changed).go_through(tmp_path / "here")
-    assert (told.code, "grid-not-ascending" in told.refusal + told.out) == (5, True), told
+    assert (told.code, "grid-unfit" in told.refusal + told.out) == (5, True), told

@@ -254,7 +254,7 @@ class Walk:
         text = (
             f"the stop counter went from {self._last_count} back to {count} (it counts to {COUNT_MODULUS - 1}): the PLC has started again"
         )
-        return self.expected, [self.finding("count-reset", "warning", self.expected, text)]
+        return self.expected, [self.finding("count-disagrees", "warning", self.expected, text)]
 
 
 def begun_anew(route: Route, readings: Sequence[float]) -> bool:

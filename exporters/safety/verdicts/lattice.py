@@ -57,7 +57,7 @@ def judge_field(result: Result, moved_um: Moved, axes_mm: Axes) -> Finding | Non
     if abs(common) <= ALIKE * size * size_moved:  # equal where the result asks for nothing at all
         return finding("error", message("lattice-unlike"))
     factor = common / size**2
-    text = message("lattice-scaled", factor=abs(factor)) if factor < 0 else message("lattice-scaled.x-lattice-times", factor=abs(factor))
+    text = message("lattice-unlike.turned", factor=abs(factor)) if factor < 0 else message("lattice-unlike.scaled", factor=abs(factor))
     return finding("error", text)
 
 

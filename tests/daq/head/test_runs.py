@@ -153,7 +153,7 @@ def test_an_angle_whose_ends_read_a_little_short_reaches_over_the_volume():
     found = evaluate_head(wanted, book.passes, FILES, {})
     assert {"EBX", "ECX"} <= set(found.angles)
     assert found.angles["EBX"].position_mm[0] == 0.05
-    assert "fourdof-incomplete" not in {finding.code for finding in found.findings}
+    assert "fourdof-beam-blocked" not in {finding.code for finding in found.findings}
 
 
 def test_an_angle_without_its_end_is_not_used_while_straightness_is():
@@ -166,7 +166,7 @@ def test_an_angle_without_its_end_is_not_used_while_straightness_is():
         book.add(msgspec.structs.replace(stop, channels=(850_000.0, 0.0, 1e6, *stop.channels[3:])) if far else stop)
     found = evaluate_head(wanted, book.passes, FILES, {})
     assert not {"EBX", "ECX"} & set(found.angles)
-    assert {"fourdof-out-of-range", "fourdof-incomplete"} == {finding.code for finding in found.findings}
+    assert {"fourdof-out-of-range", "fourdof-beam-blocked"} == {finding.code for finding in found.findings}
     position, value = mean_straightness(found)["EYX"]
     assert position[0] == 100.0
     line = np.interp(position, position[[0, -1]], truth.errors["EYX"][[1, -1]])
@@ -183,7 +183,7 @@ def test_a_dark_pass_says_nothing_and_says_so():
         book.add(stop)
     found = evaluate_head(wanted, book.passes, FILES, {})
     codes = {finding.code for finding in found.findings}
-    assert {"fourdof-beam-blocked", "fourdof-no-data"} <= codes
+    assert {"fourdof-beam-blocked"} <= codes
     assert sum(one.name == "EYX" for one in found.straightness) == 1
     assert any(finding.text.startswith("fourdof-x pass 1: ") for finding in found.findings)
 

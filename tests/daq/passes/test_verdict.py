@@ -117,7 +117,7 @@ def test_air_that_nobody_told_is_assumed_aloud():
     (one,) = assumed_conditions(passes, survey)
     assert (one.name, one.stops) == ("air_pressure_hpa", len(stops))
     (found,) = assumed_findings(survey, len(stops), [one])
-    assert (found.code, found.severity) == ("conditions-assumed", "warning")
+    assert (found.code, found.severity) == ("air-unknown", "warning")
     assert "nobody told it, 1013.25 hPa of [environment] is assumed, u = 4 hPa" in found.text
     assert translated(found.text, "de").startswith("Luftdruck: an 10 von 10 Messpunkten nicht gemeldet")
     usual = Assumptions()

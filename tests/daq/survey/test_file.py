@@ -68,7 +68,7 @@ def test_template_validates_with_everything_switched_on() -> None:
     assert survey.head is not None
     assert survey.plan.all_setups == ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z", "ppp+1")
     assert set(survey.plc.own_signals) == {"stopped", "x_mm"}
-    assert survey.plc.said == ("stopped", "running", "stop_count", "x_mm")
+    assert survey.plc.signal_names == ("stopped", "running", "stop_count", "x_mm")
 
 
 def test_template_documents_every_field() -> None:

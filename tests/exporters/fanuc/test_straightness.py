@@ -106,30 +106,30 @@ def test_fewer_sets_hold_fewer_functions() -> None:
 def test_an_option_that_the_file_does_not_show_is_refused() -> None:
     with pytest.raises(SafetyError) as refused:
         written(profile(sets=0), drawn())
-    assert refused.value.code == "template-lacks-parameters"
+    assert refused.value.code == "template-missing.parameters"
 
 
 def codes(of: Profile, functions: list[str]) -> set[str]:
-    return {finding.code for finding in FANUC.plan(fitted(drawn(), functions).curves, of).findings}
+    return {finding.key for finding in FANUC.plan(fitted(drawn(), functions).curves, of).findings}
 
 
 def test_numbers_that_no_manual_stated_are_a_remark_of_every_export_that_rests_on_them() -> None:
     """Not where the profile brings the numbers from the machine's own manual, and not where nothing is written into them."""
     of = profile()
-    assert "straightness-recalled" in codes(of, FUNCTIONS)
-    assert "straightness-recalled" not in codes(of, ["EXX", "EYY", "EZZ"])
-    assert "straightness-recalled" not in codes(profile(option=False), FUNCTIONS)
+    assert "sign-untested.recalled" in codes(of, FUNCTIONS)
+    assert "sign-untested.recalled" not in codes(of, ["EXX", "EYY", "EZZ"])
+    assert "sign-untested.recalled" not in codes(profile(option=False), FUNCTIONS)
     stated = msgspec.structs.replace(of.options, straightness={"EXY": SETS[0], "EXZ": SETS[1], "EYZ": SETS[2]})
-    assert "straightness-recalled" not in codes(replace(of, options=stated), FUNCTIONS)
+    assert "sign-untested.recalled" not in codes(replace(of, options=stated), FUNCTIONS)
 
 
 def test_straightness_in_the_file_beside_a_profile_that_says_there_is_none() -> None:
     """Sets with values act beside whatever is written; sets that are all zero do nothing."""
-    assert "straightness-in-file" not in codes(profile(option=False), FUNCTIONS)
+    assert "machine-file-differs.straightness" not in codes(profile(option=False), FUNCTIONS)
     _, _, files = written(profile(), drawn())
     held = replace(profile(option=False), existing=files)
-    assert "straightness-in-file" in codes(held, FUNCTIONS)
-    assert "straightness-in-file" not in codes(replace(profile(), existing=files), FUNCTIONS)
+    assert "machine-file-differs.straightness" in codes(held, FUNCTIONS)
+    assert "machine-file-differs.straightness" not in codes(replace(profile(), existing=files), FUNCTIONS)
 
 
 @pytest.mark.parametrize("interval_mm", [b"30.0", b"25.4", b"24.999"])

@@ -57,7 +57,7 @@ class TestSizes:
     def test_a_long_machine_off_by_25_um_a_metre_is_exported(self, edge_mm):
         assert refused(machine_of(edge_mm, 10, {"EXX": np.linspace(0.0, 0.025 * edge_mm, 11)}), edge_mm / 10) is None
 
-    @pytest.mark.parametrize(("um_m", "code"), [(390.0, None), (410.0, "value-large"), (810.0, "value-beyond-limit")])
+    @pytest.mark.parametrize(("um_m", "code"), [(390.0, None), (410.0, "value-large"), (810.0, "value-large.limit")])
     @pytest.mark.parametrize("edge_mm", [500.0, 1000.0, 4000.0])
     def test_the_limit_is_the_same_slope_on_every_travel(self, edge_mm, um_m, code):
         assert refused(machine_of(edge_mm, 10, {"EXX": np.linspace(0.0, um_m * edge_mm / 1000.0, 11)}), edge_mm / 10) == code

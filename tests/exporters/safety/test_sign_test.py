@@ -56,7 +56,7 @@ class TestBump:
     def test_a_travel_that_is_too_short_is_refused(self):
         with pytest.raises(SafetyError) as refusal:
             bump(controller_named("siemens"), quick_profile(controller_named("siemens"), VOLUME, 200.0), "EXX")
-        assert refusal.value.code == "bump-does-not-fit"
+        assert refusal.value.code == "grid-unfit.bump"
 
 
 class TestSlope:

@@ -153,18 +153,18 @@ def test_three_beam_lines_resolve_all_eighteen_functions():
 @pytest.mark.parametrize(
     ("setups", "code", "words"),
     [
-        (BODY_DIAGONALS, "scale-unidentified", "scale of X, Y, Z alone"),
-        ((*BODY_DIAGONALS, "linear-x"), "scale-unidentified", "scale of Y, Z alone"),
-        (BODY_DIAGONALS[:3], "squareness-unidentified", "squareness C0Y, B0Z, A0Z"),
+        (BODY_DIAGONALS, "unidentified.scale", "scale of X, Y, Z alone"),
+        ((*BODY_DIAGONALS, "linear-x"), "unidentified.scale", "scale of Y, Z alone"),
+        (BODY_DIAGONALS[:3], "unidentified.squareness", "squareness C0Y, B0Z, A0Z"),
     ],
 )
 def test_the_advice_names_runs_that_really_cure_it(setups, code, words):
     from stepdiag.solver.methods.estimate import solve_estimate
 
     layout = lay_out(perfect_readings(plan(setups, increments=5), 0.3))
-    finding = next(finding for finding in solve_estimate(layout, "FXYZ").findings if finding.code == code)
+    finding = next(finding for finding in solve_estimate(layout, "FXYZ").findings if finding.key == code)
     assert words in finding.text
     advised = finding.text.split("; add ")[1].split(" (about")[0].split(" and ")
     assert 1 <= len(advised) <= 3
     cured = solve_estimate(lay_out(perfect_readings(plan((*setups, *advised), increments=5), 0.3)), "FXYZ")
-    assert code not in {finding.code for finding in cured.findings}
+    assert code not in {finding.key for finding in cured.findings}

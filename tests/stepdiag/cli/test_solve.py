@@ -81,7 +81,7 @@ class TestSolve:
 
     def test_a_survey_folder_stands_for_the_result_in_it(self, tmp_path):
         assert stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json").code == 0
-        asked = ("--controller", "neutral", "--step-mm", "100", "--accept", "scale-unidentified", "--json")
+        asked = ("--controller", "neutral", "--step-mm", "100", "--accept", "unidentified", "--json")
         by_folder, by_file = (stepdiag("export", tmp_path / at, *asked, "--out", tmp_path / "n") for at in ("", "result.json"))
         assert by_folder == by_file
 

@@ -145,7 +145,7 @@ class TestWhatToLoad:
 
     def test_nothing_while_findings_are_errors(self) -> None:
         """What must be driven again comes before any export."""
-        broken = replace(made_up_result(), findings=(Finding(code="setup-scale", severity="error", text="ppp: 5 ppm"),))
+        broken = replace(made_up_result(), findings=(Finding(code="contradiction-ambiguous", severity="error", text="ppp: 5 ppm"),))
         assert render(conclude(broken, [Export(controller="siemens")]).next_step, "en").startswith("Drive again")
 
     def test_a_refused_export_says_so(self) -> None:
@@ -288,7 +288,7 @@ class TestBasis:
     def test_air_that_was_assumed_is_said_as_such(self) -> None:
         conditions = {"air_temperature_c": [20.1, 20.4], "assumed": {"air_pressure_hpa": 1013.25}}
         (text,) = self.said(conditions=conditions)
-        assert "where no sensor told it, p = 1013.25 hPa of the survey file counted" in text
+        assert "where no sensor measured it, p = 1013.25 hPa of the survey file counted" in text
         (text,) = self.said("de", conditions=conditions)
         assert "p = 1013,25 hPa aus der Vermessungsdatei" in text
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})

@@ -172,7 +172,7 @@ def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Lan
     assert sorted(name for name, _ in shown) == sorted(figures)
     assert len(shown) == report.html.count("<svg"), "nothing is drawn outside a figure"
     for name, markup in shown:
-        said = re.findall(r'class="told"[^>]*><title>([^<]+)</title>', markup)
+        said = re.findall(r'class="titled"[^>]*><title>([^<]+)</title>', markup)
         assert len(said) == drawn_points(figures[name]) > 0, name
         assert all(re.search(r"\d", words) for words in said), name
         assert f'download="{name}.csv" href="data:text/csv' in markup

@@ -5,6 +5,7 @@ import re
 import pytest
 
 from stepdiag.texts import catalogue, localised
+from stepdiag.texts.explained import explanations
 from stepdiag.texts.findings import advice_of, place_of, ranges, sentence
 from stepdiag.texts.sentences import TOLD, is_known, translated
 from testkit.german import is_english
@@ -51,7 +52,7 @@ def test_what_the_recording_says_reads_in_german_with_its_figures(text: str) -> 
     assert "2,5" in german or "5, 6" in german
 
 
-@pytest.mark.parametrize("code", catalogue("finding", "en"))
+@pytest.mark.parametrize("code", explanations())
 def test_no_finding_is_half_english(code: str) -> None:
     """What no pattern knows is told by what the code means; its advice is German too."""
     said = sentence(code, "ppp out, stop 5 of 30: something that nobody has put into German yet", "de")
