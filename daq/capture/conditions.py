@@ -11,12 +11,12 @@ from typing import Protocol
 
 import msgspec
 
+from stepdiag.base.conditions.air import HALL
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
-from stepdiag.solver.standards.air import HALL
 
 BELIEVED_STOPS = 5
 """A value that has jumped is believed when so many stops in a row agree on it; that it has jumped stays a doubt."""

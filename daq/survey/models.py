@@ -364,7 +364,7 @@ class Solver(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is taken for granted (k = 1 unless a range or a limit is named); the meaning stands in `stepdiag.solver.model.assumptions`.
+    """What is taken for granted (k = 1 unless a range or a limit is named); the meaning stands in `stepdiag.base.conditions.assumptions`.
 
     A size of the machine that is None is the usual one of ``machine_class`` and ``feedback``.
     """

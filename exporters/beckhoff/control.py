@@ -17,6 +17,7 @@ from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.kinematics import parse_chain
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.beckhoff import csv, parameter_list
 from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines
@@ -30,7 +31,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
-from stepdiag.solver.result.result import POSITIONING
 
 VOLCOMP, ANGLE, SSFK, CROSS = "volcomp", "volcomp-angle", "ssfk", "crosscomp"
 _SSFK_LAW = Law(sense="as-error")

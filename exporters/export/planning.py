@@ -13,6 +13,7 @@ import numpy as np
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.angular import require_chain
@@ -23,7 +24,6 @@ from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, summed_um
-from stepdiag.solver.result.result import Result
 
 _ROUNDS = 12
 """Nine functions, and what moves by them: more rounds change nothing."""

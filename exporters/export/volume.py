@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.compensation import stated_in
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import DISPLACEMENTS, Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.written import REPORT, ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
@@ -18,7 +20,6 @@ from stepdiag.exporters.linuxcnc import kinematics
 from stepdiag.exporters.linuxcnc.control import LinuxCnc, LinuxCncOptions
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.safety.checks import refuse
-from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um
 from stepdiag.exporters.safety.standing import Standing, lost_in_field
@@ -29,7 +30,6 @@ from stepdiag.exporters.tables.controller import plausible_slope_um_mm
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import LimitsSection, Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
-from stepdiag.solver.result.result import DISPLACEMENTS, Result
 
 
 def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> ExportReport:

@@ -13,6 +13,7 @@ import numpy as np
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.identity import identity_findings
 from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
@@ -28,7 +29,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
 from stepdiag.exporters.tables.seats import copied
 from stepdiag.exporters.tables.tables import Table, correction_um
-from stepdiag.solver.result.result import POSITIONING
 
 __all__ = ["Fanuc", "FanucOptions"]
 

@@ -21,6 +21,7 @@ from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.kinematics import parse_chain
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
@@ -36,7 +37,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.seats import copied
 from stepdiag.exporters.tables.tables import Law, Table, plain_rows
-from stepdiag.solver.result.result import POSITIONING
 
 KIND = "com"
 KINEMATICS = "kinematicscomp"

@@ -18,6 +18,7 @@ from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
@@ -33,7 +34,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, quantised
 from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Table, correction_um, plain_rows
-from stepdiag.solver.result.result import POSITIONING
 
 SCREW = "comp"
 MATRIX = "matrixkins"

@@ -14,11 +14,11 @@ import numpy as np
 from stepdiag.base.errors import DataError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
 from stepdiag.base.messages import excerpt, message
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.base.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import shortest
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 
 NAME = "etalon"
 FILE_NAME = "etalon_exchange.txt"

@@ -15,13 +15,13 @@ from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um, summed_um
-from stepdiag.solver.result.result import Result
 from stepdiag.texts.explained import accepted
 
 SIGN_TEST_DAYS = 365

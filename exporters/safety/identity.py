@@ -2,8 +2,8 @@
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.result.result import Result
 
 UNANSWERED = frozenset({"", "machine", "?"})
 """What stands in a survey file whose machine nobody has named yet."""

@@ -6,13 +6,13 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
+from stepdiag.base.result.members import Backlash
+from stepdiag.base.result.result import POSITIONING, Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, untested_kinds
 from stepdiag.exporters.tables.curves import SIGNIFICANT
 from stepdiag.exporters.tables.sampling import is_directional
-from stepdiag.solver.result.members import Backlash
-from stepdiag.solver.result.result import POSITIONING, Result
 
 _COARSE_UM = 0.5
 """What a table may leave between its points before it is reported: about the uncertainty of a good survey."""

@@ -11,11 +11,11 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, summed_um
-from stepdiag.solver.result.result import Result
 
 _ALONG = 11
 """Points along an axis at which an old correction of the field is looked at."""

@@ -14,6 +14,7 @@ import numpy as np
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, restore
 from stepdiag.exporters.siemens.ini import data_file, is_program, require_full_effect
@@ -25,7 +26,6 @@ from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
 from stepdiag.exporters.tables.tables import Sense, Table, plain_rows, zeroed
-from stepdiag.solver.result.result import POSITIONING
 
 Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
 """Points of a table, or a number of one: far above what the machine data allow."""

@@ -7,10 +7,10 @@ import msgspec
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
-from stepdiag.solver.result.result import POSITIONING
 
 
 def averaging(profile: Profile) -> Profile:

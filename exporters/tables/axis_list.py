@@ -13,6 +13,7 @@ import numpy as np
 from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end
 from stepdiag.exporters.files.numbers import fixed
@@ -24,7 +25,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Table
-from stepdiag.solver.result.result import POSITIONING
 
 
 class NoOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):

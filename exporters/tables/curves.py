@@ -14,8 +14,8 @@ import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING, Function, Result
 from stepdiag.base.volume import Vector
-from stepdiag.solver.result.result import POSITIONING, Function, Result
 
 STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 FUNCTIONS = POSITIONING + STRAIGHTNESS

@@ -12,13 +12,13 @@ import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import MOST_LINES, ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.tables.profile import whole_steps
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.result import Result
 
 NAME = "lattice"
 HEADER = "x_mm,y_mm,z_mm,cx_um,cy_um,cz_um"

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.result.members import Closure, Drift, SetupReport, triple
 from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
@@ -20,7 +21,6 @@ from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
-from stepdiag.solver.result.members import Closure, Drift, SetupReport, triple
 
 TILT_LIMIT_MRAD = 2.0
 """Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms reach micrometres."""

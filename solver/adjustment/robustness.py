@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Argument, Message, Place, message
+from stepdiag.base.readings.readings import PassKey
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.adjustment.counts import Count
 from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STOP, Hypothesis, families, shown
@@ -24,7 +25,6 @@ from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import CHECKED
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
-from stepdiag.solver.readings.readings import PassKey
 
 AS_GOOD = 12.0
 """Two explanations are equally good if their likelihoods differ by less than this (twice the logarithm; p < 0.001)."""

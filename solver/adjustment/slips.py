@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.result.members import UnseenSlip, UnseenSlips
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import Count, counts, from_each_on, short_counts
 from stepdiag.solver.adjustment.hypotheses import CRITICAL, HIDDEN, LEAST_UM
@@ -19,7 +20,6 @@ from stepdiag.solver.linear.ties import first_of_the_largest
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
-from stepdiag.solver.result.members import UnseenSlip, UnseenSlips
 
 NEARLY_ALWAYS = 1.6
 """A step so much larger than one that is named in half of the surveys is nearly always named: 6.65 for 5 standard uncertainties by the

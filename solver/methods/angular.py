@@ -7,11 +7,10 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.volume import Vector
+from stepdiag.base.result.prediction import TAIL
+from stepdiag.base.result.result import AXIS_LETTERS, ROTATIONS, Function
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.result.prediction import TAIL
-from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 FAR, FAR_IN_FEW = 10.0, 6.0
@@ -86,8 +85,3 @@ def _far(found: Adjustment, least_urad: float) -> list[Finding]:
         return []
     setups = [setup.name for setup in found.layout.setups]
     return [finding("error", message("angles-far", setups=setups, least_urad=least_urad, assumed_urad=usual))]
-
-
-def rms(values: Vector) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
+from stepdiag.base.result.members import SetupReport
 from stepdiag.solver.adjustment.diagnostics import NOISE_LIMIT_UM
 from stepdiag.solver.adjustment.scatter import Scatter
-from stepdiag.solver.result.members import SetupReport
 
 FAR = 10.0
 """So many times the usual limit stops an export."""

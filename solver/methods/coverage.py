@@ -6,10 +6,10 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.members import CoverageFactor
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.model.quantities import Quantities
-from stepdiag.solver.result.members import CoverageFactor
 
 WORTH_SAYING = 2.1
 _MOST = 1e6

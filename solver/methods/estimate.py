@@ -6,8 +6,11 @@ from typing import Literal
 
 import numpy as np
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
+from stepdiag.base.result.members import Backlash, Backlashes, Fit, Length
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
 from stepdiag.solver.adjustment.diagnostics import closure_report, scale_misclosure, setup_findings, setup_reports
@@ -30,7 +33,6 @@ from stepdiag.solver.methods.volumetric import (
     with_the_usual,
 )
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Model
 from stepdiag.solver.model.lateral import MeasuredStraightness, at_targets
 from stepdiag.solver.model.layout import Layout
@@ -46,8 +48,6 @@ from stepdiag.solver.model.reported import (
     variance,
 )
 from stepdiag.solver.planning.identifiability import cheapest_runs, resolved_angles
-from stepdiag.solver.result.members import Backlash, Backlashes, Fit, Length
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 

@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.members import Difference, HeadStraightness
+from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, Function
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.components import sized
@@ -22,8 +24,6 @@ from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.model.between import BETWEEN, USUAL_UM
 from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.lateral import MeasuredStraightness, of_known_angles
-from stepdiag.solver.result.members import Difference, HeadStraightness
-from stepdiag.solver.result.result import DISPLACEMENTS, POSITIONING, Function
 from stepdiag.solver.standards.straightness import residuals_um, straightness_um
 
 LEAST_CHECKED = 2

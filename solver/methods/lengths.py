@@ -10,16 +10,16 @@ from typing import get_args
 
 import numpy as np
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.conditions.expansion import REFERENCE_TEMPERATURE_C
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.members import Axis, Lengths, LengthScale, LengthsReport, Tool
+from stepdiag.base.result.result import ROTATIONS, Function, Scale
 from stepdiag.base.volume import Vector
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.warmth import expansions
-from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.members import Axis, Lengths, LengthScale, LengthsReport, Tool
-from stepdiag.solver.result.result import ROTATIONS, Function, Scale
-from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
 AS_MEASURED: Lengths = "as_measured"
 AT_20_C: Lengths = "at_20_c"

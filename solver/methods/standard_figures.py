@@ -11,12 +11,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.members import StandardFigures
 from stepdiag.base.setups import Kind
 from stepdiag.base.volume import Vector
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.result.members import StandardFigures
 from stepdiag.solver.standards.iso230 import (
     COVERAGES,
     DiagonalFigures,

@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.readings.readings import PassKey
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.linear.elimination import Blocks, order_blocks
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.readings.readings import PassKey
 
 _ROUNDING = 1e-9
 """Of an increment."""

@@ -6,12 +6,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.names import AXES
+from stepdiag.base.result.result import ROTATIONS
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles, KnownAngle, angle_at_nodes
 from stepdiag.solver.model.design import Columns, Design, rotation_coefficients
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.result.result import ROTATIONS
 
 EXACT = 1e-3
 """Standard uncertainty (urad, um) of what is held by convention: far below anything measurable, far above rounding."""

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.base.volume import Vector
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
 
 STEADY_C = 0.005

@@ -11,20 +11,20 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.result.field import Tabulated, field_of_um, rigid_motions
+from stepdiag.base.result.posterior import POSTERIOR_DECIMALS, Posterior
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.linear.components import Sizes
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.effects import AngleShapes
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import reported, sloped
-from stepdiag.solver.result.field import Tabulated, field_of_um, rigid_motions
-from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS, Posterior
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS
 from stepdiag.solver.uncertainty.modes import BySize, by_size, factored, of_one_factor
 from stepdiag.solver.uncertainty.spread import Spread
 

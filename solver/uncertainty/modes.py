@@ -4,10 +4,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.result.posterior import UnknownSize
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.families import Family, class_factors
 from stepdiag.solver.linear.ties import first_of_the_largest
-from stepdiag.solver.result.posterior import UnknownSize
 
 KEPT_SHARE = 0.995
 """A mode more is written until they hold this share of the variance over the volume."""

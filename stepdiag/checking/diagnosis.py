@@ -6,18 +6,18 @@ An error means that no survey can be recorded as things stand; a warning that a 
 from collections.abc import Iterator
 from typing import Literal
 
+from stepdiag.base.conditions.air import HALL
 from stepdiag.base.findings import Finding
 from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
+from stepdiag.completion.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.capture.conditions import needed_conditions
 from stepdiag.daq.capture.remarks.unchecked import WITHOUT, assumed, unchecked
 from stepdiag.daq.formats.recognise import refused, senseless
 from stepdiag.daq.formats.signals import describe
 from stepdiag.daq.survey.bundle import compensation_findings
-from stepdiag.daq.survey.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.survey.models import Plc
 from stepdiag.daq.timing.samples import Flag
-from stepdiag.solver.standards.air import HALL
 
 HEARTBEAT_S = 1.0
 """The heartbeat changes at least once a second (contract 2)."""

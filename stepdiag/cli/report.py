@@ -13,10 +13,10 @@ from stepdiag.cli.completion import languages
 from stepdiag.cli.granted import say_granted
 
 if TYPE_CHECKING:
+    from stepdiag.base.result.result import Result
     from stepdiag.conclusion import Conclusion
     from stepdiag.report.certificate import AsLeft
     from stepdiag.report.exported import Exported
-    from stepdiag.solver.result.result import Result
     from stepdiag.texts.texts import Language
 
 
@@ -47,12 +47,12 @@ def report(
     One HTML file with every figure, and each figure as CSV.
     """
     from stepdiag.base.files import read_text
+    from stepdiag.base.readings.readings import parse_readings
     from stepdiag.report.certificate import read_letterhead
     from stepdiag.report.document import build_report
     from stepdiag.report.exported import exported_in
     from stepdiag.report.logs import logs_beside
     from stepdiag.report.output import write_report
-    from stepdiag.solver.readings.readings import parse_readings
 
     chosen = _language(language)
     if profile is not None and not files:
@@ -99,8 +99,8 @@ def read_result(path: Path, name: str = "") -> "Result":
     Raises ``UsageError`` where there is none or it cannot be read, ``DataError`` where it is none.
     """
     from stepdiag.base.files import read_text
+    from stepdiag.base.result.result import parse_result
     from stepdiag.daq.records.survey_folder import RESULT
-    from stepdiag.solver.result.result import parse_result
 
     file = path / RESULT if path.is_dir() else path
     if path.is_dir() and not file.exists():
@@ -134,10 +134,10 @@ def compare(
 
     Whether it is more than the uncertainty, and with --loaded whether the prediction came true; from three results on, the trend.
     """
+    from stepdiag.base.result.typed import written
     from stepdiag.comparing import compare as comparing
     from stepdiag.comparing.tables import which
     from stepdiag.report.exported import exported_in
-    from stepdiag.solver.result.typed import written
 
     if len(results) < 2:
         raise UsageError("compare", expected="at least two results", found=str(len(results)))

@@ -9,8 +9,8 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 
 if TYPE_CHECKING:
-    from stepdiag.solver.readings.readings import Readings
-    from stepdiag.solver.result.result import Result
+    from stepdiag.base.readings.readings import Readings
+    from stepdiag.base.result.result import Result
 
 Runs = Annotated[
     list[str] | None,
@@ -52,8 +52,8 @@ def rtl(
     """
     from stepdiag.base.files import read_text, refuse_file_name, write_together
     from stepdiag.base.names import LINEAR_RUNS
-    from stepdiag.solver.readings.readings import parse_readings
-    from stepdiag.solver.readings.rtl import render_rtl
+    from stepdiag.base.readings.readings import parse_readings
+    from stepdiag.base.readings.rtl import render_rtl
 
     taken = parse_readings(read_text(readings), readings.name)
     setups = [setup for setup in LINEAR_RUNS if setup in taken.setup]
@@ -70,7 +70,7 @@ def rtl(
 def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readings":
     """Return readings with the runs of these files added. Raises DataError or UsageError for a file that is wrong or has no place."""
     from stepdiag.base.files import read_text
-    from stepdiag.solver.readings.rtl import parse_rtl, rtl_readings, with_runs
+    from stepdiag.base.readings.rtl import parse_rtl, rtl_readings, with_runs
 
     found = []
     for option in runs:
@@ -85,8 +85,8 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
     import numpy as np
 
     from stepdiag.base.files import read_text
-    from stepdiag.solver.readings.rtl import parse_rtl
-    from stepdiag.solver.result.field import along_diagonal_um
+    from stepdiag.base.readings.rtl import parse_rtl
+    from stepdiag.base.result.field import along_diagonal_um
 
     found = []
     for option in diagonals:

@@ -9,7 +9,7 @@ import typer
 from stepdiag.base.errors import UsageError
 
 if TYPE_CHECKING:
-    from stepdiag.solver.result.result import Result
+    from stepdiag.base.result.result import Result
 
 Compensation = Annotated[
     str | None, typer.Option(help="off or on: whether a compensation was active while measuring, where the survey does not say it.")
@@ -33,7 +33,7 @@ def with_compensation(result: "Result", state: str | None, files: dict[str, byte
     """
     from dataclasses import replace
 
-    from stepdiag.exporters.safety.compensation import stated, stated_in
+    from stepdiag.base.compensation import stated, stated_in
 
     if state is None:
         given = {"--active": ", ".join(files), "--active-date": "" if day is None else f"{day:%Y-%m-%d}", "--active-source": source}

@@ -6,6 +6,10 @@ from pathlib import Path
 
 from stepdiag.base.findings import Finding
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
+from stepdiag.base.result.interval import Interval, decimals_of
+from stepdiag.base.result.members import UnseenSlip
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.setups import setup_of
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
 from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
@@ -13,10 +17,6 @@ from stepdiag.conclusion.sentences import Sentence
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
 from stepdiag.exporters.safety.verify import STRETCH
-from stepdiag.solver.result.basis import ASSUMED, Basis, basis_of, scales_in_words
-from stepdiag.solver.result.interval import Interval, decimals_of
-from stepdiag.solver.result.members import UnseenSlip
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
 
 MOST_WRONG = 5
 AIR = {"air_temperature_c": ("T", "°C"), "air_pressure_hpa": ("p", "hPa"), "relative_humidity_percent": ("RH", "%")}

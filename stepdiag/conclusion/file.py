@@ -6,10 +6,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from stepdiag.base.result.rounding import steady
 from stepdiag.conclusion.concluding import Conclusion
 from stepdiag.conclusion.sentences import SECTION, Sentence, render
 from stepdiag.daq.records.survey_folder import CONCLUSION
-from stepdiag.solver.result.rounding import steady
 from stepdiag.texts import LANGUAGES, Language, catalogue
 
 FORMAT, FORMAT_VERSION = "stepdiag-conclusion", 1

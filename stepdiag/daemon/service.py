@@ -62,7 +62,7 @@ def _say_what_hides(survey: "Survey") -> None:
     """Say before anything is driven what nobody will see in this survey."""
     import structlog
 
-    from stepdiag.daq.survey.foreseen import hidden_slip
+    from stepdiag.completion.foreseen import hidden_slip
 
     for found in hidden_slip(survey):
         structlog.get_logger("service").info("finding", code=found.code, severity=found.severity, text=found.text)

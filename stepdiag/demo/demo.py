@@ -9,6 +9,9 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.result.field import without_rigid_motion
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.result import Result, parse_result
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.conclusion.intervals import reach_in
 from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench, write_profiles, write_survey
@@ -16,9 +19,6 @@ from stepdiag.demo.operator import Operator, daemon, words
 from stepdiag.demo.operator import bench as running
 from stepdiag.demo.processes import Talker
 from stepdiag.demo.reach import WHOLE_FIELD, exported
-from stepdiag.solver.result.field import without_rigid_motion
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.result import Result, parse_result
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import CompensationPart, read_config
 from stepdiag.virtual.control.compensation import Control

@@ -14,13 +14,13 @@ import pyarrow.compute as pc
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_text
+from stepdiag.base.result.result import parse_result
 from stepdiag.daq.passes.survey_time import CODE
 from stepdiag.daq.recording.archive import digest, pack
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import INDEX, LISTED, Place, Store, sha256
 from stepdiag.fleet.tables import PLACE, points_of, read_index, read_table, table_of, to_parquet
-from stepdiag.solver.result.result import parse_result
 
 FORMAT, VERSION = "stepdiag-archived", 1
 MOST_LOOSE = 50

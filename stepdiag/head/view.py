@@ -9,15 +9,15 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
-from stepdiag.daq.head.commissioning import Calibrated, Signed
-from stepdiag.daq.head.record import HeadRecord
 from stepdiag.daq.timing.samples import Flag, Samples
+from stepdiag.fourdof.commissioning import Calibrated, Signed
+from stepdiag.fourdof.record import HeadRecord
 from stepdiag.report.drawings.charts import Series, line_chart
 from stepdiag.solver.fourdof.statistics import Comparison, Stability
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
-from stepdiag.solver.result.result import DISPLACEMENTS
 from stepdiag.solver.standards.straightness import LineMethod, straightness_um
 from stepdiag.terminal.tables import finding_lines
 

@@ -12,13 +12,13 @@ import msgspec
 
 from stepdiag.base.errors import StepdiagError
 from stepdiag.base.files import as_text, read_bytes
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import Result, parse_result
 from stepdiag.daq.recording.rounds import round_folders
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.survey.models import Survey
 from stepdiag.fleet.rows import rows_of
-from stepdiag.solver.result.members import Facts
-from stepdiag.solver.result.result import Result, parse_result
 
 VERSION = 1
 SCHEMA = "schema"

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
+from stepdiag.base.result.result import Quantity, Result
 from stepdiag.conclusion import Conclusion
 from stepdiag.report import certificate
 from stepdiag.report.certificate import AsLeft, Letterhead
 from stepdiag.report.document import Report, localised_document, page_parts, template
 from stepdiag.report.exported import Exported
 from stepdiag.report.sections import Table, shown
-from stepdiag.solver.result.result import Quantity, Result
 from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language, catalogue
 

@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes, read_text
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import Result
 from stepdiag.base.settings import read_toml
 from stepdiag.conclusion import Conclusion, Reach
-from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.report.sections import Table, shown
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.members import Facts
-from stepdiag.solver.result.result import Result
 
 FACTS = (
     "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",

@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 
 from stepdiag.base.findings import in_words
-from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.basis import basis_of
-from stepdiag.solver.result.interval import decimals_of
-from stepdiag.solver.result.members import Drift, Lengths, StandardFigures
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
-from stepdiag.solver.result.typed import written
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.basis import basis_of
+from stepdiag.base.result.interval import decimals_of
+from stepdiag.base.result.members import Drift, Lengths, StandardFigures
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
+from stepdiag.base.result.typed import written
 from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.texts.explained import finding_advice
 from stepdiag.texts.texts import Language

@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.safety.standing import Standing, unchanged
 from stepdiag.exporters.safety.verdicts.case import TableCase
@@ -21,7 +22,6 @@ from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.result.result import Result
 
 
 def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: Profile) -> tuple[Judgement, ...]:

@@ -44,7 +44,3 @@ def _without_curves(values: Vector) -> Vector:
 
 def centred(values: Vector) -> Vector:
     return np.asarray(values - np.mean(values))
-
-
-def rms(values: Vector) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -8,9 +8,9 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.result.rounding import steady
 from stepdiag.base.volume import Volume
 from stepdiag.report.drawings import svg
-from stepdiag.solver.result.rounding import steady
 
 Array = NDArray[np.float64]
 

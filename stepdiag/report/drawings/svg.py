@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from html import escape
 
-from stepdiag.solver.result.rounding import steady
+from stepdiag.base.result.rounding import steady
 
 
 def number(value: float) -> str:

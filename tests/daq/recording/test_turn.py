@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from msgspec import structs
 
+from stepdiag.base.readings.readings import parse_readings, render_readings
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.tabulate import tabulate
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import parse_readings, render_readings
 from stepdiag.virtual.drive.setups import aligned_setup, simulate_pass
 from stepdiag.virtual.physics.error_functions import Table
 from stepdiag.virtual.physics.machine import Machine

@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.result.typed import written
 from stepdiag.base.settings import convert
 from stepdiag.daq.formats.instruments.line import LineSettings
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder
@@ -21,7 +22,6 @@ from stepdiag.daq.survey.formats import laser_settings
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.survey.rules import rtu_poll_s
 from stepdiag.daq.survey.template import template
-from stepdiag.solver.result.typed import written
 from testkit.running.survey_files import SMALLEST
 
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\n'

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.completion.foreseen import circumstances, hidden_slip, hidden_waves, planned
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.foreseen import circumstances, hidden_slip, hidden_waves, planned
 from stepdiag.solver.planning.planner import forecast
 from testkit.timeline import survey_text
 

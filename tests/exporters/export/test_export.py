@@ -10,15 +10,17 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.compensation import stated
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.members import SetupReport
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.export import MET_UM, export
 from stepdiag.exporters.export.planning import _as_it_was
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, run_checks
-from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.remarks import missed_um
 from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
 from stepdiag.exporters.siemens.control import Siemens
@@ -27,8 +29,6 @@ from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Table, correction_um
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.result.members import SetupReport
-from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.beside import Beside
 from testkit.exact.machines import MACHINES, profile_of

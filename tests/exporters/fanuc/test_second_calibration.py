@@ -12,6 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.result.members import ActiveFile, Facts
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.fanuc.straightness import SETS
@@ -19,8 +21,6 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.verify import Figures, verify_files
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
-from stepdiag.solver.result.members import ActiveFile, Facts
-from stepdiag.solver.result.result import Result
 from testkit.exact.machines import EOB, new_punch_file, profile_of
 from testkit.exact.results import VOLUME, made_result
 

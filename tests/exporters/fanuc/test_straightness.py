@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.fanuc.straightness import SETS
@@ -16,8 +18,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.fanuc import load_fanuc
 from testkit.exact.machines import EOB, new_punch_file, profile_of
 from testkit.exact.results import made_result

@@ -7,11 +7,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.compensation import stated
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
-from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
 from stepdiag.exporters.tables.fit import fitted

@@ -8,17 +8,17 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.compensation import Statement, stated, stated_in
 from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import ROTATIONS, Result, parse_result
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.compensation import Statement, stated, stated_in
 from stepdiag.exporters.safety.levers import left_out, without_levers
 from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.result.members import Facts
-from stepdiag.solver.result.result import ROTATIONS, Result, parse_result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import profile_of
 from testkit.exact.members import members
@@ -64,7 +64,7 @@ STATEMENTS = {
 
 def errs_um(control: SiemensControl) -> float:
     """The largest error of the worn machine under this control, without the shift and turn of the workpiece, in um."""
-    from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+    from stepdiag.base.result.field import error_field_um, without_rigid_motion
 
     moved = sum((1000.0 * table.correction_mm(POINTS, np.ones(POINTS.shape)) for table in control.tables()), np.zeros(POINTS.shape))
     left = error_field_um(made_result(summed(MACHINE, WORN)), POINTS) + moved

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.compensation import stated
+from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
-from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.judge import judge
@@ -21,7 +22,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table, correction_um, joined
-from stepdiag.solver.result.result import ROTATIONS, Result
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 

@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.tables.controller import plausible_slope_um_mm
 from stepdiag.exporters.tables.profile import LimitsSection
-from stepdiag.solver.result.result import DISPLACEMENTS
 from testkit.exact.results import made_result
 
 TODAY = date(2026, 6, 1)

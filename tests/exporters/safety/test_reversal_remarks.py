@@ -6,12 +6,12 @@ from datetime import date
 import msgspec
 import pytest
 
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.tables.curves import curves_of
-from stepdiag.solver.result.result import Result
 from testkit.exact.machines import profile_of
 from testkit.exact.members import members
 from testkit.exact.results import VOLUME, made_result

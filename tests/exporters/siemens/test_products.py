@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
@@ -22,8 +24,6 @@ from stepdiag.exporters.siemens.products import chosen, taken_by
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import profile_text
 from testkit.exact.results import made_result

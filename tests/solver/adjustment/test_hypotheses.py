@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.adjustment.counts import counts, steps_of
 from stepdiag.solver.adjustment.diagnostics import scale_misclosure, setup_findings, setup_reports
@@ -13,7 +14,6 @@ from stepdiag.solver.adjustment.smoothness import roughness
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
-from stepdiag.solver.result.result import DISPLACEMENTS
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 FULL = (*DIAGONALS, *LINEAR)

@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stepdiag.base.readings.readings import Readings
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.adjustment.counts import short_counts
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.readings.readings import Readings
 from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench, solved
 
 FULL = (*DIAGONALS, *LINEAR)

@@ -6,9 +6,9 @@ from functools import cache
 import numpy as np
 import pytest
 
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.members import UnseenSlip
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.members import UnseenSlip
 from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench
 
 NAMED = {

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.conclusion.intervals import reach_in
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.readings.readings import make_readings, parse_readings
+from stepdiag.base.readings.runs import Plan, Run
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.base.setups import CONTINUOUS_DIAGONALS, FACE_DIAGONALS
 from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.planning.runs import Plan, Run
-from stepdiag.solver.readings.readings import make_readings, parse_readings
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.virtual.physics.error_functions import Smooth
 from testkit.exact.rigid import Hall, RandomMachine, drive
 from testkit.exact.surveys import DATA, DIAGONALS, IDEAL, LINEAR, Bench, golden_rows, golden_shapes, solved

@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepdiag.base.readings.readings import Readings, make_readings, render_readings
+from stepdiag.base.result.result import DISPLACEMENTS, parse_result
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import Readings, make_readings, render_readings
-from stepdiag.solver.result.result import DISPLACEMENTS, parse_result
 from testkit.cli import stepdiag
 from testkit.exact.beside import Beside, scattered
 from testkit.exact.surveys import Bench

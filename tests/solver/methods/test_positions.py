@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.readings.readings import render_readings
+from stepdiag.base.result.result import Result
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import render_readings
-from stepdiag.solver.result.result import Result
 from testkit.cli import stepdiag
 from testkit.exact.beside import Beside, as_exact, as_written, rounded, scattered
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench

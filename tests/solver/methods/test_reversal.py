@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.methods.estimate import backlash_numbers, estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 FULL = (*DIAGONALS, *LINEAR)

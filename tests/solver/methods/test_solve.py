@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.readings.readings import parse_readings, render_readings
+from stepdiag.base.result.result import same_result
 from stepdiag.solver.methods.registry import METHODS
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import parse_readings, render_readings
-from stepdiag.solver.result.result import same_result
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 from testkit.examples import few
 
@@ -113,7 +113,7 @@ ELSEWHERE = """
 from testkit.exact.surveys import Bench
 from pathlib import Path
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import parse_readings
+from stepdiag.base.readings.readings import parse_readings
 print(solve(parse_readings(Path({steady!r}).read_text(), "steady")).to_json())
 print("---")
 print(solve(Bench(seed=4, increments=3).survey(("ppp",), passes=(1, 2), joined=True)).to_json())

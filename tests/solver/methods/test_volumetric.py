@@ -6,15 +6,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.readings.readings import parse_readings, render_readings
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.posterior import POSTERIOR_DECIMALS
+from stepdiag.base.result.prediction import predicted
+from stepdiag.base.result.result import DISPLACEMENTS, Function
+from stepdiag.base.result.waves import shown_finer_um
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.methods.volumetric import between_um, coarse_findings, shown_finer_um
-from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.methods.volumetric import between_um, coarse_findings
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.readings.readings import parse_readings, render_readings
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS
-from stepdiag.solver.result.prediction import predicted
-from stepdiag.solver.result.result import DISPLACEMENTS, Function
 from stepdiag.solver.uncertainty.machine import separated
 from stepdiag.virtual.physics.error_functions import smooth
 from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench

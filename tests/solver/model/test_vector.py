@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.readings.readings import make_readings, parse_readings
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.vector import closure_um, diagonal_data, least_squares, wang2000
-from stepdiag.solver.readings.readings import make_readings, parse_readings
-from stepdiag.solver.result.result import DISPLACEMENTS
 from testkit.exact.surveys import DATA, DIAGONALS, Bench, golden_shapes
 
 

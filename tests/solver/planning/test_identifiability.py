@@ -6,6 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.base.setups import CONTINUOUS_DIAGONALS, FACE_DIAGONALS
 from stepdiag.base.volume import Volume
 from stepdiag.solver.linear.least_squares import invert
@@ -14,8 +16,6 @@ from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.solver.planning.identifiability import _Candidate, identified_with_angles
-from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS
 
 SIZES = [(1000.0, 1000.0, 1000.0), (500.0, 400.0, 250.0), (1000.0, 400.0, 150.0)]
 

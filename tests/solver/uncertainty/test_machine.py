@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.solver.methods.estimate import estimate
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.uncertainty.machine import covariance, machine_of, separated, usual_rows, with_usual
 from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench

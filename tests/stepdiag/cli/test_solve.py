@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from stepdiag.base.findings import Finding
-from stepdiag.solver.readings.readings import render_readings
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, parse_result
+from stepdiag.base.readings.readings import render_readings
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, parse_result
 from stepdiag.terminal.tables import result_table
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result

@@ -12,7 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.result import Quantity, Result, parse_result
 from stepdiag.conclusion import (
     Export,
     conclude,
@@ -29,9 +32,6 @@ from stepdiag.exporters.export.export import export
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_in, exported_of
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.result import Quantity, Result, parse_result
 from stepdiag.texts import LANGUAGES
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result

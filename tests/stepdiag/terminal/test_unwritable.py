@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from stepdiag.base.errors import UsageError
-from stepdiag.solver.readings.readings import render_readings
+from stepdiag.base.readings.readings import render_readings
 from stepdiag.terminal.exits import failed_writing_shown
 from testkit.exact.surveys import Bench
 from testkit.hostile.door import Door

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.solver.result.field import without_rigid_motion
 from stepdiag.virtual.bench.building import build_errors, build_machine
 from stepdiag.virtual.bench.config import load_config
 from stepdiag.virtual.control.siemens import SiemensControl

@@ -13,9 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Quantity, Result
 from stepdiag.base.volume import Volume, anywhere_mm
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Quantity, Result
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine
 from testkit.cli import stepdiag

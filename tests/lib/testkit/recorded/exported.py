@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.export.written import REPORT
 from stepdiag.exporters.files.control_file import ControlFile
@@ -17,7 +18,6 @@ from stepdiag.exporters.files.sets import SUMS
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.result.result import Result
 from testkit import references
 from testkit.recorded.plain import in_folder, written
 from testkit.recorded.profiles import INCLINED, POINTS, SET_UP, STRAIGHT, points_of, profile_of, punched

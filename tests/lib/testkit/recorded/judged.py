@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.result.result import Quantity, Result
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.verify import Verification, verify_files
@@ -14,7 +15,6 @@ from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.result.result import Quantity, Result
 from testkit import references
 from testkit.recorded import plain
 from testkit.recorded.exported import BOTH, LISTS, exported_files, measured_on, own_of, said

@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.readings.readings import NO_ZERO, Readings, make_readings
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.sign_run import from_readings
 from stepdiag.exporters.safety.sign_test import Bump, bump, verdict
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import correction_um
-from stepdiag.solver.readings.readings import NO_ZERO, Readings, make_readings
 from testkit import references
 from testkit.recorded import plain
 from testkit.recorded.exported import LISTS, WIDE, fanuc_section

@@ -7,6 +7,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
@@ -20,8 +22,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.result import Result
 from testkit import references
 from testkit.recorded import plain
 from testkit.recorded.checked import curve_of, table_of
