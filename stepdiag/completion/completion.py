@@ -252,7 +252,7 @@ def _text(replayed: Replayed, name: str) -> str:
     """Return a file that the survey names, from the log. Raises DataError where it is not there, or not UTF-8."""
     data = replayed.files.get(name)
     if data is None:
-        raise DataError(name, expected=message("named-in-log"), found="nothing")
+        raise DataError(name, expected=message("named-in-log"), found=message("nothing"))
     return as_text(data, name)
 
 
