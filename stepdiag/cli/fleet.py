@@ -111,7 +111,7 @@ def trend(
     if as_json:
         typer.echo(json.dumps(json_of(found, left_out), indent=2, ensure_ascii=False))
     else:
-        Console().print(trend_table([each for _, of_machine in worst_first(found) for each in of_machine]))
+        Console().print(trend_table([each for _, of_machine in worst_first(found) for each in of_machine], whole=bool(machine)))
     _name_left_out(left_out)
 
 

@@ -1,7 +1,8 @@
 """Results of one machine beside each other: what changed, and whether it changed by more than the uncertainty."""
 
+import math
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 
 import numpy as np
@@ -11,6 +12,7 @@ from stepdiag.base.messages import Message, message
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.comparing.alike import apart, common_share, remarks, same_volume, standing_of
 from stepdiag.comparing.chance import DENIABLE, Verdict, coverage_factor, excluded_beyond
+from stepdiag.comparing.evolution import beyond
 from stepdiag.conclusion.intervals import reach_of
 from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.result.interval import Interval
@@ -117,32 +119,53 @@ def _interval(result: Result, common: Volume) -> Interval:
     return predicted(result, points, np.zeros(points.shape)).without_rigid_motion["before"].rms_um
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Asked:
+    """A change, and the differences behind it (shapes (nodes,)): ``u`` as far as the surveys do not share it, and ``whole``."""
+
+    change: Change
+    steps: Vector = field(default_factory=lambda: np.zeros(0))
+    u: Vector = field(default_factory=lambda: np.zeros(0))
+    whole: Vector = field(default_factory=lambda: np.zeros(0))
+    place: int = 0
+
+
 def _judged(before: Result, after: Result) -> tuple[Change, ...]:
-    """Return every change with its verdict: beyond what one of all nodes and numbers shows by chance, or none larger than three U hides."""
-    found = list(_changes(before, after))
-    questions = sum(asked for _, asked in found)
-    return tuple(replace(change, verdict=_verdict(change, questions)) if asked else change for change, asked in found)
+    """Return every change with its verdict: beyond what one of all nodes and numbers shows by chance, or none larger than three U hides.
+
+    Surveys that scatter beyond U do so in all quantities: the median of their differences widens each. Loading changes all of them, too.
+    """
+    asked = list(_changes(before, after))
+    steps, u, whole = (np.concatenate([getattr(each, name) for each in asked]) for name in ("steps", "u", "whole"))
+    questions = int(np.count_nonzero(u > 0))
+    scattered = beyond(steps[u > 0], u[u > 0], whole[u > 0], sum(bool(np.any(each.u > 0)) for each in asked))
+    one, other = (standing_of(result).compensation for result in (before, after))
+    return tuple(_with_verdict(each, questions, 0.0 if one != other else scattered) for each in asked)
 
 
-def _verdict(change: Change, questions: int) -> Verdict | None:
-    difference, u = change.difference, change.u
-    if difference is None or u is None:
-        return None
+def _with_verdict(asked: _Asked, questions: int, scattered: float) -> Change:
+    change = asked.change
+    difference, stated = change.difference, change.u
+    if not len(asked.u) or difference is None or stated is None:
+        return change
+    whole = float(asked.whole[asked.place])
+    u = math.hypot(stated, scattered * whole)
     if abs(difference) > coverage_factor(questions) * u:
-        return "changed"
-    return "unchanged" if abs(difference) + excluded_beyond(0.0) * u <= 2 * DENIABLE * u else "undecided"
+        return replace(change, u=u, verdict="changed")
+    hides = abs(difference) + excluded_beyond(0.0) * u > 2 * DENIABLE * whole
+    return replace(change, u=u, verdict="undecided" if hides else "unchanged")
 
 
-def _changes(before: Result, after: Result) -> Iterator[tuple[Change, int]]:
-    """Yield every change with how many independent differences stand behind it: the largest of a function is shown."""
+def _changes(before: Result, after: Result) -> Iterator[_Asked]:
+    """Yield every change; the largest of a function."""
     instruments = {standing_of(result).instruments for result in (before, after)}
     shares = partial(_shares, (before, after), same_instruments=len(instruments) == 1)
     for name, q in before.squareness.items():
         other = after.squareness[name]
-        yield _number_change(name, q.unit, (q.value, q.u), (other.value, other.u), shares(name)), 1
+        yield _number_change(name, q.unit, (q.value, q.u), (other.value, other.u), shares(name))
     for name, s in before.scale.items():
         found = after.scale[name]
-        yield _number_change(f"scale {name}", s.unit, (s.value, s.u), (found.value, found.u), shares(name)), 1
+        yield _number_change(f"scale {name}", s.unit, (s.value, s.u), (found.value, found.u), shares(name))
     for name in (*DISPLACEMENTS, *ROTATIONS):
         if name in before.errors and name in after.errors:
             yield _function_change(name, before.errors[name], after.errors[name], shares(name))
@@ -160,27 +183,33 @@ def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
     return found
 
 
-def _number_change(name: str, unit: str, before: Known, after: Known, alike: Shares) -> Change:
-    known = None if before[1] is None or after[1] is None else (np.array(before[1]), np.array(after[1]))
-    u = None if known is None else float(_u_of_difference(*known, alike))
-    return Change(name=name, unit=unit, before=before[0], after=after[0], u=u)
+def _number_change(name: str, unit: str, before: Known, after: Known, alike: Shares) -> _Asked:
+    if before[1] is None or after[1] is None or before[0] is None or after[0] is None:
+        return _Asked(change=Change(name=name, unit=unit, before=before[0], after=after[0], u=None))
+    u = float(_u_of_difference(np.array(before[1]), np.array(after[1]), alike))
+    change = Change(name=name, unit=unit, before=before[0], after=after[0], u=u)
+    return _Asked(
+        change=change, steps=np.array([abs(after[0] - before[0])]), u=np.array([u]), whole=np.array([math.hypot(before[1], after[1])])
+    )
 
 
-def _function_change(name: str, before: Function, after: Function, alike: Shares) -> tuple[Change, int]:
-    """Return the change at the node where it stands out most, and how many nodes vary; shapes where one of the two is a shape only."""
+def _function_change(name: str, before: Function, after: Function, alike: Shares) -> _Asked:
+    """Return the change at the node where it stands out most; shapes where one of the two is a shape only."""
     if before.value is None or after.value is None:
-        return Change(name=name, unit=before.unit, before=None, after=None, u=None), 0
+        return _Asked(change=Change(name=name, unit=before.unit, before=None, after=None, u=None))
     nodes = _common_nodes(before, after)
     shape = not (before.slope_identified and after.slope_identified) or _other_line(name, before, after)
     a = _from_first(_at(before, before.value, nodes), nodes, shape=shape)
     b = _from_first(_at(after, after.value, nodes), nodes, shape=shape)
     if before.u is None or after.u is None:
         node = int(np.argmax(np.abs(b - a)))
-        return _at_node(name, before.unit, nodes, a, b, node), 0
-    u = _u_of_difference(_at(before, before.u, nodes), _at(after, after.u, nodes), alike)
+        return _Asked(change=_at_node(name, before.unit, nodes, a, b, node))
+    both = _at(before, before.u, nodes), _at(after, after.u, nodes)
+    u, whole = _u_of_difference(*both, alike), np.hypot(*both)
     ratio = np.divide(np.abs(b - a), u, out=np.zeros(len(nodes)), where=u > 0)
     node = int(np.argmax(ratio))
-    return _at_node(name, before.unit, nodes, a, b, node, u=float(u[node])), int(np.count_nonzero(u > 0))
+    change = _at_node(name, before.unit, nodes, a, b, node, u=float(u[node]))
+    return _Asked(change=change, steps=np.abs(b - a), u=u, whole=whole, place=node)
 
 
 def _at_node(name: str, unit: str, nodes: Vector, a: Vector, b: Vector, node: int, *, u: float | None = None) -> Change:

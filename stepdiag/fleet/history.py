@@ -5,6 +5,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
+from functools import cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -121,8 +122,8 @@ def history_in(store: Store, now: datetime, machine: str = "", software: str = "
         known = sorted({place.machine for place in places})
         raise DataError(store.address, expected=what, found=f"none; known are {', '.join(known) or 'no machines'}")
     table, damaged = _read(store, wanted, len(places))
-    series, left_out = _by_machine(table, now)
-    return History(series=tuple(series), left_out=(*damaged, *left_out))
+    found = history_of(table, now)
+    return replace(found, left_out=(*damaged, *found.left_out))
 
 
 def series_in(store: Store, now: datetime, machine: str = "", software: str = "") -> tuple[Series, ...]:
@@ -163,7 +164,7 @@ class _Columns:
     def __init__(self, table: pa.Table) -> None:
         self.words: dict[str, list[str]] = {}
         self.codes: dict[str, NDArray[np.int64]] = {}
-        for name in ("machine", "quantity", "unit", "survey", "event", "conditions", "software"):
+        for name in ("machine", "quantity", "unit", "survey", "event", "conditions", "software", PLACE):
             column = table[name].combine_chunks()
             self.words[name] = column.dictionary.to_pylist()
             self.codes[name] = column.indices.to_numpy().astype(np.int64)
@@ -171,6 +172,26 @@ class _Columns:
         self.shown = np.column_stack([table[name].to_numpy() for name in ("value", "u", "low", "high")]).astype(float)
         self.common = table["common"].to_numpy().astype(float)
         self.lists = {name: _flat(table[name].combine_chunks()) for name in ("positions", "values", "us")}
+        self.stated = cache(lambda code: _stated(self.words["conditions"][code]))
+
+    def nodes(self, rows: NDArray[np.int64]) -> tuple[Array, Array, Array] | None:
+        """Return positions, values and uncertainties where all rows have the same nodes, shapes (nodes,) and (rows, nodes)."""
+        _, begins = self.lists["values"]
+        counts = begins[rows + 1] - begins[rows]
+        if np.any(counts != counts[0]):
+            return None
+        along = np.arange(counts[0])
+        values, us = (each[ends[rows][:, None] + along] for each, ends in (self.lists["values"], self.lists["us"]))
+        places, ends = self.lists["positions"]
+        if ends[rows[0] + 1] == ends[rows[0]]:
+            return np.zeros(1), values, us
+        positions = places[ends[rows][:, None] + along]
+        return (positions[0], values, us) if np.all(positions == positions[0]) else None
+
+    def lists_of(self, name: str, rows: NDArray[np.int64]) -> list[Array]:
+        """Return the numbers of each row."""
+        flat, begins = self.lists[name]
+        return [flat[begins[row] : begins[row + 1]] for row in rows]
 
     def of(self, name: str, row: int) -> str:
         """Return the text in a row."""
@@ -182,33 +203,32 @@ def _flat(column: pa.ListArray) -> tuple[Array, NDArray[np.int64]]:
     return column.values.to_numpy().astype(float), column.offsets.to_numpy().astype(np.int64)
 
 
-def _by_machine(table: pa.Table, now: datetime) -> tuple[list[Series], list[LeftOut]]:
-    """Return the series of all machines in the order of their names."""
+def history_of(table: pa.Table, now: datetime) -> History:
+    """Return the series of a table of `INDEX_SCHEMA`, and what is left out of them."""
     columns = _Columns(table)
     rank = {name: np.argsort(np.argsort(columns.words[name])) for name in ("machine", "quantity")}
     machine, quantity = (rank[name][columns.codes[name]] for name in ("machine", "quantity"))
-    order = np.lexsort((columns.codes["survey"], columns.times, quantity, machine))
-    edges = np.flatnonzero(np.diff(machine[order])) + 1
+    order = np.lexsort((columns.codes[PLACE], columns.times, quantity, machine))
     series: list[Series] = []
     left_out: list[LeftOut] = []
-    for rows in np.split(order, edges):
+    for rows in np.split(order, np.flatnonzero(np.diff(machine[order])) + 1):
         if len(rows):
-            surveys = _surveys(columns, rows)
             name = columns.of("machine", rows[0])
-            groups, without = _parted(name, surveys, now)
+            groups, without = _parted(name, _surveys(columns, rows), now)
             left_out += without
             series += _of_machine(name, columns, rows, quantity, groups)
-    return series, left_out
+    return History(series=tuple(series), left_out=tuple(left_out))
 
 
-def _surveys(columns: _Columns, rows: NDArray[np.int64]) -> dict[tuple[int, int], Survey]:
-    """Return the surveys of a machine by time and name, oldest first."""
-    found: dict[tuple[int, int], Survey] = {}
-    for key, row in sorted({(int(columns.times[row]), int(columns.codes["survey"][row])): row for row in rows[::-1]}.items()):
-        active, standing = _stated(columns.of("conditions", row))
-        found[key] = Survey(
-            time=datetime.fromtimestamp(key[0] / 1e6, UTC), name=columns.of("survey", row), event=columns.of("event", row), active=active,
-            software=columns.of("software", row), standing=standing,
+def _surveys(columns: _Columns, rows: NDArray[np.int64]) -> dict[int, Survey]:
+    """Return the surveys of a machine by the number of their place, oldest first."""
+    places, firsts = np.unique(columns.codes[PLACE][rows], return_index=True)
+    found: dict[int, Survey] = {}
+    for place, row in sorted(zip(places.tolist(), rows[firsts].tolist(), strict=True), key=lambda each: (columns.times[each[1]], each[0])):
+        active, standing = columns.stated(int(columns.codes["conditions"][row]))
+        found[place] = Survey(
+            time=datetime.fromtimestamp(int(columns.times[row]) / 1e6, UTC), name=columns.of("survey", row),
+            event=columns.of("event", row), active=active, software=columns.of("software", row), standing=standing,
         )  # fmt: skip
     return found
 
@@ -232,12 +252,12 @@ def _typed(value: Any, usual: Any) -> Any:
     return value if type(value) is type(usual) else usual
 
 
-Groups = list[tuple[dict[tuple[int, int], Survey], Message | None]]
+Groups = list[tuple[dict[int, Survey], Message | None]]
 
 
-def _parted(machine: str, surveys: Mapping[tuple[int, int], Survey], now: datetime) -> tuple[Groups, list[LeftOut]]:
+def _parted(machine: str, surveys: Mapping[int, Survey], now: datetime) -> tuple[Groups, list[LeftOut]]:
     """Return the surveys that are held against one another, the newest's first, and those that are left out."""
-    kept: dict[tuple[int, int], Survey] = {}
+    kept: dict[int, Survey] = {}
     left_out = []
     for key, each in surveys.items():
         why = _doubt(each, now)
@@ -265,12 +285,13 @@ def _doubt(survey: Survey, now: datetime) -> Message | None:
 
 def _of_machine(machine: str, columns: _Columns, rows: NDArray[np.int64], quantity: NDArray[np.int64], groups: Groups) -> Iterator[Series]:
     """Yield the series of a machine by name of the quantity."""
-    for mine in np.split(rows, np.flatnonzero(np.diff(quantity[rows])) + 1):
-        keys = list(zip(columns.times[mine].tolist(), columns.codes["survey"][mine].tolist(), strict=True))
-        for surveys, why in groups:
-            inside = [number for number, key in enumerate(keys) if key in surveys]
-            if inside:
-                whole = _series(machine, columns, mine[inside], tuple(surveys[keys[number]] for number in inside), why)
+    place = columns.codes[PLACE]
+    inside = [np.isin(place[rows], list(surveys)) for surveys, _ in groups]
+    for mine in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(quantity[rows])) + 1):
+        for (surveys, why), held in zip(groups, inside, strict=True):
+            chosen = rows[mine[held[mine]]]
+            if len(chosen):
+                whole = _series(machine, columns, chosen, tuple(map(surveys.__getitem__, place[chosen].tolist())), why)
                 yield from _by_volume(whole) if whole.quantity in OF_VOLUME else (whole,)
 
 
@@ -295,18 +316,12 @@ def _volume_alike(one: Standing, other: Standing) -> bool:
 
 def _series(machine: str, columns: _Columns, rows: NDArray[np.int64], surveys: tuple[Survey, ...], why: Message | None) -> Series:
     """Return one quantity of surveys that are held against one another, at the nodes that all of them have."""
-    lists = {name: [flat[begins[row] : begins[row + 1]] for row in rows] for name, (flat, begins) in columns.lists.items()}
-    positions, values, us = lists["positions"], lists["values"], lists["us"]
     shown = columns.shown[rows]
-    if not len(positions[0]):
-        nodes = np.zeros(1)
-        skewed = np.isfinite(shown[:, 2:]).all(axis=1)
-        at = np.where(skewed, shown[:, 2:].mean(axis=1), shown[:, 0])[:, None]
-        u = np.stack(us)
-    elif all(len(each) == len(positions[0]) and np.array_equal(each, positions[0]) for each in positions):
-        nodes, at, u = positions[0], np.stack(values), np.stack(us)
-    else:
-        nodes, at, u = _at_common_nodes(positions, values, us)
+    alike = columns.nodes(rows)
+    nodes, at, u = alike or _at_common_nodes(*(columns.lists_of(name, rows) for name in ("positions", "values", "us")))
+    if len(nodes) == 1:
+        middle = shown[:, 2:].mean(axis=1)
+        at = np.where(np.isfinite(middle), middle, shown[:, 0])[:, None]
     return Series(
         machine=machine, quantity=columns.of("quantity", rows[0]), unit=columns.of("unit", rows[0]), surveys=surveys, nodes_mm=nodes,
         values=at, u=u, common=columns.common[rows], shown=shown, other=why,

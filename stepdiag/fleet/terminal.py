@@ -11,24 +11,35 @@ from rich.table import Table
 from rich.text import Text
 
 from stepdiag.base.messages import rendered
-from stepdiag.fleet.evolution import Course
+from stepdiag.comparing.evolution import Course
 from stepdiag.fleet.history import LeftOut, Point
+from stepdiag.fleet.rows import RMS
 from stepdiag.fleet.trend import Leaving, Trend, already_perhaps, day, statements
 
 HEADER = ("machine", "quantity", "unit", "time", "survey", "value", "U", "low", "high", "event", "software", "apart")
 
 
-def trend_table(trends: Sequence[Trend]) -> Table:
-    """Return one row a series: the last figure with its U, what became of it, when it leaves its tolerance."""
-    table = Table(title="trend")
+def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
+    """Return one row a series: the last figure with its U, what became of it, when it leaves its tolerance.
+
+    Not ``whole``: every machine's volumetric error, and what is not unchanged; the caption counts the others.
+    """
+    rows = trends if whole else [each for each in trends if _worth_a_row(each)]
+    caption = None if len(rows) == len(trends) else f"{len(trends) - len(rows)} more are unchanged (--machine, --csv and --json show all)"
+    table = Table(title="trend", caption=caption)
     for column in ("machine", "quantity", "last", "U (k = 2)", "unit", "surveys", "verdict", "what changed", "leaves tolerance"):
         table.add_column(column, justify="right" if column in {"last", "U (k = 2)", "surveys"} else "left")
-    for each in trends:
+    for each in rows:
         last, series = each.last, each.series
         name = series.quantity if series.other is None else f"{series.quantity} ({series.other})"
         words = (series.machine, name, f"{last.value:.2f}", _expanded_words(last), series.unit, str(len(series.surveys)), each.verdict)
         table.add_row(*map(Text, (*words, changed(each), leaves(each))), style="bold" if each.outside == "yes" else "")
     return table
+
+
+def _worth_a_row(trend: Trend) -> bool:
+    alone = len(trend.series.surveys) < 2
+    return trend.series.quantity == RMS or trend.outside in ("yes", "perhaps") or (trend.verdict != "unchanged" and not alone)
 
 
 def _expanded_words(point: Point) -> str:

@@ -1,6 +1,6 @@
 """What changed on each machine of a store, since when and after what; and when a figure leaves its tolerance.
 
-The model of a machine over time: `stepdiag.fleet.evolution`. A day of leaving comes from an accepted line, towards the tolerance alone.
+The model of a machine over time: `stepdiag.comparing.evolution`. A day of leaving comes from an accepted line, towards the tolerance alone.
 """
 
 import math
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.messages import Message, message
 from stepdiag.comparing.chance import Verdict
-from stepdiag.fleet.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter
+from stepdiag.comparing.evolution import HELD, Calendar, Course, Explained, Figures, explained, fit, scatter
 from stepdiag.fleet.history import OF_VOLUME, Point, Series, Survey
 
 Array = NDArray[np.float64]
@@ -101,19 +101,20 @@ def _of_machine(series: Sequence[Series], tolerance: Callable[[str, str], float 
     figures, rows = [], []
     for each in series:
         mine = np.array([place[survey.name] for survey in each.surveys])
-        whole = [np.full((len(surveys), each.values.shape[1]), np.nan) for _ in range(2)]
-        for full, part in zip(whole, (each.values, _own(each)), strict=True):
+        whole = [np.full((len(surveys), each.values.shape[1]), np.nan) for _ in range(3)]
+        for full, part in zip(whole, (each.values, _own(each), each.u), strict=True):
             full[mine] = part
-        figures.append(Figures(values=whole[0], u_own=whole[1]))
+        figures.append(Figures(values=whole[0], u_own=whole[1], u=whole[2]))
         rows.append(mine)
     calendar = _calendar(surveys)
-    larger = scatter(figures, calendar)
-    for each, mine, found in zip(series, rows, explained(figures, calendar, larger), strict=True):
+    beyond = scatter(figures, calendar)
+    wide = [each.widened(beyond) for each in figures]
+    for each, mine, found in zip(series, rows, explained(wide, calendar), strict=True):
         back = {int(at): number for number, at in enumerate(mine)}
         own = found.renumbered(back)
         allowed = tolerance(each.machine, each.quantity)
         yield Trend(
-            series=each, explained=own, leaving=None if allowed is None else _leaving(each, own, larger, allowed), tolerance=allowed,
+            series=each, explained=own, leaving=None if allowed is None else _leaving(each, own, beyond, allowed), tolerance=allowed,
             outside=None if allowed is None else _outside(each.point(-1), allowed),
         )  # fmt: skip
 
@@ -152,7 +153,7 @@ def rank(trend: Trend) -> tuple[int, float]:
     return -beyond, abs(last.value) / scale if scale else abs(last.value)
 
 
-def _leaving(series: Series, found: Explained, larger: float, tolerance: float) -> Leaving | None:
+def _leaving(series: Series, found: Explained, scattered: float, tolerance: float) -> Leaving | None:
     """Return when the line, and its band at k = 2, cross the tolerance towards which it runs; a date in the past stands for now.
 
     None where there is no line, or one that runs away from the tolerance: a figure that is a magnitude leaves by growing alone.
@@ -166,8 +167,7 @@ def _leaving(series: Series, found: Explained, larger: float, tolerance: float) 
     loaded = [at for at in range(1, len(times)) if series.surveys[at - 1].active != series.surveys[at].active]
     steps = sorted({*loaded, *(each.at for each in found.courses if each.kind == "step")})
     design = np.column_stack([np.ones(len(years)), years, *(-(np.arange(len(years)) < at).astype(float) for at in steps)])
-    share = np.sqrt(np.maximum(1 - series.common**2, 0.0))
-    weights = (larger * share * series.shown[:, 1]) ** -2.0
+    weights = (1 - series.common**2 + scattered**2) ** -1.0 * series.shown[:, 1] ** -2.0
     shown = _centred(series)
     amounts, covariance = fit(shown[kept, None], weights[kept, None], design[kept])
     level, slope = float(amounts[0, 0]), float(amounts[1, 0])

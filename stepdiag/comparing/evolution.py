@@ -2,13 +2,13 @@
 
 The figures of one quantity at N nodes in T surveys are
 
-    y[t, n] = level[n] + sum_j a_j[n] g_j(t) + common[n] + s e[t, n],      e ~ normal(0, u_own[t, n])
+    y[t, n] = level[n] + sum_j a_j[n] g_j(t) + common[n] + e[t, n],      e ~ normal(0, u_own[t, n])
 
 - ``u_own`` is what each survey has for itself: its combined uncertainty less the part that all surveys of the same instruments share
   (angles that nobody measured, wavelength, sensors). The shared part moves no figure against another; it returns where a figure is held
   against a tolerance. A survey by other instruments has a shared part of its own, which is added to its ``u_own``.
-- ``s`` (1 to `LARGEST_SCATTER`) is the scatter beyond U of the whole machine: the median of all differences between neighbouring surveys
-  over what their U explains. A change moves one difference of a quantity, not their median.
+- ``u_own`` is widened by the scatter beyond U of the whole machine, up to `LARGEST_SCATTER` times u: the median of all differences
+  between neighbouring surveys, less what ``u_own`` explains. A change moves one difference of a quantity, not their median.
 - ``g_j`` are courses: known breaks (loaded tables) stand in every model; a step between two surveys, a line, a run-in
   1 - exp(-t / tau), a season (sine and cosine of a year) are looked for. A slope goes on through breaks and steps.
 
@@ -42,7 +42,7 @@ Mask = NDArray[np.bool_]
 Kind = Literal["step", "line", "run-in", "season"]
 
 LARGEST_SCATTER = 3.0
-"""Scatter beyond U above this is no scatter: differences three times their U are changes, or U is wrong."""
+"""In u. Scatter above this is no scatter: such differences are changes, or U is wrong."""
 ENOUGH = 8
 """Differences from which on their median is a scatter: it is known to a third then."""
 HELD = 0.95
@@ -58,10 +58,16 @@ SEASON_YEARS, SEASON_SURVEYS = 1.0, 6
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Figures:
-    """One quantity in its surveys: ``values`` and ``u_own``, shapes (surveys, nodes), NaN where a survey does not have it."""
+    """One quantity in its surveys, NaN where a survey does not have it: ``values``, ``u`` and the part of u that a survey has for itself,
+    shapes (surveys, nodes)."""
 
     values: Array
     u_own: Array
+    u: Array
+
+    def widened(self, scatter: float) -> "Figures":
+        """Return it with ``scatter`` times u in what each survey has for itself."""
+        return self if not scatter else replace(self, u_own=np.hypot(self.u_own, scatter * self.u))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,31 +132,40 @@ class _Candidates:
 
 
 def scatter(figures: Sequence[Figures], calendar: Calendar) -> float:
-    """Return how far the surveys of a machine scatter beyond their U, 1 to `LARGEST_SCATTER`."""
+    """Return by how many u the surveys of a machine scatter beyond what each has for itself, 0 to `LARGEST_SCATTER`."""
     if not figures:
-        return 1.0
-    middles = [each.values.shape[1] // 2 for each in figures]
-    values, u = (
-        np.column_stack([getattr(each, name)[:, at] for each, at in zip(figures, middles, strict=True)]) for name in ("values", "u_own")
-    )
-    steps, expected = np.diff(values, axis=0), np.hypot(u[1:], u[:-1])
-    usable = np.isfinite(steps) & (expected > 0) & ~calendar.broken[1:, None]
-    ratios = np.abs(steps[usable]) / expected[usable]
-    if len(ratios) < ENOUGH:
-        return 1.0
-    median = float(np.median(ratios)) / NormalDist().inv_cdf(0.75)
-    return min(max(median * (1 + 1 / math.sqrt(len(ratios))), 1.0), LARGEST_SCATTER) if median > 1 else 1.0
+        return 0.0
+    values, own, u = (np.hstack([getattr(each, name) for each in figures]) for name in ("values", "u_own", "u"))
+    steps, expected, whole = np.abs(np.diff(values, axis=0)), np.hypot(own[1:], own[:-1]), np.hypot(u[1:], u[:-1])
+    usable = np.isfinite(steps) & (expected > 0) & (whole > 0) & ~calendar.broken[1:, None]
+    independent = len(figures) * int(np.count_nonzero(usable.any(axis=1)))
+    return beyond(steps[usable], expected[usable], whole[usable], independent)
 
 
-def explained(figures: Sequence[Figures], calendar: Calendar, larger: float = 1.0) -> list[Explained]:
-    """Return what became of each quantity of a machine whose surveys scatter by ``larger`` times their U."""
+def beyond(steps: Array, expected: Array, whole: Array, independent: int) -> float:
+    """Return by how many u differences scatter beyond their own standard uncertainty ``expected``; ``whole`` is that of all of u.
+
+    So many of the differences are ``independent``: nodes of one function go together.
+    """
+    if min(independent, len(steps)) < ENOUGH:
+        return 0.0
+    normal = NormalDist().inv_cdf(0.75)
+    larger = float(np.median(steps / expected)) / normal
+    if larger <= 1.0:
+        return 0.0
+    total = float(np.median(steps / whole)) / normal * (1 + 1 / math.sqrt(independent))
+    return min(math.sqrt(max(total**2 - float(np.median(expected / whole)) ** 2, 0.0)), LARGEST_SCATTER)
+
+
+def explained(figures: Sequence[Figures], calendar: Calendar) -> list[Explained]:
+    """Return what became of each quantity of a machine."""
     questions = sum(each.values.shape[1] for each in figures)
     together: dict[bytes, list[int]] = {}
     for number, each in enumerate(figures):
         together.setdefault(_kept(each).tobytes(), []).append(number)
     found: dict[int, Explained] = {}
     for numbers in together.values():
-        found |= zip(numbers, _explained([figures[number] for number in numbers], calendar, larger, questions), strict=True)
+        found |= zip(numbers, _explained([figures[number] for number in numbers], calendar, questions), strict=True)
     return [found[number] for number in range(len(figures))]
 
 
@@ -161,7 +176,7 @@ def _kept(figures: Figures) -> Mask:
     return kept
 
 
-def _explained(figures: Sequence[Figures], calendar: Calendar, larger: float, questions: int) -> Iterator[Explained]:
+def _explained(figures: Sequence[Figures], calendar: Calendar, questions: int) -> Iterator[Explained]:
     """Yield what became of quantities that the same surveys have: all are asked at once, those with an answer each by itself then."""
     kept = _kept(figures[0])
     if np.count_nonzero(kept) < 2:
@@ -171,11 +186,11 @@ def _explained(figures: Sequence[Figures], calendar: Calendar, larger: float, qu
     candidates, surveys = _candidates(days), np.flatnonzero(kept)
     values = np.hstack([each.values[kept] for each in figures])
     with np.errstate(divide="ignore"):
-        weights = np.hstack([(larger * each.u_own[kept]) ** -2.0 for each in figures])
+        weights = np.hstack([each.u_own[kept] ** -2.0 for each in figures])
     weights[:, ~np.isfinite(weights).all(axis=0)] = 0.0  # a node that is zero by definition has nothing to show
     gains = _gains_beside_levels(values, weights, days, candidates)
     limits = _thresholds(candidates, days, questions)
-    hidden = _hidden(weights, candidates, gains)
+    hidden = _hidden(np.hstack([each.u[kept] for each in figures]), weights, candidates, gains)
     end = 0
     for each in figures:
         mine = slice(end, end := end + each.values.shape[1])
@@ -311,14 +326,12 @@ class _Search:
             row += self._columns(each.number).shape[1]
 
 
-def _hidden(weights: Array, candidates: _Candidates, gains: _Gains) -> Mask:
+def _hidden(u: Array, weights: Array, candidates: _Candidates, gains: _Gains) -> Mask:
     """Return at which steps and nodes a change of `DENIABLE` U is not excluded, shape (steps, nodes)."""
     steps = np.array([number for number, kind in enumerate(candidates.kinds) if kind == "step"], dtype=np.int64)
     at = candidates.places[steps]
-    with np.errstate(divide="ignore", invalid="ignore"):
-        own = weights**-1.0
-        allowed = 2 * DENIABLE * np.sqrt(own[at - 1] + own[at])
-    found: Mask = np.isfinite(allowed) & (np.abs(gains.size[steps]) + excluded_beyond(0.0) * gains.u[steps] > allowed)
+    allowed = 2 * DENIABLE * np.hypot(u[at - 1], u[at])
+    found: Mask = np.any(weights, axis=0) & (np.abs(gains.size[steps]) + excluded_beyond(0.0) * gains.u[steps] > allowed)
     return found
 
 
