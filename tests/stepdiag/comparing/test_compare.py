@@ -50,7 +50,7 @@ def test_chance_is_rarely_called_a_change() -> None:
     decided = [sum(change.verdict is not None for change in changes) for changes in compared]
     assert set(decided) == {12}
     called = np.mean([any(change.significant for change in changes) for changes in compared])
-    assert called == pytest.approx(0.0455, abs=0.03)
+    assert called < 0.075
 
 
 def test_a_change_of_three_u_is_never_called_unchanged() -> None:
