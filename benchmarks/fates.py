@@ -16,6 +16,8 @@ from datetime import UTC, datetime, timedelta
 import numpy as np
 
 from benchmarks.honesty import Case, drive, machine_of
+from stepdiag.base.result.members import ActiveFile, Facts
+from stepdiag.base.result.result import Function, Result
 from stepdiag.base.volume import Vector
 from stepdiag.comparing.compare import compare
 from stepdiag.fleet.history import history_of
@@ -23,8 +25,6 @@ from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.tables import index_of, table_of
 from stepdiag.fleet.trend import YEAR, Trend, trends_of
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.result.members import ActiveFile, Facts
-from stepdiag.solver.result.result import Function, Result
 
 CASE = Case(name="a machine of the works", angle_urad=15.0, increments=5)
 POOL, FIRST_SEED = 24, 5000
@@ -280,10 +280,10 @@ def wrong_clock(life: Life, dice: np.random.Generator) -> None:
 
 
 FATES: dict[str, Fate] = {
-    "constant": constant, "crash": crash, "crash nobody names": unnoticed, "dent in a straightness": dent, "drift": drift, "season": season, "run-in": run_in,
-    "loaded every year": loaded, "re-levelled": levelled, "sign turned": turned, "other volume": smaller, "other increments": coarser,
-    "other laser": other_laser, "other software": other_software, "scatters by 2 u more": scattering, "missing years": gaps,
-    "wrong clock": wrong_clock,
+    "constant": constant, "crash": crash, "crash nobody names": unnoticed, "dent in a straightness": dent, "drift": drift,
+    "season": season, "run-in": run_in, "loaded every year": loaded, "re-levelled": levelled, "sign turned": turned,
+    "other volume": smaller, "other increments": coarser, "other laser": other_laser, "other software": other_software,
+    "scatters by 2 u more": scattering, "missing years": gaps, "wrong clock": wrong_clock,
 }  # fmt: skip
 
 

@@ -179,7 +179,7 @@ class ByLaser:
             return
         if place.stop == -1:
             text = "the machine went on by a step of the pass after its last stop: the pass before may be off by a stop, drive it again"
-            self._say("pass-off-by-one", text, outcomes)
+            self._say("place-unknown", text, outcomes)
             return
         expected = place.route.step_mm(place.stop, min(place.stop + 1, last))
         moved = stand.level_mm - place.levels[place.stop]

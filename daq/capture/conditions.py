@@ -11,12 +11,12 @@ from typing import Protocol
 
 import msgspec
 
+from stepdiag.base.conditions.air import HALL
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
-from stepdiag.solver.standards.air import HALL
 
 BELIEVED_STOPS = 5
 """A value that has jumped is believed when so many stops in a row agree on it; that it has jumped stays a doubt."""
@@ -154,9 +154,9 @@ class Conditions:
     def _wrong(self, name: str, value: float, time_s: float) -> str:
         """Return the finding's code of a value that is not believed; empty for one that is."""
         if math.isnan(value):
-            return "sensor-silent"
+            return "conditions-held"
         if not _possible(name, value):
-            return "sensor-implausible"
+            return "conditions-held"
         last = self._credible.get(name)
         return "sensor-jump" if last is not None and abs(value - last.value) > self._reach(name, time_s) else ""
 

@@ -19,9 +19,9 @@ LEVER_MM = 100.0
 """At which an angle counts as a movement: it only judges whether the instrument has come to rest."""
 TROUBLES: tuple[tuple[Flag, str, str], ...] = (
     (Flag.BEAM_LOST, "fourdof-beam-blocked", "no light on a detector"),
-    (Flag.SATURATED, "fourdof-saturated", "a detector is at the end of its range"),
+    (Flag.SATURATED, "fourdof-out-of-range", "a detector is at the end of its range"),
     (Flag.OUT_OF_RANGE, "fourdof-out-of-range", "the spot is off its detector"),
-    (Flag.DEVICE_ERROR, "fourdof-device", "the head reports a fault of its own"),
+    (Flag.DEVICE_ERROR, "instrument-reports", "the head reports a fault of its own"),
 )
 
 

@@ -144,7 +144,7 @@ class StopTaker:
         """Return why a stop has no reading: that the link was down, once an outage, else the symptom."""
         if not self._outages.covers(link, dwell.from_ns, dwell.to_ns):
             return [walk.finding(symptom.code, "error", index, symptom)]
-        return [walk.finding(f"{link}-gap", "error", index, LINK_DOWN[link])] if self._outages.news(link) else []
+        return [walk.finding("samples-missing", "error", index, LINK_DOWN[link])] if self._outages.news(link) else []
 
     def _from_beyond(self, walk: Walk, index: int, dwell: Dwell, taken: Taken) -> str:
         """Return why a stop may have been come to in the direction of the other pass; empty where it was not.

@@ -100,4 +100,4 @@ def assumed_findings(survey: Survey, stops: int, unsaid: Iterable[Held]) -> Iter
             f"{one.name}: at {one.stops} of {stops} stops nobody told it, {value:g} {unit} of [environment] is assumed, "
             f'u = {one.u:.2g} {unit}: it is in the uncertainty; set it and source = "fixed" there, or solve with --environment FILE'
         )
-        yield Finding(code="conditions-assumed", severity="warning", text=text)
+        yield Finding(code="air-unknown", severity="warning", text=text)

@@ -43,7 +43,7 @@ class Handshake:
         before, self._refused = self._refused, refused
         if not refused or before:
             return None
-        text = message("handshake-refused", why=refused)
+        text = message("handshake-waits.refused", why=refused)
         return finding("error", text)
 
     def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], str]) -> Finding | None:

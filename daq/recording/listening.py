@@ -100,6 +100,6 @@ def _ears(survey: Survey) -> dict[Stream, _Ear]:
 
 def _unusable(stream: Stream, ear: _Ear) -> Finding:
     if ear.samples and "garbage" not in ear.remarks:
-        return Finding(code=f"{stream}-device", severity="warning", text=refused(stream, ear.remarks.get("device", "")))
+        return Finding(code="instrument-reports", severity="warning", text=refused(stream, ear.remarks.get("device", "")))
     remark = ear.remarks.get("garbage") or ear.remarks.get("device") or ""
-    return Finding(code=f"{stream}-garbage", severity="warning", text=senseless(stream, ear.heard, ear.count, remark))
+    return Finding(code="bytes-garbled", severity="warning", text=senseless(stream, ear.heard, ear.count, remark))

@@ -76,7 +76,7 @@ class Decoder(Protocol):
     """One object a stream. Any split of the same bytes gives the same samples, arrival stamps apart."""
 
     nominal_rate_hz: float | None
-    """The rate as last told by the instrument or its data sheet; None where it is unknown."""
+    """The rate as last reported by the instrument or its data sheet; None where it is unknown."""
     gaps_visible: bool
     """Whether a lost sample leaves a gap in the counter."""
     latency_s: float
@@ -122,7 +122,7 @@ class AskingDecoder(PolledDecoder, Protocol):
 
 @runtime_checkable
 class GreetingDecoder(Decoder, Protocol):
-    """A decoder for an instrument that has to be told to speak: the link sends ``greeting`` whenever it has opened the line."""
+    """A decoder for an instrument that sends on request: the link sends ``greeting`` whenever it has opened the line."""
 
     greeting: bytes
 
@@ -132,5 +132,5 @@ class RespondingDecoder(Decoder, Protocol):
     """A decoder for an instrument that wants an answer to what it says."""
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return a function that takes all that is heard on an open line, and returns what is to be said to it at once."""
+        """Return a function that takes all that is heard on an open line, and returns the answer to it."""
         ...

@@ -1,7 +1,7 @@
 """A message as a value: a key, arguments with units in their names, and where it belongs. Words are made where it is shown.
 
-    said = message("stop-outlier.alone", stop=5, size_um=12.3, setup="ppp")
-    rendered(said, "de")
+    words = message("stop-outlier.alone", stop=5, size_um=12.3, setup="ppp")
+    rendered(words, "de")
 
 The catalogue (`texts.patterns`) holds the sentence of every key in every language and the type of every argument. A text takes the place
 of a message where an old log or result holds nothing else.
@@ -58,7 +58,7 @@ class Message:
         return self.key.partition(".")[0]
 
 
-Said = Message | str
+Words = Message | str
 """A message; or a text as it stands: a name, a value of a file, a sentence of an old log."""
 Item = Message | str | int
 Argument = Message | str | int | float | Sequence[Item]
@@ -103,15 +103,15 @@ def _plain(key: str, name: str, kind: Kind, value: Argument) -> Argument:
     raise TypeError(f"message {key}: {name}: expected a {kind}, found {type(value).__name__}")
 
 
-def rendered(said: Said, language: Language) -> str:
+def rendered(words: Words, language: Language) -> str:
     """Return a message in words of a language; a text as it stands, or translated where the program of before composed it."""
-    if isinstance(said, str):
-        return translated(said, language)
-    known = sentences().get(said.key)
+    if isinstance(words, str):
+        return translated(words, language)
+    known = sentences().get(words.key)
     if known is None:  # of a log of another version, without its text
-        return said.key
-    filled = ("" if slot is None else _filled(slot, said.arguments[slot.name], language) for _, slot in known[language])
-    return "".join(part for (literal, _), words in zip(known[language], filled, strict=True) for part in (literal, words))
+        return words.key
+    filled = ("" if slot is None else _filled(slot, words.arguments[slot.name], language) for _, slot in known[language])
+    return "".join(part for (literal, _), value in zip(known[language], filled, strict=True) for part in (literal, value))
 
 
 def _filled(slot: Slot, value: Any, language: Language) -> str:
@@ -127,11 +127,11 @@ def _filled(slot: Slot, value: Any, language: Language) -> str:
             return _BETWEEN[kind][language].join(rendered(item, language) for item in value)
 
 
-def at(place: Place, said: Said, stops: Sequence[int] = ()) -> Said:
-    """Return what is said with its pass and stop before it; ``stops`` are several stops of the pass, without them that of the place."""
+def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
+    """Return a message with its pass and stop before it; ``stops`` are several stops of the pass, without them that of the place."""
     if not place.way:
-        return said
-    run: dict[str, Argument] = {"setup": place.setup, "way": message("way-out" if place.way == "out" else "way-back"), "what": said}
+        return words
+    run: dict[str, Argument] = {"setup": place.setup, "way": message("way-out" if place.way == "out" else "way-back"), "what": words}
     if stops:
         return message("at-stop" if len(stops) == 1 else "at-stops", stops=stops, **run)
     if place.stop is None:
@@ -139,9 +139,9 @@ def at(place: Place, said: Said, stops: Sequence[int] = ()) -> Said:
     return message("at-stop-of", stop=place.stop, last=place.last or 0, **run)
 
 
-def message_json(said: Message) -> dict[str, Any]:
+def message_json(words: Message) -> dict[str, Any]:
     """Return a message as JSON: key and arguments, messages within it likewise."""
-    return {"key": said.key, "arguments": {name: _json(value) for name, value in said.arguments.items()}}
+    return {"key": words.key, "arguments": {name: _json(value) for name, value in words.arguments.items()}}
 
 
 def _json(value: Argument | Item) -> Any:

@@ -24,7 +24,7 @@ NS = 1e-9
 
 @dataclass(slots=True)
 class LinkSeen:
-    """How a link fared: ``detail`` is the last that was said of it; ``losses`` counts how often it went after it had been there."""
+    """How a link fared: ``detail`` is the last text about it; ``losses`` counts how often it went after it had been there."""
 
     name: str
     address: str = ""

@@ -80,7 +80,7 @@ class _Watching:
 
             webbrowser.open(address)
 
-    def told(self, line: str) -> None:
+    def show(self, line: str) -> None:
         """Print what happens."""
         from stepdiag.terminal.printable import printable
 
@@ -135,5 +135,5 @@ def _print_json(found: "Demonstrated") -> None:
         {"of": each.of, "low_um": each.stated.low_um, "high_um": each.stated.high_um, "true_um": each.true_um, "kept": each.kept}
         for each in found.promises
     ]
-    told = {"folder": str(found.round), "seconds": found.seconds, "figures": figures, "factors": factors, "promises": promises}
-    typer.echo(json.dumps(told, indent=2))
+    document = {"folder": str(found.round), "seconds": found.seconds, "figures": figures, "factors": factors, "promises": promises}
+    typer.echo(json.dumps(document, indent=2))

@@ -76,8 +76,8 @@ def _print(found: "Standing") -> None:
     for line in _live(found):
         typer.echo(printable(line))
     for setup in found.setups:
-        for said in dict.fromkeys(filter(None, (setup.reason, setup.doubt))):
-            typer.echo(printable(f"{setup.name}: {said}"))
+        for reason in dict.fromkeys(filter(None, (setup.reason, setup.doubt))):
+            typer.echo(printable(f"{setup.name}: {reason}"))
     for line in (*_undated(found), *(f"{log.name}: {log.trouble}" for log in found.logs if log.trouble)):
         typer.echo(printable(line))
     if found.disk:
@@ -130,21 +130,21 @@ def _live(found: "Standing") -> list[str]:
     if found.live is None:
         return []
     links = {"laser": found.live.laser, "machine": found.live.plc, "head": found.live.head, "air": found.live.air}
-    told = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
+    lines = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
     air = ", ".join(f"{name} {value:g}" for name, value in found.live.told.items())
-    told += [f"told of air and material: {air}"] if air else []
-    return [*told, f"it waits for: {found.live.waits_for}", *filter(None, (found.live.message,))]
+    lines += [f"told of air and material: {air}"] if air else []
+    return [*lines, f"it waits for: {found.live.waits_for}", *filter(None, (found.live.message,))]
 
 
 def _doubted(found: "Standing") -> list[str]:
-    """Return every doubt in its words, unless a setup's line has said them, and after those of a place the command that accepts them."""
+    """Return every doubt in its words, unless a setup's line holds them, and after those of a place the command that accepts them."""
     from stepdiag.daq.passes.doubt import places_of
 
     where = shlex.quote(str(found.round or found.folder))
-    said, lines = " ".join(setup.doubt for setup in found.setups), list[str]()
+    shown, lines = " ".join(setup.doubt for setup in found.setups), list[str]()
     for place in places_of(found.doubts):
         here = [doubt.text for doubt in found.doubts if doubt.place == place]
-        lines += [text for text in here if text not in said and text not in lines]
+        lines += [text for text in here if text not in shown and text not in lines]
         lines.append(f"accept what is known to be right: `stepdiag accept {where} {place} --reason ...`")
     return lines
 

@@ -6,11 +6,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from stepdiag.base.messages import Message, message
+from stepdiag.base.result.basis import basis_of
+from stepdiag.base.result.members import Budget, Facts
+from stepdiag.base.result.result import Result
 from stepdiag.daq.passes.survey_time import CODE as CLOCK
 from stepdiag.solver.model.effects import TURNING
-from stepdiag.solver.result.basis import basis_of
-from stepdiag.solver.result.members import Budget, Facts
-from stepdiag.solver.result.result import Result
 
 ALMOST = 0.01
 """Of the shortest side: ends of two volumes that differ by less are the same."""

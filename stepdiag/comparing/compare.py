@@ -9,16 +9,16 @@ import numpy as np
 
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import Message, message
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.prediction import predicted
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.comparing.alike import apart, common_share, remarks, same_volume, standing_of
 from stepdiag.comparing.chance import DENIABLE, Verdict, coverage_factor, excluded_beyond
 from stepdiag.comparing.evolution import beyond
 from stepdiag.conclusion.intervals import reach_of
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.members import Facts
-from stepdiag.solver.result.prediction import predicted
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 
 GRID = 11
 """Points per axis of the grid over which volumetric errors are compared."""

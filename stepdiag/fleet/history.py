@@ -236,12 +236,12 @@ def _surveys(columns: _Columns, rows: NDArray[np.int64]) -> dict[int, Survey]:
 def _stated(conditions: str) -> tuple[tuple[str, ...], Standing]:
     """Return the hashes of the active tables and what the result says of itself; nothing for what is not there or of another type."""
     try:
-        told = json.loads(conditions)
-        active = told.get("active", [])
+        stated = json.loads(conditions)
+        active = stated.get("active", [])
     except (ValueError, AttributeError, RecursionError):
         return (), Standing()
     usual = Standing()
-    known = {name: _typed(told.get(name), getattr(usual, name)) for name in Standing.__dataclass_fields__}
+    known = {name: _typed(stated.get(name), getattr(usual, name)) for name in Standing.__dataclass_fields__}
     return (tuple(map(str, active)) if isinstance(active, list) else ()), Standing(**known)
 
 

@@ -112,7 +112,7 @@ def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, a
     if agrees(measured_mm, 0.0):
         return "no-move", f"{found}: the machine did not move, or the stop was counted twice"
     if to_stop + 1 < len(route) and agrees(measured_mm, route.step_mm(from_stop, to_stop + 1)):
-        return "missing-stop", f"{found}, and {route.step_mm(from_stop, to_stop + 1):.3f} mm to the stop after: a stop is missing"
+        return "stop-missing", f"{found}, and {route.step_mm(from_stop, to_stop + 1):.3f} mm to the stop after: a stop is missing"
     if other := _other_axis(route, to_stop, measured_mm):
         return "wrong-axis-order", f"{found}: that is a step of {other.upper()}, not of {route.axis_to(to_stop).upper()}"
     if abs(absolute_mm) <= STILL_MM:

@@ -7,7 +7,7 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, Severity
 from stepdiag.base.findings import finding as placed
-from stepdiag.base.messages import Message, Place, Said, at, message
+from stepdiag.base.messages import Message, Place, Words, at, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.laser_place import LaserPlaces
 from stepdiag.daq.capture.place.route import Route, agrees, judge_step
@@ -226,7 +226,7 @@ class Walk:
         self.expected = index + 1
         self._last_count = count
 
-    def finding(self, code: str, severity: Severity, stop: int, said: Said) -> Finding:
+    def finding(self, code: str, severity: Severity, stop: int, said: Words) -> Finding:
         """Return a finding that names the pass and the stop."""
         place = Place(setup=self.route.setup, way="out" if self.route.outward else "back", stop=stop, last=len(self.route) - 1)
         if isinstance(said, Message):
@@ -254,7 +254,7 @@ class Walk:
         text = (
             f"the stop counter went from {self._last_count} back to {count} (it counts to {COUNT_MODULUS - 1}): the PLC has started again"
         )
-        return self.expected, [self.finding("count-reset", "warning", self.expected, text)]
+        return self.expected, [self.finding("count-disagrees", "warning", self.expected, text)]
 
 
 def begun_anew(route: Route, readings: Sequence[float]) -> bool:

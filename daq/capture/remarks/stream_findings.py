@@ -14,6 +14,10 @@ LISTEN_NS = 1_000_000_000
 KINDS: dict[str, Severity] = {"garbage": "warning", "gap": "warning", "restart": "warning", "device": "info"}
 
 
+CODES = {"garbage": "bytes-garbled", "gap": "samples-missing", "restart": "instrument-restart", "device": "instrument-reports"}
+"""The code of each kind of notice, whatever the instrument."""
+
+
 class StreamRemarks:
     """Says each kind of trouble with a stream once a log: a wrong baud rate would say it a thousand times a second."""
 
@@ -40,10 +44,10 @@ class StreamRemarks:
             kind = f"{link} lost: {_FIGURES.sub('', cause)}"
             if kind not in self._said:
                 self._said.add(kind)
-                outcomes.append(Finding(code=f"{link}-bytes-lost", severity="warning", text=f"{link}: bytes were lost: {cause}"))
+                outcomes.append(Finding(code="bytes-lost", severity="warning", text=f"{link}: bytes were lost: {cause}"))
 
     def _say(self, stream: Stream, notice: Notice, outcomes: list[Outcome]) -> None:
         said = f"{stream}: {notice.text if notice.code == 'device' else notice.code}"
         if notice.code in KINDS and said not in self._said:
             self._said.add(said)
-            outcomes.append(Finding(code=f"{stream}-{notice.code}", severity=KINDS[notice.code], text=f"{stream}: {notice.text}"))
+            outcomes.append(Finding(code=CODES[notice.code], severity=KINDS[notice.code], text=f"{stream}: {notice.text}"))

@@ -43,10 +43,10 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
     if survey.plc.silent:
         return (Finding(code="no-signals", severity="warning", text="; ".join(_without_signals(survey))), *assumed(survey, without))
     texts = list(_without_position(survey)) if not places_known(survey) else []
-    missing = [f"without {name} {WITHOUT[name]}" for name in OF_THE_STOPS if name not in survey.plc.said]
-    findings = [Finding(code="position-unchecked", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
-    if "setup" not in survey.plc.said and len(_diagonals(survey)) > 1:
-        text = message("setup-unchecked")
+    missing = [f"without {name} {WITHOUT[name]}" for name in OF_THE_STOPS if name not in survey.plc.signal_names]
+    findings = [Finding(code="signals-absent", severity="warning", text=f"{'; '.join(texts)}")] if texts else []
+    if "setup" not in survey.plc.signal_names and len(_diagonals(survey)) > 1:
+        text = message("signals-absent.setup")
         findings.append(finding("warning", text))
     if missing:
         findings.append(Finding(code="signals-absent", severity="info", text="; ".join(missing)))
@@ -57,12 +57,12 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
     """Return which conditions nobody measures although the readings depend on them; nothing where a person states them as fixed."""
     if survey.environment.source == "fixed":
         return ()
-    told = (*survey.plc.said, *promised(survey))
+    told = (*survey.plc.signal_names, *promised(survey))
     needed = needed_conditions(survey)
     values = [f"{name} {getattr(survey.environment, name):g}" for name in needed if name not in told and name not in without]
     if not values:
         return ()
-    text = message("air-assumed", values=values)
+    text = message("air-unknown.plan", values=values)
     return (finding("warning", text),)
 
 
@@ -82,7 +82,7 @@ def _without_signals(survey: Survey) -> Iterator[str]:
 def _without_position(survey: Survey) -> Iterator[str]:
     yield "the commanded position is not read, so every stop is taken to be where the plan has it"
     yield "a program that drives elsewhere is noticed only where a step is off by more than 2 % and 20 um"
-    if "setup" in survey.plc.said and len(_diagonals(survey)) > 1:
+    if "setup" in survey.plc.signal_names and len(_diagonals(survey)) > 1:
         yield "a program that drives another diagonal than its setup code is not noticed: for the laser all body diagonals are alike"
     alike = _alike(survey)
     if alike:

@@ -140,7 +140,7 @@ def test_the_journal_hears_reading_and_deviation_of_every_stop():
 
 @pytest.mark.parametrize("stop", [None, 4])
 def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_or_accepted(stop):
-    """Said in words wherever a doubt is, whether it names a stop or the pass as a whole."""
+    """Words in words wherever a doubt is, whether it names a stop or the pass as a whole."""
     passes = book()
     passes.add_all(stops_of())
     taken_ns = max(each.window_from_ns for each in stops_of()) if stop is None else stop

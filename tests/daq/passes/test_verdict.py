@@ -3,6 +3,7 @@
 import msgspec
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding
 from stepdiag.daq.passes.doubt import acceptance_of, says_what_to_do
 from stepdiag.daq.passes.held import assumed_conditions, held_conditions, with_held
@@ -10,7 +11,6 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, Verdicts
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.texts.sentences import translated
 from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
@@ -117,7 +117,7 @@ def test_air_that_nobody_told_is_assumed_aloud():
     (one,) = assumed_conditions(passes, survey)
     assert (one.name, one.stops) == ("air_pressure_hpa", len(stops))
     (found,) = assumed_findings(survey, len(stops), [one])
-    assert (found.code, found.severity) == ("conditions-assumed", "warning")
+    assert (found.code, found.severity) == ("air-unknown", "warning")
     assert "nobody told it, 1013.25 hPa of [environment] is assumed, u = 4 hPa" in found.text
     assert translated(found.text, "de").startswith("Luftdruck: an 10 von 10 Messpunkten nicht gemeldet")
     usual = Assumptions()

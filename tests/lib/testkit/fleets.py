@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.daq.service.completion import complete
+from stepdiag.completion.completion import complete
 from stepdiag.fleet.history import Series, Survey, history_in
 from stepdiag.fleet.rows import RMS, About, Row
 from stepdiag.fleet.store import Place, Store

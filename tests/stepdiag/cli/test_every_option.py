@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 import typer.main
 
+from stepdiag.base.result.result import Result
 from stepdiag.cli.app import app
-from stepdiag.daq.head.record import HeadRecord, render_head_csv
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
@@ -20,7 +20,7 @@ from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.tables import total_correction_um
 from stepdiag.fleet.archive import add as archived
 from stepdiag.fleet.store import Store
-from stepdiag.solver.result.result import Result
+from stepdiag.fourdof.record import HeadRecord, render_head_csv
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, VirtualHead, Wander, stage_pose
 from testkit.cli import Told, stepdiag
 from testkit.exact.heads import write_head_file

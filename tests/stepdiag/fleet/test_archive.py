@@ -11,6 +11,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.result.result import parse_result
 from stepdiag.fleet import archive as archiving
 from stepdiag.fleet.archive import add, finished_in, refresh_index
 from stepdiag.fleet.resolve import solve_anew
@@ -18,7 +19,6 @@ from stepdiag.fleet.store import INDEX, LISTED, MARK, Store
 from stepdiag.fleet.tables import to_parquet
 from stepdiag.fleet.terminal import as_csv
 from stepdiag.fleet.trend import trends_of
-from stepdiag.solver.result.result import parse_result
 from testkit.cli import stepdiag
 from testkit.fleets import finished_survey, series_of, write_history
 from testkit.hostile.foreign_logs import SURVEY, with_survey

@@ -289,7 +289,7 @@ def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store
         assert title in sheet
         assert sheet.count("<article") == sheet.count("<svg") == 3
         points = [(each, point) for _, (each, *_) in worst_first(trends) for point in each.series.points]
-        said = re.findall(r'class="told"[^>]*><title>([^<]+)</title>', sheet)
+        said = re.findall(r'class="titled"[^>]*><title>([^<]+)</title>', sheet)
         figures = [f"{point.value:.2f} ± {2 * (point.u or 0):.2f} {each.series.unit}" for each, point in points]
         assert [words.rpartition(" = ")[2].replace(",", ".") for words in said] == figures, "every survey says its figure with U"
         assert ("," in said[0].rpartition(" = ")[2]) == (language == "de")

@@ -10,9 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.result.members import software
 from stepdiag.fleet.archive import add
 from stepdiag.fleet.store import Store
-from stepdiag.solver.result.members import software
 from testkit.cli import stepdiag
 from testkit.fleets import finished_survey, series_of
 

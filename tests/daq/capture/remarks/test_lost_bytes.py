@@ -6,8 +6,8 @@ from stepdiag.daq.capture.remarks.stream_findings import StreamRemarks
 from stepdiag.daq.links.ports.tty import _LOSSES
 from stepdiag.daq.log.codec import time_of
 from stepdiag.daq.records.events import LOST, LinkEvent
+from stepdiag.texts.explained import finding_advice
 from stepdiag.texts.sentences import translated
-from stepdiag.texts.texts import finding_advice
 from testkit.exact.driven import Program, machine_of, recorded, survey_file
 
 CAUSES = [words.format(times="4 times") for words in _LOSSES.values()]
@@ -18,7 +18,7 @@ def test_each_cause_is_a_finding_once_a_log_however_often_it_is_told():
     remarks = StreamRemarks({})
     for where in (CAUSES[0], CAUSES[0].replace("4", "9"), "; ".join(CAUSES[:2])):
         remarks.lost("laser", where, said)
-    assert [(each.code, each.text) for each in said] == [("laser-bytes-lost", f"laser: bytes were lost: {cause}") for cause in CAUSES[:2]]
+    assert [(each.code, each.text) for each in said] == [("bytes-lost", f"laser: bytes were lost: {cause}") for cause in CAUSES[:2]]
 
 
 @pytest.mark.parametrize("cause", CAUSES)
@@ -27,7 +27,7 @@ def test_every_cause_reads_in_german(stream, cause):
     told = translated(f"{stream}: bytes were lost: {cause}", "de")
     assert "Bytes gingen verloren" in told
     assert "4-mal" in told
-    assert finding_advice(f"{stream}-bytes-lost", "de")
+    assert finding_advice("bytes-lost", "de")
 
 
 def test_a_loss_in_a_survey_stands_in_its_log_and_hinders_nothing(tmp_path):
@@ -38,6 +38,6 @@ def test_a_loss_in_a_survey_stands_in_its_log_and_hinders_nothing(tmp_path):
     at = len(events) // 2
     lost = LinkEvent(time_of(events[at]), "laser", "connected", f"/dev/ttyS0; {LOST}{CAUSES[1]}")
     session, found = recorded(tmp_path, survey_file(setups=("ppp",)), [*events[:at], lost, *events[at:]])
-    assert [each.text for each in found if each.code == "laser-bytes-lost"] == [f"laser: bytes were lost: {CAUSES[1]}"]
+    assert [each.text for each in found if each.code == "bytes-lost"] == [f"laser: bytes were lost: {CAUSES[1]}"]
     assert session.book.complete()
-    assert [each.code for each in dict.fromkeys(found)].count("laser-bytes-lost") == 1
+    assert [each.code for each in dict.fromkeys(found)].count("bytes-lost") == 1
