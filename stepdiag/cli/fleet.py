@@ -139,9 +139,10 @@ def fleet(
     from stepdiag.fleet.store import Store
 
     sheets = Sheets(Store(store).state, lambda: _trends(store, "", tolerance or [], software), store)
-    sheets.found()
+    chosen = _language(language)
+    sheets.sheet(chosen)
     typer.echo(f"http://{host}:{port}/ shows {store}; Ctrl-C ends it")
-    serve(create_app(sheets, _language(language), (*LOOPBACK, host.lower())), host, port)
+    serve(create_app(sheets, chosen, (*LOOPBACK, host.lower())), host, port)
 
 
 def resolve(

@@ -181,26 +181,26 @@ class _Columns:
         if np.any(counts != counts[0]):
             return None
         along = np.arange(counts[0])
-        values, us = (each[ends[rows][:, None] + along] for each, ends in (self.lists["values"], self.lists["us"]))
+        values, us = (each[ends[rows][:, None] + along].astype(float) for each, ends in (self.lists["values"], self.lists["us"]))
         places, ends = self.lists["positions"]
         if ends[rows[0] + 1] == ends[rows[0]]:
             return np.zeros(1), values, us
-        positions = places[ends[rows][:, None] + along]
+        positions = places[ends[rows][:, None] + along].astype(float)
         return (positions[0], values, us) if np.all(positions == positions[0]) else None
 
     def lists_of(self, name: str, rows: NDArray[np.int64]) -> list[Array]:
         """Return the numbers of each row."""
         flat, begins = self.lists[name]
-        return [flat[begins[row] : begins[row + 1]] for row in rows]
+        return [flat[begins[row] : begins[row + 1]].astype(float) for row in rows]
 
     def of(self, name: str, row: int) -> str:
         """Return the text in a row."""
         return self.words[name][int(self.codes[name][row])]
 
 
-def _flat(column: pa.ListArray) -> tuple[Array, NDArray[np.int64]]:
+def _flat(column: pa.ListArray) -> tuple[NDArray[np.float32], NDArray[np.int64]]:
     """Return the numbers of a column of lists, and where each list begins."""
-    return column.values.to_numpy().astype(float), column.offsets.to_numpy().astype(np.int64)
+    return column.values.to_numpy(), column.offsets.to_numpy().astype(np.int64)
 
 
 def history_of(table: pa.Table, now: datetime) -> History:

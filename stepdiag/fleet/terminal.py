@@ -27,13 +27,14 @@ def trend_table(trends: Sequence[Trend], *, whole: bool) -> Table:
     rows = trends if whole else [each for each in trends if _worth_a_row(each)]
     caption = None if len(rows) == len(trends) else f"{len(trends) - len(rows)} more are unchanged (--machine, --csv and --json show all)"
     table = Table(title="trend", caption=caption)
-    for column in ("machine", "quantity", "last", "U (k = 2)", "unit", "surveys", "verdict", "what changed", "leaves tolerance"):
-        table.add_column(column, justify="right" if column in {"last", "U (k = 2)", "surveys"} else "left")
+    for column in ("machine", "quantity", "last (k = 2)", "surveys", "what became of it", "tolerance"):
+        table.add_column(column, justify="right" if column == "surveys" else "left")
     for each in rows:
-        last, series = each.last, each.series
+        series = each.series
         name = series.quantity if series.other is None else f"{series.quantity} ({series.other})"
-        words = (series.machine, name, f"{last.value:.2f}", _expanded_words(last), series.unit, str(len(series.surveys)), each.verdict)
-        table.add_row(*map(Text, (*words, changed(each), leaves(each))), style="bold" if each.outside == "yes" else "")
+        words = "; ".join(rendered(one, "en") for one in statements(each))
+        cells = (series.machine, name, _figure(each.last, series.unit), str(len(series.surveys)), words, leaves(each))
+        table.add_row(*map(Text, cells), style="bold" if each.outside == "yes" else "")
     return table
 
 
@@ -42,16 +43,11 @@ def _worth_a_row(trend: Trend) -> bool:
     return trend.series.quantity == RMS or trend.outside in ("yes", "perhaps") or (trend.verdict != "unchanged" and not alone)
 
 
-def _expanded_words(point: Point) -> str:
-    """Return U, or the interval of a figure that is skewed."""
+def _figure(point: Point, unit: str) -> str:
+    """Return a figure with U, or with the interval where it is skewed."""
     if math.isfinite(point.low):
-        return f"{point.low:.2f} to {point.high:.2f}"
-    return "-" if point.u is None else f"{2 * point.u:.2f}"
-
-
-def changed(trend: Trend) -> str:
-    """Return what became of a quantity in words; empty where it is unchanged."""
-    return "" if trend.verdict == "unchanged" else "; ".join(rendered(each, "en") for each in statements(trend))
+        return f"{point.value:.2f} ({point.low:.2f} to {point.high:.2f}) {unit}"
+    return f"{point.value:.2f} {unit}" if point.u is None else f"{point.value:.2f} ± {2 * point.u:.2f} {unit}"
 
 
 def leaves(trend: Trend) -> str:

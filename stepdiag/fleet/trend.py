@@ -109,9 +109,12 @@ def _of_machine(series: Sequence[Series], tolerance: Callable[[str, str], float 
     calendar = _calendar(surveys)
     beyond = scatter(figures, calendar)
     wide = [each.widened(beyond) for each in figures]
-    for each, mine, found in zip(series, rows, explained(wide, calendar), strict=True):
-        back = {int(at): number for number, at in enumerate(mine)}
-        own = found.renumbered(back)
+    found = explained(wide, calendar)
+    moved = any(each.verdict == "changed" for each in found)
+    for each, mine, one in zip(series, rows, found, strict=True):
+        own = one.renumbered({int(at): number for number, at in enumerate(mine)})
+        if moved and each.quantity in OF_VOLUME and own.verdict == "unchanged":
+            own = Explained(verdict="undecided", courses=())  # some part of it changed, by less than its own U shows
         allowed = tolerance(each.machine, each.quantity)
         yield Trend(
             series=each, explained=own, leaving=None if allowed is None else _leaving(each, own, beyond, allowed), tolerance=allowed,
