@@ -28,6 +28,8 @@ from stepdiag.solver.methods.solve import solve
 
 CASE = Case(name="a machine of the works", angle_urad=15.0, increments=5)
 POOL, FIRST_SEED = 24, 5000
+MACHINES = 20
+"""Of each fate and calendar."""
 BEGIN, NOW = datetime(2015, 3, 1, 10, 0, tzinfo=UTC), datetime(2026, 11, 1, tzinfo=UTC)
 CALENDARS: dict[str, tuple[int, ...]] = {
     "a quarter": tuple(91 * number for number in range(20)),
@@ -404,7 +406,7 @@ def print_table(found: Mapping[tuple[str, str], Count]) -> None:
 def main() -> None:
     """Draw the lives and print the table."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--machines", type=int, default=20, help="of each fate and calendar")
+    parser.add_argument("--machines", type=int, default=MACHINES, help="of each fate and calendar")
     parser.add_argument("--first", type=int, default=0, help="number of the first machine: others are other machines")
     parser.add_argument("--fate", default="", help="only fates whose name contains this")
     options = parser.parse_args()
