@@ -4,6 +4,8 @@ from collections.abc import Iterable
 
 import msgspec
 
+from stepdiag.base.messages import Place, Said, Way, at
+
 
 class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     """A reading that may be off. It keeps its pass open until its stop is measured again or a person accepts it.
@@ -16,14 +18,26 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     pass_number: int
     stop: int | None
     code: str
-    text: str
+    why: Said = msgspec.field(name="text")
     taken_ns: int
     size_um: float | None = None
+    way: Way = ""
+    last: int | None = None
 
     @property
     def place(self) -> str:
         """Return the place as a person writes it: ``ppp/1/5`` is stop 5 of pass 1 of ppp, ``ppp/1`` the pass as a whole."""
         return f"{self.setup}/{self.pass_number}" + ("" if self.stop is None else f"/{self.stop}")
+
+    @property
+    def at(self) -> Place:
+        """Return where it is; of a doubt of an old file the direction is not known, and its words name it."""
+        return Place(setup=self.setup, way=self.way, pass_number=self.pass_number, stop=self.stop, last=self.last)
+
+    @property
+    def words(self) -> Said:
+        """Return the doubt with its place before it."""
+        return at(self.at, self.why)
 
 
 def places_of(doubts: Iterable[Doubt]) -> list[str]:
@@ -31,9 +45,19 @@ def places_of(doubts: Iterable[Doubt]) -> list[str]:
     return list(dict.fromkeys(doubt.place for doubt in doubts))
 
 
-def says_what_to_do(text: str) -> bool:
-    """Tell whether words end with what is to be driven again: nobody needs to be told twice."""
-    return "again" in text.rpartition(": ")[2].replace(",", " ").split()
+DRIVEN_AGAIN = frozenset(
+    {
+        "angles-far",
+        "contradiction-ambiguous",
+        "increments-coarse",
+        "noise-far",
+        "pass-wanders",
+        "scale-misclosure",
+        "setup-scale",
+        "too-many-outliers",
+    }
+)
+"""Codes whose message names what is to be driven again."""
 
 
 class Acceptance(msgspec.Struct, frozen=True, kw_only=True):

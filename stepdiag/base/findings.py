@@ -74,13 +74,16 @@ def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> s
 
 
 def finding(
-    severity: Severity, said: Message, place: Place = NOWHERE, *, size_um: float | None = None, among: tuple[str, ...] = ()
+    severity: Severity, said: Message, place: Place = NOWHERE, *, code: str = "", size_um: float | None = None, among: tuple[str, ...] = ()
 ) -> Finding:
-    """Return the finding of a message; its code is the message's key without a variant. Raises KeyError for a phrase."""
-    if said.key not in finding_keys():
+    """Return the finding of a message. Its code is the message's key without a variant; a phrase serves several codes and needs ``code``.
+
+    Raises KeyError for a phrase without a code.
+    """
+    if not code and said.key not in finding_keys():
         raise KeyError(said.key)
     return Finding(
-        code=said.code,
+        code=code or said.code,
         severity=severity,
         text=rendered(at(place, said), "en"),
         message=said,

@@ -26,13 +26,19 @@ FINDING = ("code", "severity", "text", "setup", "pass_number", "stop", "size_um"
 _SCALARS = re.compile(r'"(?:[^"\\]|\\.)*"|(\[[^][{}"]*\])')
 """A text, in which brackets mean nothing, or a list of numbers: it stands in one line."""
 
+_NUMBERS = re.compile(r"((?<![\w.])-?(?:0|[1-9]\d*)(?:\.\d+)?(?:e[+-]?\d+)?(?![\w.]))")
+"""Numbers in a text; not those in a name."""
+
 Call = Callable[[dict], object]
 
 
 def plain(value: object) -> object:
-    """Return JSON of anything that the program returns: a NaN as text, a number to `DIGITS`, fields by name, bytes in hexadecimal."""
+    """Return JSON of anything that the program returns: a NaN as text, a number to `DIGITS`, fields by name, bytes in hexadecimal.
+
+    A message is its key and its arguments in one text, never its words.
+    """
     if isinstance(value, Message):
-        return str(value)
+        return " ".join([value.key, *(f"{name}={_argument(item)}" for name, item in value.arguments.items())])
     if isinstance(value, Finding):
         return {name: plain(getattr(value, name)) for name in FINDING}
     if dataclasses.is_dataclass(value):
@@ -52,6 +58,13 @@ def plain(value: object) -> object:
     if isinstance(value, float):
         return float(f"{value:.{DIGITS}g}") + 0.0 if math.isfinite(value) else str(value)
     return value if value is None or isinstance(value, bool | int | str) else str(value)
+
+
+def _argument(value: object) -> str:
+    """Return an argument of a message in its text."""
+    if isinstance(value, tuple):
+        return f"[{', '.join(_argument(item) for item in value)}]"
+    return f"({plain(value)})" if isinstance(value, Message) else str(plain(value))
 
 
 def refused(call: Call, given: object) -> object:
@@ -76,6 +89,13 @@ def same(was: float, now: float) -> bool:
     return math.isclose(was, now, rel_tol=RELATIVE, abs_tol=ABSOLUTE)
 
 
+def _same_text(was: str, now: str) -> bool:
+    """Tell whether two texts are the same but for the rounding of the numbers in them, such as the arguments of a message."""
+    before, after = _NUMBERS.split(was), _NUMBERS.split(now)
+    numbers = [[json.loads(number) for number in parts[1::2]] for parts in (before, after)]
+    return before[::2] == after[::2] and all(map(same, *numbers))
+
+
 def differences(was: object, now: object, place: str = "output") -> Iterator[str]:
     """Yield every place where two trees differ, with what it was and what it is."""
     if isinstance(was, dict) and isinstance(now, dict):
@@ -87,7 +107,7 @@ def differences(was: object, now: object, place: str = "output") -> Iterator[str
         for index, (before, after) in enumerate(zip(was, now, strict=True)):
             yield from differences(before, after, f"{place}[{index}]")
     elif isinstance(was, bool) or isinstance(now, bool) or not (isinstance(was, int | float) and isinstance(now, int | float)):
-        if was != now or type(was) is not type(now):
+        if type(was) is not type(now) or (was != now and not (isinstance(was, str) and _same_text(was, str(now)))):
             yield f"{place}: was {was!r}, is {now!r}"
     elif not same(was, now):
         yield f"{place}: was {was!r}, is {now!r}"
