@@ -63,8 +63,9 @@ format: $(VENV)/.ready rooms ## style mended, the tree of rooms written
 	$(VENV)/bin/ruff format .
 	$(VENV)/bin/ruff check --fix .
 
-rooms: ## the tree of rooms into docs/architecture.md
+rooms: ## the tree of rooms into docs/architecture.md, the findings into docs/findings.md
 	tools/rooms docs/architecture.md
+	tools/findings docs/findings.md
 
 # the wheel is built twice, and must come out the same; how to sign: docs/security.md
 release: $(VENV)/.ready ## wheel, locked requirements, SBOM, licences and hashes, into release/

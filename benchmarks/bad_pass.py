@@ -14,12 +14,12 @@ import numpy as np
 from benchmarks.exact import left_um
 from benchmarks.honesty import BOX, POINTS, SETUPS, Case, drive, machine_of
 from benchmarks.told import Told, within
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.prediction import predicted
+from stepdiag.base.result.result import Result
+from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.prediction import predicted
-from stepdiag.solver.result.result import Result
-from stepdiag.solver.result.typed import written
 from stepdiag.virtual.physics.machine import Machine
 
 DIAGONALS = SETUPS[:4]

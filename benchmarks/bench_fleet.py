@@ -17,12 +17,12 @@ import pyarrow as pa
 from benchmarks.fleet import generate
 from benchmarks.stand import peak_mb
 from benchmarks.table import Row
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.fleet.archive import add, refresh_index
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.resolve import open_surveys, resolve
 from stepdiag.fleet.store import Place, Store
 from stepdiag.fleet.tables import read_table, to_parquet
-from stepdiag.solver.result.result import DISPLACEMENTS
 
 RESULTS, SURVEYS, NAMES = 8000, 40, 10
 TASKS = 24

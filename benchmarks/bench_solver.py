@@ -12,12 +12,12 @@ import numpy as np
 
 from benchmarks.table import Row
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings
 from stepdiag.base.volume import Volume
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.layout import Layout, lay_out
-from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
 
 TRIALS = 200_000
 OFFSETS_MM = ((0.0, 0.0, 0.0), (50.0, 0.0, 0.0), (0.0, 50.0, 0.0))

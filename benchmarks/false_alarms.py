@@ -2,7 +2,7 @@
 
 Two distributions of exact machines and shops that share no code with the solver, nothing wrong in any survey:
 
-- ``stated``: machines drawn from the solver's own assumed sizes (`stepdiag.solver.model.assumptions.Assumptions`);
+- ``stated``: machines drawn from the solver's own assumed sizes (`stepdiag.base.conditions.assumptions.Assumptions`);
 - ``ordinary``: machines and shops of `stepdiag.virtual.physics.ordinary` and `stepdiag.virtual.drive.shop`, solved with the default
   assumptions: the user states nothing but the sensor noise of each reading.
 
@@ -26,19 +26,19 @@ from numpy.typing import NDArray
 
 from benchmarks.exact import left_um
 from benchmarks.told import Told, within
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import StepdiagError
+from stepdiag.base.readings.readings import Readings, make_readings
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.prediction import BETWEEN_SHARE, predicted
+from stepdiag.base.result.result import Result
+from stepdiag.base.result.typed import written
 from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import run_checks
 from stepdiag.exporters.safety.verify import predict, worse_findings
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.readings.readings import Readings, make_readings
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted
-from stepdiag.solver.result.result import Result
-from stepdiag.solver.result.typed import written
 from stepdiag.virtual.drive.arrivals import Scatter
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.shop import Beam, DrivenSurvey, Shop, draw_shop, drive_survey

@@ -17,6 +17,8 @@ from functools import partial
 import numpy as np
 
 from benchmarks.honesty import Case, drive
+from stepdiag.base.conditions.expansion import expansion_um
+from stepdiag.base.readings.readings import Readings
 from stepdiag.fleet.archive import refresh_index
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.rows import About, rows_of
@@ -24,8 +26,6 @@ from stepdiag.fleet.store import Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.fleet.trend import YEAR, Trend, trend_of
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.standards.expansion import expansion_um
 from stepdiag.virtual.drive.sequence import outward_direction
 from stepdiag.virtual.physics.environment import Course, Environment
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors

@@ -20,13 +20,13 @@ from numpy.typing import NDArray
 from benchmarks import false_alarms
 from benchmarks.exact import ExactModel, left_um
 from benchmarks.told import Told, within
+from stepdiag.base.readings.readings import Readings, make_readings
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.interval import When
+from stepdiag.base.result.prediction import predicted
+from stepdiag.base.result.result import DISPLACEMENTS
+from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import Readings, make_readings
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.interval import When
-from stepdiag.solver.result.prediction import predicted
-from stepdiag.solver.result.result import DISPLACEMENTS
-from stepdiag.solver.result.typed import written
 from stepdiag.virtual.drive.arrivals import Scatter
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stepdiag.solver.result.result import DISPLACEMENTS, SQUARENESS, Result
+from stepdiag.base.result.result import DISPLACEMENTS, SQUARENESS, Result
 from stepdiag.virtual.physics.machine import Machine
 
 

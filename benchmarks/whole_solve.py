@@ -16,12 +16,12 @@ import numpy as np
 from benchmarks.stand import peak_mb
 from benchmarks.table import Row
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings
 from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
-from stepdiag.solver.readings.readings import Readings
 
 NOISE_UM = 0.3
 REVERSAL_UM = 4.0

@@ -19,9 +19,9 @@ def main() -> None:
     match sys.argv[1:]:
         case ["run", file] if not file.startswith("-"):
             from stepdiag.daemon.service import record
-            from stepdiag.terminal.exits import refusals_said
+            from stepdiag.terminal.exits import refusals_shown
 
-            with refusals_said():
+            with refusals_shown():
                 record(Path(file))
         case _:
             from stepdiag.cli.app import main as command_line

@@ -15,6 +15,8 @@ from pathlib import Path
 import numpy as np
 
 from stepdiag.base.files import read_text, write_once
+from stepdiag.base.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
+from stepdiag.base.result.result import Result, parse_result
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.records.events import Chunk, LinkEvent
@@ -32,8 +34,6 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import Angles, parse_angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.straightness_file import parse_straightness
-from stepdiag.solver.readings.readings import Readings, in_mm, make_readings, parse_readings, render_readings
-from stepdiag.solver.result.result import Result, parse_result
 
 __all__ = [
     "Readings",

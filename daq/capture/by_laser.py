@@ -177,7 +177,7 @@ class ByLaser:
         if place.stop == -1 and not agrees(stand.level_mm - place.levels[0], -place.route.step_mm(0, 1)):
             return
         if place.stop == -1:
-            self._say("error", message("pass-off-by-one", setup=self._setup), outcomes)
+            self._say("error", message("place-unknown.one-more", setup=self._setup), outcomes)
             return
         expected = place.route.step_mm(place.stop, min(place.stop + 1, last))
         moved = stand.level_mm - place.levels[place.stop]

@@ -5,14 +5,14 @@ from typing import Any
 
 import msgspec
 
-from stepdiag.base.messages import Message, Said, joined
+from stepdiag.base.messages import Message, Words, joined
 
 
 class Remark(msgspec.Struct, frozen=True):
     """Why a person should look at a stop: a finding's code and its message; the text alone in a log that held nothing else."""
 
     code: str
-    why: Said
+    why: Words
 
 
 class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
@@ -44,8 +44,8 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
     time_s: float
     """Middle of the window, seconds since 1970."""
     beam: float | None
-    broken: Said = ""
-    unwatched: Said = ""
+    broken: Words = ""
+    unwatched: Words = ""
     doubts: tuple[Remark, ...] = ()
     refused: str = ""
     recovered: bool = False
@@ -63,7 +63,7 @@ class CapturedStop(msgspec.Struct, frozen=True, kw_only=True):
         """Return the findings that a person should look at, each once."""
         return tuple(dict.fromkeys(each.code for each in self.doubts))
 
-    def why(self, *codes: str) -> Said:
+    def why(self, *codes: str) -> Words:
         """Return why a person should look at the stop, or as far as a finding names it; empty where nothing is doubted."""
         return joined(list(dict.fromkeys(each.why for each in self.doubts if not codes or each.code in codes)))
 

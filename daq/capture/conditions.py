@@ -11,13 +11,13 @@ from typing import Literal, Protocol, cast
 
 import msgspec
 
+from stepdiag.base.conditions.air import HALL
 from stepdiag.base.messages import Message, message
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.formats import promised
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.timing.stream import StreamBuffer
-from stepdiag.solver.standards.air import HALL
 
 BELIEVED_STOPS = 5
 """A value that has jumped is believed when so many stops in a row agree on it; that it has jumped stays a doubt."""
@@ -66,7 +66,7 @@ class Teller(Protocol):
         ...
 
 
-Trouble = Literal["sensor-silent", "sensor-implausible", "sensor-jump"]
+Trouble = Literal["conditions-held.silent", "conditions-held.implausible", "sensor-jump"]
 
 
 @dataclass(slots=True)
@@ -161,9 +161,9 @@ class Conditions:
     def _wrong(self, name: str, value: float, time_s: float) -> Trouble | None:
         """Return the finding's code of a value that is not believed; None for one that is."""
         if math.isnan(value):
-            return "sensor-silent"
+            return "conditions-held.silent"
         if not _possible(name, value):
-            return "sensor-implausible"
+            return "conditions-held.implausible"
         last = self._credible.get(name)
         return "sensor-jump" if last is not None and abs(value - last.value) > self._reach(name, time_s) else None
 
@@ -200,11 +200,11 @@ class Conditions:
         stated = getattr(self._environment, name)
         if math.isnan(value):
             if last is None:
-                return message("sensor-silent", name=CONDITIONS[name], stated=_value(stated, unit))
-            return message("sensor-silent.held", name=CONDITIONS[name], held=_value(last.value, unit))
-        found, key = self._found(name, value, time_s), cast('Literal["sensor-implausible", "sensor-jump"]', code)
+                return message("conditions-held.silent", name=CONDITIONS[name], stated=_value(stated, unit))
+            return message("conditions-held.silent-held", name=CONDITIONS[name], held=_value(last.value, unit))
+        found, key = self._found(name, value, time_s), cast('Literal["conditions-held.implausible", "sensor-jump"]', code)
         if last is None:
-            return message("sensor-implausible.never", found=found, stated=_value(stated, unit))
+            return message("conditions-held.never", found=found, stated=_value(stated, unit))
         u = self._reach(name, time_s) / math.sqrt(3.0)
         return message(key, found=found, held=_value(last.value, unit), u=message("with-unit", value=u, unit=unit))
 

@@ -19,12 +19,12 @@ NOMINAL_QD_MM = 0.6
 1 to 3 mm). It only judges whether the signal is steady; measured is with the head's calibration."""
 LEVER_MM = 100.0
 """At which an angle counts as a movement: it only judges whether the instrument has come to rest."""
-Trouble = Literal["fourdof-beam-blocked.in-dwell", "fourdof-saturated.in-dwell", "fourdof-out-of-range", "fourdof-device"]
+Trouble = Literal["fourdof-beam-blocked.in-dwell", "fourdof-out-of-range.detector", "fourdof-out-of-range", "instrument-reports.head"]
 TROUBLES: tuple[tuple[Flag, Trouble], ...] = (
     (Flag.BEAM_LOST, "fourdof-beam-blocked.in-dwell"),
-    (Flag.SATURATED, "fourdof-saturated.in-dwell"),
+    (Flag.SATURATED, "fourdof-out-of-range.detector"),
     (Flag.OUT_OF_RANGE, "fourdof-out-of-range"),
-    (Flag.DEVICE_ERROR, "fourdof-device"),
+    (Flag.DEVICE_ERROR, "instrument-reports.head"),
 )
 
 

@@ -7,8 +7,8 @@ from stepdiag.base.messages import Message, message
 from stepdiag.daq.records.events import Link, LinkEvent
 
 LINK_DOWN: dict[Link, Message] = {
-    "laser": message("laser-gap"),
-    "head": message("head-gap"),
+    "laser": message("samples-missing.laser"),
+    "head": message("samples-missing.head"),
 }
 """What is named once an outage."""
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 import msgspec
 
 from stepdiag.base.findings import Finding, Severity
-from stepdiag.base.messages import Message, Said, joined, message
+from stepdiag.base.messages import Message, Words, joined, message
 from stepdiag.daq.capture.captured_stop import CapturedStop, marked
 from stepdiag.daq.capture.head_stop import troubles
 from stepdiag.daq.capture.log_start import CaptureStart
@@ -224,7 +224,7 @@ class StopTaker:
         outcomes.append(stop)
         walk.advance(stop)
 
-    def _breaks_up_to(self, time_ns: int) -> tuple[Said, Said]:
+    def _breaks_up_to(self, time_ns: int) -> tuple[Words, Words]:
         """Return why the count was lost since the last stop, and why it may have been; empty where it was not."""
         seen = [event for event in self._laser.breaks[self._breaks_seen :] if event.time_ns <= time_ns]
         breaks, self._before = (*self._before, *seen), ()
@@ -248,7 +248,7 @@ def _doubts(walk: Walk, stop: CapturedStop) -> list[Finding]:
     return [walk.finding("warning", stop.stop, why, code) for code in stop.doubt_codes if isinstance(why := stop.why(code), Message)]
 
 
-def _joined(walk: Walk, index: int, broken: Said, unwatched: Said) -> Finding:
+def _joined(walk: Walk, index: int, broken: Words, unwatched: Words) -> Finding:
     """Return what is said of a break that costs nothing."""
     said = message("beam-lost.bridged", why=broken) if broken else message("laser-unwatched.bridged", why=unwatched)
     return walk.finding("info", index, said)

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.formats.instruments.fourdof import FourdofDecoder, FourdofSettings
 from stepdiag.daq.formats.instruments.ids3010 import Ids3010Decoder, Ids3010Settings
 from stepdiag.daq.formats.instruments.lasertex import LasertexDecoder, LasertexSettings
@@ -38,7 +38,7 @@ def recognise(heard: bytes) -> str:
     return ""
 
 
-def senseless(name: Said, heard: bytes, count: int, remark: Said) -> Message:
+def senseless(name: Words, heard: bytes, count: int, remark: Words) -> Message:
     """Return the message of a stream that gave no reading: what was seen, how it begins, what it looks like, what to do.
 
     ``heard`` are its first bytes of ``count``, ``remark`` what its decoder said last.
@@ -49,7 +49,7 @@ def senseless(name: Said, heard: bytes, count: int, remark: Said) -> Message:
     return message("stream-senseless", stream=name, found=found, bytes=heard[:QUOTED].hex(" "), remedy=remedy)
 
 
-def refused(name: Said, remark: Said) -> Message:
+def refused(name: Words, remark: Words) -> Message:
     """Return the message of an instrument that answers, and never with a reading that can be used."""
     return message("stream-refused", stream=name, why=remark or message("reports-error"))
 

@@ -11,7 +11,7 @@ from typing import Protocol
 import structlog
 
 from stepdiag.base.errors import DeviceError
-from stepdiag.base.messages import Said, message
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.records.events import with_lost
 from stepdiag.daq.records.status import LinkState
 
@@ -26,7 +26,7 @@ STEADY_AFTER_S = 5.0
 class Report(Protocol):
     """Takes the state of a link, a detail for a person, and what was lost since that was last reported."""
 
-    def __call__(self, state: LinkState, detail: Said, lost: tuple[Said, ...] = ()) -> None: ...
+    def __call__(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None: ...
 
 
 Session = Callable[[Report], Awaitable[None]]
@@ -67,7 +67,7 @@ class Reconnector:
             await asyncio.sleep(wait_s)
             wait_s = min(wait_s * WAIT_GROWTH, LONGEST_WAIT_S)
 
-    def _report(self, state: LinkState, detail: Said, lost: tuple[Said, ...] = ()) -> None:
+    def _report(self, state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None:
         """Report a change of state, and a loss of bytes beside it: what was lost never stands for what the link has become."""
         if state == self.state and not lost:
             return
@@ -77,7 +77,7 @@ class Reconnector:
             _log.warning("link-lost-bytes", link=self._name, detail=str(with_lost(detail, lost)))
         self._on_state(state, detail, lost)
 
-    def _change(self, state: LinkState, detail: Said) -> None:
+    def _change(self, state: LinkState, detail: Words) -> None:
         self.state = state
         if state == "connected":
             self._warned = False
@@ -85,12 +85,12 @@ class Reconnector:
         else:
             self._complain(f"link-{state}", detail)
 
-    def _lost(self, detail: Said) -> None:
+    def _lost(self, detail: Words) -> None:
         if self.state == "lost":
             self._complain("link-lost", detail)
         self._report("lost", detail)
 
-    def _complain(self, event: str, detail: Said) -> None:
+    def _complain(self, event: str, detail: Words) -> None:
         """Warn once; the same trouble again is for debugging."""
         say = _log.debug if self._warned else _log.warning
         self._warned = True

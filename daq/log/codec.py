@@ -16,7 +16,7 @@ from typing import cast
 
 import msgspec
 
-from stepdiag.base.messages import Said, kept, of_log
+from stepdiag.base.messages import Words, kept, of_log
 from stepdiag.daq.log.topics import BLOCK_TOPIC, LINK_STATES, LINK_TOPICS, LOSS_TOPIC, RAW_TOPICS
 from stepdiag.daq.records.events import Chunk, Event, Link, LinkEvent, Loss, ModbusBlock, ReadRange, Stream, is_table
 from stepdiag.daq.records.status import LinkState
@@ -173,10 +173,10 @@ def message_of_link(event: LinkEvent) -> str:
     return msgspec.json.encode((event.detail, event.lost)).decode() if event.detail or event.lost else ""
 
 
-def _of_link(change: _LinkChange) -> tuple[Said, tuple[Said, ...]]:
+def _of_link(change: _LinkChange) -> tuple[Words, tuple[Words, ...]]:
     """Return the detail and the losses of a link. A log of before has both in one text: what was lost stands at its end."""
     if change.message:
-        return msgspec.json.decode(change.message, type=tuple[Said, tuple[Said, ...]])
+        return msgspec.json.decode(change.message, type=tuple[Words, tuple[Words, ...]])
     detail, found, lost = change.detail.partition("bytes lost: ")
     return detail.removesuffix("; "), tuple(lost.split("; ")) if found else ()
 

@@ -4,7 +4,25 @@ from collections.abc import Iterable
 
 import msgspec
 
-from stepdiag.base.messages import Place, Said, Way, at
+from stepdiag.base.messages import Message, Place, Way, Words, at
+
+DRIVEN_AGAIN = frozenset(
+    {
+        "angles-far",
+        "contradiction-ambiguous",
+        "increments-coarse",
+        "increments-coarse.hidden",
+        "noise-high.machine",
+        "noise-high.reading",
+        "noise-high.stop",
+        "pass-wanders",
+        "pass-wanders.which",
+        "scale-misclosure",
+        "scale-misclosure.far",
+        "too-many-outliers",
+    }
+)
+"""Messages that name what is to be driven again."""
 
 
 class Doubt(msgspec.Struct, frozen=True, kw_only=True):
@@ -18,7 +36,7 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
     pass_number: int
     stop: int | None
     code: str
-    why: Said = msgspec.field(name="text")
+    why: Words = msgspec.field(name="text")
     taken_ns: int
     size_um: float | None = None
     way: Way = ""
@@ -35,7 +53,12 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
         return Place(setup=self.setup, way=self.way, pass_number=self.pass_number, stop=self.stop, last=self.last)
 
     @property
-    def words(self) -> Said:
+    def names_the_cure(self) -> bool:
+        """Tell whether its message names what is to be driven again."""
+        return isinstance(self.why, Message) and self.why.key in DRIVEN_AGAIN
+
+    @property
+    def words(self) -> Words:
         """Return the doubt with its place before it."""
         return at(self.at, self.why)
 
@@ -43,21 +66,6 @@ class Doubt(msgspec.Struct, frozen=True, kw_only=True):
 def places_of(doubts: Iterable[Doubt]) -> list[str]:
     """Return the places of doubts, each once, in order: two findings at one stop are one place to look at."""
     return list(dict.fromkeys(doubt.place for doubt in doubts))
-
-
-DRIVEN_AGAIN = frozenset(
-    {
-        "angles-far",
-        "contradiction-ambiguous",
-        "increments-coarse",
-        "noise-far",
-        "pass-wanders",
-        "scale-misclosure",
-        "setup-scale",
-        "too-many-outliers",
-    }
-)
-"""Codes whose message names what is to be driven again."""
 
 
 class Acceptance(msgspec.Struct, frozen=True, kw_only=True):

@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 from dataclasses import InitVar, dataclass, field
 
-from stepdiag.base.messages import Message, Said, Way, message, run
+from stepdiag.base.messages import Message, Way, Words, message, run
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import Route
-from stepdiag.daq.passes.doubt import DRIVEN_AGAIN, Acceptance, Doubt
+from stepdiag.daq.passes.doubt import Acceptance, Doubt
 from stepdiag.daq.passes.stretches import SAME_UM, Measured, OnZero, Slip, Stretches, Zero, Zeros, on_zero
 
 Chosen = dict[int, OnZero]
@@ -131,7 +131,7 @@ class Pass:
     def doubts(self) -> tuple[Doubt, ...]:
         """Return whatever may be off in the readings in use, accepted or not, in the order of the stops."""
         of_stops = [self.doubted(stop, code, stop.why(code)) for stop in self.chosen().values() for code in stop.doubt_codes]
-        of_zeros: dict[Said, Doubt] = {}
+        of_zeros: dict[Words, Doubt] = {}
         for stop in self.chosen().values():
             zero = self._zero_at(stop.stop)
             if zero is not None and zero.doubt and zero.doubt not in of_zeros:
@@ -147,7 +147,7 @@ class Pass:
         """Return the doubts that nobody has accepted."""
         return tuple(each for each in self.doubts() if not any(word.covers(each) for word in self.acceptances))
 
-    def doubted(self, stop: CapturedStop, code: str, why: Said, size_um: float | None = None) -> Doubt:
+    def doubted(self, stop: CapturedStop, code: str, why: Words, size_um: float | None = None) -> Doubt:
         """Return a doubt of a stop of this pass."""
         return Doubt(
             setup=self.route.setup,
@@ -164,7 +164,7 @@ class Pass:
     def _zero_at(self, index: int) -> Zero | None:
         return self.zeros().get(self._used[index].stretch) if index in self.chosen() else None
 
-    def doubt(self, index: int) -> Said:
+    def doubt(self, index: int) -> Words:
         """Return why the reading in use at a stop may be off; empty where it is not doubted."""
         if index not in self.chosen():
             return ""
@@ -173,21 +173,21 @@ class Pass:
         against = next((each.words for each in self.against if each.stop in (None, index) or index >= (each.stop or 0)), "")
         return stop.why() or (zero.doubt if zero is not None else "") or against
 
-    def why_doubtful(self) -> Said:
+    def why_doubtful(self) -> Words:
         """Return which stops may be off, why, and how to make sure; empty where none is doubted, or all was accepted."""
         still = self.open_doubts()
         if not still:
             return ""
         if still[0] in (*self.against, *self.suspected):
             words = still[0].words
-            return message("or-accept", why=words) if still[0].code in DRIVEN_AGAIN else message("again-or-accept", why=words)
+            return message("or-accept", why=words) if still[0].names_the_cure else message("again-or-accept", why=words)
         doubted = self._doubted(still)
         stops, why = _listed(doubted), self.doubt(doubted[0])
         if not self._may_go_on():
             return message("stops-off-whole", stops=stops, why=why)
         return message("stops-off", stops=stops, why=why, stop=self.again_from())
 
-    def why_incomplete(self) -> Said:
+    def why_incomplete(self) -> Words:
         """Return what is missing, or doubted, and what to do about it; empty for a complete pass."""
         missing = self.missing
         if not missing:

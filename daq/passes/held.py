@@ -5,14 +5,14 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.base.conditions.air import HALL, Air, AirUncertainty, index_u
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.conditions import COURSES
 from stepdiag.daq.capture.remarks.machine_remarks import credible_of
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.standards.air import HALL, Air, AirUncertainty, index_u
 
 NEVER_SEEN_S = 3600.0
 """A value of the survey file that no sensor ever confirmed is as sure as one that was seen so long ago."""

@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from stepdiag.base.messages import Said, message
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 
 SAME_UM = 1.5
@@ -64,7 +64,7 @@ class Zero:
     """
 
     offset_mm: float
-    doubt: Said = ""
+    doubt: Words = ""
     code: str = ""
     size_um: float | None = None
 
@@ -87,7 +87,7 @@ class Stretches:
     same_um: float = SAME_UM
     """How far one stop measured twice may differ."""
     measured: dict[int, list[Measured]] = field(default_factory=dict)
-    unwatched: dict[int, tuple[int, Said, str]] = field(default_factory=dict)
+    unwatched: dict[int, tuple[int, Words, str]] = field(default_factory=dict)
     """Of a stretch before which the count may have been lost: the stretch before it, why, and the finding's code."""
     slips: dict[int, Slip] = field(default_factory=dict)
     """Of a stretch that began with a stop that reads otherwise than before: which, and by how much."""

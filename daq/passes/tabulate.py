@@ -5,6 +5,9 @@ from collections.abc import Mapping, Sequence
 import msgspec
 import numpy as np
 
+from stepdiag.base.conditions.air import Air, Done, displacement_mm, refractive_index
+from stepdiag.base.conditions.expansion import expansion_um, reading_at_20_c_mm
+from stepdiag.base.readings.readings import Readings, make_readings
 from stepdiag.base.volume import Vector, diagonal_direction
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.passes.counts import Counted, on_one_count
@@ -12,9 +15,6 @@ from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.stretches import OnZero
 from stepdiag.daq.survey.environment import AIR
 from stepdiag.daq.survey.models import Environment, Survey
-from stepdiag.solver.readings.readings import Readings, make_readings
-from stepdiag.solver.standards.air import Air, Done, displacement_mm, refractive_index
-from stepdiag.solver.standards.expansion import expansion_um, reading_at_20_c_mm
 
 
 def tabulate(survey: Survey, passes: list[Pass], environment: Mapping[str, float] | None = None) -> Readings:

@@ -107,4 +107,4 @@ def assumed_findings(survey: Survey, stops: int, unsaid: Iterable[Held]) -> Iter
     for one in unsaid:
         unit, value = COURSES[one.name].unit, getattr(survey.environment, one.name)
         stated, u = message("value", value=value, unit=unit), message("with-unit", value=one.u, unit=unit)
-        yield finding("warning", message("conditions-assumed", name=CONDITIONS[one.name], stops=one.stops, count=stops, stated=stated, u=u))
+        yield finding("warning", message("air-unknown.result", name=CONDITIONS[one.name], stops=one.stops, count=stops, stated=stated, u=u))

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.formats.signals import Signals
 
@@ -29,8 +29,8 @@ class Handshake:
         self._since_ns = 0
         self._told_times = 0
         self._worked = False
-        self._refused: Said = ""
-        self.alarm: Said = ""
+        self._refused: Words = ""
+        self.alarm: Words = ""
 
     def captured(self, stop: CapturedStop) -> None:
         """Take a stop; one that was recovered afterwards has been left long ago."""
@@ -38,15 +38,15 @@ class Handshake:
             self._told, self._told_ns = stop.stop_count, self._since_ns
             self._tell(stop.stop_count)
 
-    def written(self, refused: Said) -> Finding | None:
+    def written(self, refused: Words) -> Finding | None:
         """Hear whether the machine took what was written, and why it did not; return what is to be said of that, once."""
         before, self._refused = self._refused, refused
         if not refused or before:
             return None
-        text = message("handshake-refused", why=refused)
+        text = message("handshake-waits.refused", why=refused)
         return finding("error", text)
 
-    def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Said]) -> Finding | None:
+    def look(self, signals: Signals | None, now_ns: int, waits_for: Callable[[], Words]) -> Finding | None:
         """Look at a poll; tell again what the machine has not heard, and return what is to be said of one that waits in vain."""
         count = signals.stop_count if signals is not None and _waits(signals) else None
         if count != self._waits_at:
@@ -74,10 +74,10 @@ class Handshake:
             return bool(self._refused) or (not self._worked and self._told_times >= MOST_TIMES)
         return now_ns - self._since_ns > self._patience_ns
 
-    def _in_words(self, count: int, now_ns: int, waits_for: Said) -> Message:
+    def _in_words(self, count: int, now_ns: int, waits_for: Words) -> Message:
         waited_s, written = (now_ns - self._since_ns) * 1e-9, message("nothing") if self._told is None else str(self._told)
         if self._refused:
-            return message("handshake-waits.refused", waited_s=waited_s, count=count, written=written, why=self._refused)
+            return message("handshake-waits.not-taken", waited_s=waited_s, count=count, written=written, why=self._refused)
         if count == self._told:
             return message("handshake-waits.elsewhere", waited_s=waited_s, count=count, written=written)
         return message("handshake-waits", waited_s=waited_s, count=count, written=written, why=waits_for)

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag.base.findings import Finding, finding
-from stepdiag.base.messages import Said
+from stepdiag.base.messages import Words
 from stepdiag.daq.capture.remarks.stream_findings import STREAMS
 from stepdiag.daq.formats.recognise import KEPT, refused, senseless
 from stepdiag.daq.records.events import Chunk, LinkEvent, Stream
@@ -32,7 +32,7 @@ class _Ear:
     heard: bytes = b""
     count: int = 0
     samples: int = 0
-    remarks: dict[str, Said] = field(default_factory=dict)
+    remarks: dict[str, Words] = field(default_factory=dict)
     spent_ns: int = 0
     last_ns: int = 0
     understood: bool = False
@@ -102,6 +102,6 @@ def _ears(survey: Survey) -> dict[Stream, _Ear]:
 
 def _unusable(stream: Stream, ear: _Ear) -> Finding:
     if ear.samples and "garbage" not in ear.remarks:
-        return finding("warning", refused(STREAMS[stream], ear.remarks.get("device", "")), code=f"{stream}-device")
+        return finding("warning", refused(STREAMS[stream], ear.remarks.get("device", "")), code="instrument-reports")
     remark = ear.remarks.get("garbage") or ear.remarks.get("device") or ""
-    return finding("warning", senseless(STREAMS[stream], ear.heard, ear.count, remark), code=f"{stream}-garbage")
+    return finding("warning", senseless(STREAMS[stream], ear.heard, ear.count, remark), code="bytes-garbled")

@@ -12,7 +12,7 @@ import msgspec
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.base.setups import setup_of
 from stepdiag.daq.capture.capture import Capture
@@ -205,7 +205,7 @@ class Session:
         self._before, self._before_bytes = deque(), 0  # what stood and moved before is none of this setup
         self._begin_log(at_ns)
 
-    def _why_not(self, setup: str) -> Said:
+    def _why_not(self, setup: str) -> Words:
         """Return why a setup cannot be begun; empty where it can."""
         planned = self.survey.plan.all_setups
         if not self.survey.plc.silent:

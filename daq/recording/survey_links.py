@@ -8,7 +8,7 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Iterator
 
-from stepdiag.base.messages import Said, message
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.signals import plan_reads
 from stepdiag.daq.links.controls.lsv2 import Lsv2Settings
 from stepdiag.daq.links.controls.machine import MachineSettings
@@ -44,12 +44,12 @@ class SurveyLinks:
     ``on_written`` hears of what was written to the machine: why it was refused, or nothing where it took it.
     """
 
-    def __init__(self, survey: Survey, consume: Consume, on_written: Callable[[Said], None] = lambda _: None) -> None:
+    def __init__(self, survey: Survey, consume: Consume, on_written: Callable[[Words], None] = lambda _: None) -> None:
         self._survey = survey
         self._consume = consume
         self._loop = asyncio.get_running_loop()
         self._heard_ns: dict[str, int] = {}
-        self._details: dict[str, Said] = {}
+        self._details: dict[str, Words] = {}
         self._arrived: deque[Chunk] = deque()
         self._collected_ns = 0
         self._woken = False
@@ -130,7 +130,7 @@ class SurveyLinks:
             detail=self._details.get(name, ""),
         )
 
-    def _machine(self, on_written: Callable[[Said], None]) -> MachinePoller:
+    def _machine(self, on_written: Callable[[Words], None]) -> MachinePoller:
         plc = self._survey.plc
         reads = plan_reads(plc.signals, () if plc.transport == "s7" else plc.standing)  # an S7 answers all of them in one telegram
         return MachinePoller(machine_settings(plc), reads, 1.0 / plc.poll_hz, self._polled, on_written)
@@ -177,7 +177,7 @@ class SurveyLinks:
         await self._failed
 
     def _reporter(self, name: str) -> Report:
-        def changed(state: LinkState, detail: Said, lost: tuple[Said, ...] = ()) -> None:
+        def changed(state: LinkState, detail: Words, lost: tuple[Words, ...] = ()) -> None:
             change = LinkEvent(now_ns(), name, state, detail, lost)  # type: ignore[arg-type]
             self._details[name] = change.words
             self.collect()

@@ -15,7 +15,7 @@ import structlog
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes
-from stepdiag.base.messages import Said, message
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.passes.doubt import Acceptance, Doubt, TimeStated, acceptance_of
 from stepdiag.daq.passes.pass_book import PassBook
 
@@ -40,7 +40,7 @@ class Judgement(msgspec.Struct, frozen=True, kw_only=True):
 
     time_s: float
     stops: int
-    reason: Said
+    reason: Words
     doubts: tuple[Doubt, ...] = ()
 
 
@@ -58,7 +58,7 @@ class Verdicts(msgspec.Struct, frozen=True, kw_only=True):
         """Return after how many stops what was suspected, as a book that has no stops yet takes it."""
         return tuple((each.stops, each.doubts) for each in self.judgements)
 
-    def tell(self, book: PassBook) -> Said:
+    def tell(self, book: PassBook) -> Words:
         """Tell the passes of a survey; return why it cannot be solved although every pass is in, empty where that is not so."""
         for word in self.accepted:
             book.accept(word)

@@ -13,7 +13,7 @@ from typing import Annotated, Literal
 import msgspec
 from msgspec import Meta
 
-from stepdiag.base.messages import Said, joined, message
+from stepdiag.base.messages import Words, joined, message
 from stepdiag.daq.records.status import LinkState
 
 Stream = Literal["laser", "head", "air"]
@@ -84,11 +84,11 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
     time_ns: int
     link: Link
     state: LinkState
-    detail: Said = ""
-    lost: tuple[Said, ...] = ()
+    detail: Words = ""
+    lost: tuple[Words, ...] = ()
 
     @property
-    def words(self) -> Said:
+    def words(self) -> Words:
         """Return the state in words, and what was lost."""
         return with_lost(self.detail, self.lost)
 
@@ -98,7 +98,7 @@ class LinkEvent(msgspec.Struct, frozen=True, gc=False):
         return self.state == "lost"
 
 
-def with_lost(detail: Said, lost: Sequence[Said]) -> Said:
+def with_lost(detail: Words, lost: Sequence[Words]) -> Words:
     """Return the state of a link in words, and what it lost."""
     return joined([each for each in (detail, message("bytes-lost-at", causes=lost) if lost else "") if each])
 
@@ -112,7 +112,7 @@ class Loss(msgspec.Struct, frozen=True, gc=False):
     time_ns: int
     events: int
     bytes: int
-    reason: Said
+    reason: Words
 
 
 Event = Chunk | ModbusBlock | LinkEvent | Loss

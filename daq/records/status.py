@@ -10,7 +10,7 @@ from typing import Literal, Protocol
 import msgspec
 
 from stepdiag.base.findings import NOWHERE, Finding, Severity
-from stepdiag.base.messages import Message, Place, Said
+from stepdiag.base.messages import Message, Place, Words
 
 Phase = Literal["starting", "waiting-program", "waiting-stop", "dwelling", "paused", "solving", "complete", "failed"]
 LinkState = Literal["connecting", "connected", "silent", "lost"]
@@ -25,9 +25,9 @@ class LinkStatus(msgspec.Struct, frozen=True, kw_only=True):
     """A link in words: ``age_s`` is the time since it last gave anything, None when it never did."""
 
     state: LinkState
-    address: Said
+    address: Words
     age_s: float | None
-    detail: Said = ""
+    detail: Words = ""
 
 
 class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
@@ -39,8 +39,8 @@ class SetupStatus(msgspec.Struct, frozen=True, kw_only=True):
     stops_wanted: int
     stops_done: int
     state: Literal["to-do", "running", "done", "again"]
-    reason: Said = ""
-    doubt: Said = ""
+    reason: Words = ""
+    doubt: Words = ""
     """Which stops are kept although they may be off, and why."""
 
 
@@ -72,7 +72,7 @@ class StopStatus(msgspec.Struct, frozen=True, kw_only=True):
     reading_mm: float
     deviation_um: float
     u_um: float
-    doubtful: Said = ""
+    doubtful: Words = ""
     place: int = 0
 
 
@@ -199,7 +199,7 @@ class Snapshot(msgspec.Struct, frozen=True, kw_only=True):
     """Whether somebody has to say that a setup is going to be driven: the machine has no signals."""
     waits_in_vain: bool = False
     """Whether the machine waits for the handshake for longer than it should; what is wrong with it stands in ``message``."""
-    message: Said = ""
+    message: Words = ""
 
 
 class Download(msgspec.Struct, frozen=True, kw_only=True):

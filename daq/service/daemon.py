@@ -15,7 +15,7 @@ import structlog
 
 from stepdiag.base.errors import DeviceError, UsageError
 from stepdiag.base.findings import Finding
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.outcome import Ended, Outcome
 from stepdiag.daq.log.recorder import Recorder, RecorderHealth
@@ -159,7 +159,7 @@ class Daemon:
             waits_in_vain=lambda: self._handshake is not None and bool(self._handshake.alarm),
         )
 
-    def _alarms(self) -> list[Said]:
+    def _alarms(self) -> list[Words]:
         waits = self._handshake.alarm if self._handshake is not None else ""
         return [said for said in (waits, self._working.session.unsolved) if said]
 
@@ -200,7 +200,7 @@ class Daemon:
         if waits := handshake.look(session.signals, block.recv_ns, self.status_source.waits_for):
             session.say(waits)
 
-    def _written(self, refused: Said) -> None:
+    def _written(self, refused: Words) -> None:
         """Hear whether the machine took what was written."""
         if self._handshake is not None and (said := self._handshake.written(refused)):
             self._working.session.say(said)

@@ -8,7 +8,7 @@ import msgspec
 
 from stepdiag.base.errors import StepdiagError
 from stepdiag.base.files import read_bytes
-from stepdiag.base.messages import Message, Said
+from stepdiag.base.messages import Message, Words
 from stepdiag.daq.records.status import LinkStatus
 
 FILE = ".now.json"
@@ -23,8 +23,8 @@ class LiveStatus(msgspec.Struct, frozen=True, kw_only=True):
     """One moment of a daemon; ``time_s`` since 1970. ``told`` is what a sensor or the laser told last of air and material."""
 
     time_s: float
-    waits_for: Said
-    message: Said
+    waits_for: Words
+    message: Words
     laser: LinkStatus
     plc: LinkStatus
     head: LinkStatus | None = None

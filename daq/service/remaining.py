@@ -2,13 +2,13 @@
 
 from functools import lru_cache
 
+from stepdiag.base.readings.runs import Pace, Plan, Run, run_minutes, run_stops_mm, setup_minutes
 from stepdiag.base.volume import Volume
 from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.passes.driven import Pass
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.records.status import DriveStatus
 from stepdiag.daq.survey.models import Survey
-from stepdiag.solver.planning.runs import Pace, Plan, Run, run_minutes, run_stops_mm, setup_minutes
 
 PACE_STOPS = 10
 """The pace is told from this many stops."""

@@ -5,7 +5,7 @@ import time
 from collections.abc import Mapping, Sequence
 from datetime import UTC, datetime
 
-from stepdiag.base.messages import Said, joined, message
+from stepdiag.base.messages import Words, joined, message
 from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.formats.signals import Signals
 from stepdiag.daq.passes.alignment import mirror_tilt_mrad
@@ -30,7 +30,7 @@ def snapshot(
     result_ready: bool,
     programs: Mapping[str, str] | None = None,
     waits_in_vain: bool = False,
-    notice: Said = "",
+    notice: Words = "",
 ) -> Snapshot:
     """Return what the daemon knows at this moment; ``links`` are laser, machine, 4-DOF head and sensor of air."""
     laser, plc, head, air = links

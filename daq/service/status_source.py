@@ -10,7 +10,7 @@ import structlog
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.findings import finding
-from stepdiag.base.messages import Message, Said, excerpt, joined, message
+from stepdiag.base.messages import Message, Words, excerpt, joined, message
 from stepdiag.daq.log.recorder import Recorder
 from stepdiag.daq.passes.doubt import places_of
 from stepdiag.daq.recording.session import Session
@@ -41,7 +41,7 @@ class Working:
     supervisor: Supervisor
     tally: Tally
     programs: Mapping[str, str] = field(default_factory=dict)
-    alarms: Callable[[], Sequence[Said]] = tuple
+    alarms: Callable[[], Sequence[Words]] = tuple
     """What a person must see at once, in words."""
     waits_in_vain: Callable[[], bool] = bool
     """Whether the machine waits for the handshake for longer than it should."""
@@ -87,7 +87,7 @@ class DaemonStatusSource:
             return "dwelling" if working.session.capture.tracker.open is not None else "waiting-stop"
         return working.finisher.phase if working.shown is not working.session else "waiting-program"
 
-    def waits_for(self) -> Said:
+    def waits_for(self) -> Words:
         """Return what the daemon waits for."""
         if refused := _refused(self._at_work.recorder):
             return refused
@@ -206,17 +206,17 @@ def _idle(session: Session, setup: str) -> Message:
     return message("waits-program", setup=setup) if setup else message("waits-complete")
 
 
-def _message(working: Working) -> Said:
+def _message(working: Working) -> Words:
     """Return what a person must see at once."""
     return joined(list(dict.fromkeys(each for each in (*working.alarms(), _of_service(working)) if each)))
 
 
-def _of_service(working: Working) -> Said:
+def _of_service(working: Working) -> Words:
     """Return what is wrong with the service itself."""
     return _refused(working.recorder) or working.supervisor.disk or working.finisher.message or working.recorder.health.reason
 
 
-def _refused(recorder: Recorder) -> Said:
+def _refused(recorder: Recorder) -> Words:
     """Return that the disk refuses; empty while it does not."""
     health = recorder.health
     return message("disk-refuses", why=health.reason) if health.state == "blocked" else ""

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import structlog
 
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.service.metrics import GB, Tally, disk_free_bytes, words_on_disk
 from stepdiag.daq.service.notify import Notifier
 from stepdiag.daq.timing.host_clock import ClockWatch
@@ -44,7 +44,7 @@ class Supervisor:
         self._folder = folder
         self._min_free_gb = min_free_gb
         self._clocks = ClockWatch()
-        self.disk: Said = ""
+        self.disk: Words = ""
         """What is to be said of the disk; empty while there is room."""
 
     async def watch(self) -> None:

@@ -6,10 +6,10 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from stepdiag.base.conditions.air import Air, AirUncertainty, index_u
+from stepdiag.base.conditions.assumptions import Assumptions, usual_sizes
 from stepdiag.base.settings import convert, read_toml, refuse
 from stepdiag.daq.survey.models import Environment, Survey, Uncertainty
-from stepdiag.solver.model.assumptions import Assumptions, usual_sizes
-from stepdiag.solver.standards.air import Air, AirUncertainty, index_u
 
 VACUUM_WAVELENGTH_NM = 633.0
 """The index's uncertainty hardly depends on it."""

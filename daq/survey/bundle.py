@@ -7,13 +7,13 @@ import base64
 from collections.abc import Mapping
 from pathlib import Path
 
+from stepdiag.base.compensation import Statement, stated
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import LARGEST_TABLE_BYTES, as_text, read_bytes
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.settings import read_toml
 from stepdiag.daq.survey.models import Survey
-from stepdiag.exporters.safety.compensation import Statement, stated
 
 PREFIX = "file:"
 """Marks a file among the entries of a log's ``stepdiag.run``."""
@@ -62,7 +62,7 @@ def active_in(survey: Survey, bundle: Mapping[str, bytes]) -> dict[str, bytes]:
 
 
 def compensation_findings(survey: Survey) -> tuple[Finding, ...]:
-    """Return ``compensation-unanswered`` where nobody has said what is active in the control; to be said before the first pass."""
+    """Return ``compensation-unanswered`` where the survey does not state what is active in the control."""
     if survey.machine.compensation in ("off", "on"):
         return ()
     text = message("compensation-unanswered")

@@ -4,7 +4,7 @@ from typing import Any
 
 import msgspec
 
-from stepdiag.daq.formats.instruments.air import PTU300, AirSettings, told_by
+from stepdiag.daq.formats.instruments.air import PTU300, AirSettings, quantities_in
 from stepdiag.daq.formats.instruments.angles import ELCOMAT, WYLER, AnglesSettings
 from stepdiag.daq.formats.instruments.fourdof import FourdofSettings
 from stepdiag.daq.formats.instruments.framed import FramesSettings
@@ -129,10 +129,10 @@ def promised(survey: Survey) -> tuple[str, ...]:
     this kind tells and the machine does not.
     """
     if survey.air_sensor is not None:
-        return told_by(air_pattern(survey.air_sensor))
+        return quantities_in(air_pattern(survey.air_sensor))
     if survey.environment.source != "laser":
         return ()
-    return tuple(name for name in LASER_TELLS.get(survey.laser.format, ()) if name not in survey.plc.said)
+    return tuple(name for name in LASER_TELLS.get(survey.laser.format, ()) if name not in survey.plc.signal_names)
 
 
 def air_pattern(sensor: AirSensor) -> str:

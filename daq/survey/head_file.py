@@ -4,7 +4,6 @@ It travels with the logs (`daq.survey.bundle`). A file of another head is refuse
 """
 
 import datetime as dt
-import math
 from typing import Annotated, Literal
 
 import msgspec
@@ -17,8 +16,6 @@ from stepdiag.base.settings import convert, read_toml
 from stepdiag.base.volume import Vector
 from stepdiag.daq.survey.models import Head as HeadSection
 from stepdiag.daq.survey.models import NotNegative, Positive, Text
-from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis
-from stepdiag.solver.fourdof.head import Crosstalk, Head
 
 Pair = tuple[float, float]
 Day = Annotated[str, Meta(pattern=r"^[0-9]{4}-[0-9]{2}-[0-9]{2}\Z", description='a day such as "2026-03-31"')]
@@ -65,7 +62,7 @@ class LeverTable(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class CrosstalkTable(msgspec.Struct, frozen=True, kw_only=True):
-    """The corrections of `solver.fourdof.head.Crosstalk`; zero is none."""
+    """The corrections of the solver (`fourdof.head.Crosstalk`); zero is none."""
 
     vertex_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
     psd1_leak: Pair = (0.0, 0.0)
@@ -103,29 +100,6 @@ class HeadFile(msgspec.Struct, frozen=True, kw_only=True):
         """Return the file with one axis of one detector replaced."""
         changed = msgspec.structs.replace(self.detector(detector), **{axis: table})
         return msgspec.structs.replace(self, **{detector: changed})
-
-    def calibrated(self) -> Head:
-        """Return the head as the solver knows it; the travel it asks for is then the distance."""
-        return Head(
-            qd=_detector(self.qd),
-            psd1=_detector(self.psd1),
-            psd2=_detector(self.psd2),
-            psd1_focal_length_mm=self.head.psd1_focal_length_mm,
-            psd2_focal_length_mm=self.head.psd2_focal_length_mm,
-            dead_path_mm=self.lever.dead_path_mm,
-            lever_scale=self.lever.scale,
-            crosstalk=Crosstalk(**msgspec.structs.asdict(self.crosstalk)),
-        )
-
-
-def _detector(table: DetectorTable) -> Detector:
-    ceiling = math.inf if table.sum_max is None else table.sum_max
-    return Detector(x=_axis(table.x), y=_axis(table.y), sum_min=table.sum_min, sum_max=ceiling, rotation_mrad=table.rotation_mrad)
-
-
-def _axis(table: AxisTable) -> DetectorAxis:
-    curve = Curve(kind=table.kind, coefficients_um=table.coefficients_um, low=table.low, high=table.high, u_um=table.u_um)
-    return DetectorAxis(sign=table.sign, curve=curve)
 
 
 def parse_head_file(data: bytes, source: str) -> HeadFile:

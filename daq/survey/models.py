@@ -306,7 +306,7 @@ class Plc(msgspec.Struct, frozen=True, kw_only=True):
         return {**self.own_signals, **self.inputs} or ({} if self.transport in ("s7", "lsv2") else CONTRACT_SIGNALS)
 
     @property
-    def said(self) -> tuple[str, ...]:
+    def signal_names(self) -> tuple[str, ...]:
         """Return the names of the signals that this machine says, outright or by an expression, in the order of the contract's block."""
         return tuple(name for name in SIGNAL_NAMES if name in self.expressions or (name in self.signals and name not in self.inputs))
 
@@ -364,7 +364,7 @@ class Solver(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class Uncertainty(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is taken for granted (k = 1 unless a range or a limit is named); the meaning stands in `stepdiag.solver.model.assumptions`.
+    """What is taken for granted (k = 1 unless a range or a limit is named); the meaning stands in `stepdiag.base.conditions.assumptions`.
 
     A size of the machine that is None is the usual one of ``machine_class`` and ``feedback``.
     """

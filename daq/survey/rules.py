@@ -183,14 +183,14 @@ def _head(survey: Survey, source: str) -> Iterator[UsageError]:
 
 
 def _air(survey: Survey, source: str) -> Iterator[UsageError]:
-    sensor, told_by = survey.air_sensor, survey.environment.source
-    if told_by == "sensor" and sensor is None:
+    sensor, source_of_air = survey.air_sensor, survey.environment.source
+    if source_of_air == "sensor" and sensor is None:
         remedy = "add [environment.sensor] with its port and what its lines look like"
         yield refuse(source, "environment.sensor", 'a table for source = "sensor"', None, remedy)
-    if survey.environment.sensor is not None and told_by not in ("sensor", "fixed"):
+    if survey.environment.sensor is not None and source_of_air not in ("sensor", "fixed"):
         remedy = "nobody would listen to the sensor; take its table out where the air comes from elsewhere"
-        yield refuse(source, "environment.source", '"sensor" or "fixed" beside [environment.sensor]', told_by, remedy)
-    if told_by == "laser" and survey.laser.format not in _TELL_AIR:
+        yield refuse(source, "environment.source", '"sensor" or "fixed" beside [environment.sensor]', source_of_air, remedy)
+    if source_of_air == "laser" and survey.laser.format not in _TELL_AIR:
         remedy = "nobody would tell air and material, and the values of [environment] would count without a word"
         yield refuse(source, "environment.source", f'"laser" with format = {" or ".join(_TELL_AIR)} alone', survey.laser.format, remedy)
     if sensor is None:
@@ -231,9 +231,9 @@ def _plc(survey: Survey, source: str) -> Iterator[UsageError]:
     if wrong := [*_places(plc, source), *_expressions(plc, source)]:
         yield from wrong
         return
-    if "stopped" not in plc.said:
+    if "stopped" not in plc.signal_names:
         remedy = "every other signal may be absent; it may be made of others in [plc.expressions]"
-        yield refuse(source, "plc.signals", "at least the signal stopped", list(plc.said), remedy)
+        yield refuse(source, "plc.signals", "at least the signal stopped", list(plc.signal_names), remedy)
     yield from _overlaps({name: spec for name, spec in plc.signals.items() if name not in plc.inputs}, source)
     yield from _handshake(plc, source)
     if plc.transport == "rtu":
@@ -260,9 +260,9 @@ def _places(plc: Plc, source: str) -> Iterator[UsageError]:
 def _silent(survey: Survey, source: str) -> Iterator[UsageError]:
     """Yield what a machine without signals cannot give."""
     plc, none = survey.plc, 'nothing with transport = "none"'
-    for field, said in (("signals", plc.own_signals), ("inputs", plc.inputs), ("expressions", plc.expressions)):
-        if said:
-            yield refuse(source, f"plc.{field}", none, list(said))
+    for field, entries in (("signals", plc.own_signals), ("inputs", plc.inputs), ("expressions", plc.expressions)):
+        if entries:
+            yield refuse(source, f"plc.{field}", none, list(entries))
     if plc.handshake.enabled:
         yield refuse(source, "plc.handshake.enabled", f"false, {none}", True)
     if survey.environment.source == "plc":
@@ -364,7 +364,7 @@ def _handshake(plc: Plc, source: str) -> Iterator[UsageError]:
         yield refuse(
             source, "plc.handshake.table", _TABLES[plc.transport][1] if plc.transport == "s7" else '"holding"', plc.handshake.table
         )
-    if "stop_count" not in plc.said:
+    if "stop_count" not in plc.signal_names:
         yield refuse(source, "plc.handshake.enabled", "the signal stop_count, which is what is written back", True)
     for name, spec in plc.signals.items():
         written = {(plc.handshake.table, plc.handshake.address + at) for at in range(2 if plc.transport == "s7" else 1)}

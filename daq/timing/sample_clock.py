@@ -17,7 +17,7 @@ BIN_NS = 250_000_000
 MEMORY_BINS = 480
 """Two minutes of points: long against the jitter, short against the thermal drift of a quartz."""
 FREE_SLOPE_SPAN_NS = 10_000_000_000
-"""Below ten seconds the rate told by the instrument is better than the slope of the points."""
+"""Below ten seconds the rate from the instrument is better than the slope of the points."""
 SKIP_BINS = 8
 """Two seconds of points that are all late by most of a sample period are a silent skip, not jitter."""
 

@@ -12,7 +12,7 @@ from typing import Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.messages import Said
+from stepdiag.base.messages import Words
 
 NoticeCode = Literal["banner", "debug", "garbage", "gap", "rate", "restart", "device", "environment", "duplicate"]
 
@@ -40,7 +40,7 @@ class Notice:
 
     code: NoticeCode
     index: int
-    why: Said = ""
+    why: Words = ""
     value: float | None = None
     name: str = ""
 
@@ -82,7 +82,7 @@ class Decoder(Protocol):
     """One object a stream. Any split of the same bytes gives the same samples, arrival stamps apart."""
 
     nominal_rate_hz: float | None
-    """The rate as last told by the instrument or its data sheet; None where it is unknown."""
+    """The rate as last reported by the instrument or its data sheet; None where it is unknown."""
     gaps_visible: bool
     """Whether a lost sample leaves a gap in the counter."""
     latency_s: float
@@ -128,7 +128,7 @@ class AskingDecoder(PolledDecoder, Protocol):
 
 @runtime_checkable
 class GreetingDecoder(Decoder, Protocol):
-    """A decoder for an instrument that has to be told to speak: the link sends ``greeting`` whenever it has opened the line."""
+    """A decoder for an instrument that sends on request: the link sends ``greeting`` whenever it has opened the line."""
 
     greeting: bytes
 
@@ -138,5 +138,5 @@ class RespondingDecoder(Decoder, Protocol):
     """A decoder for an instrument that wants an answer to what it says."""
 
     def responder(self) -> Callable[[bytes], bytes]:
-        """Return a function that takes all that is heard on an open line, and returns what is to be said to it at once."""
+        """Return a function that takes all that is heard on an open line, and returns the answer to it."""
         ...

@@ -14,7 +14,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.timing.sample_clock import SampleClock
 from stepdiag.daq.timing.samples import Decoder, Flag, Notice, Samples, SteadyDecoder
 
@@ -48,7 +48,7 @@ class Break:
     """The count was lost, or may have been because nobody ``watched``: why, and when (arrival)."""
 
     time_ns: int
-    reason: Said
+    reason: Words
     watched: bool = True
 
 
@@ -74,7 +74,7 @@ class StreamBuffer:
         self._waiting: list[tuple[bytes, int]] = []
         self._waiting_bytes = 0
         self._batches: deque[tuple[Samples, SampleClock]] = deque()
-        self._notices: dict[Said, Notice] = {}
+        self._notices: dict[Words, Notice] = {}
         self._told: dict[str, float] = {}
         self._told_ns: dict[str, int] = {}
         self._kept = 0
@@ -142,7 +142,7 @@ class StreamBuffer:
         notices, self._notices = tuple(self._notices.values()), {}
         return notices
 
-    def interrupted(self, at_ns: int, reason: Said = LINE_LOST) -> None:
+    def interrupted(self, at_ns: int, reason: Words = LINE_LOST) -> None:
         """Take note that bytes are missing: the half line before them does not belong to the bytes after them.
 
         However short that was, the laser was unwatched: a beam that is cut meanwhile and comes back leaves no trace, with a counter too.

@@ -17,6 +17,7 @@ from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.kinematics import parse_chain
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.beckhoff import csv, parameter_list
 from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines
@@ -30,7 +31,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Sense, Table, plain_rows
-from stepdiag.solver.result.result import POSITIONING
 
 VOLCOMP, ANGLE, SSFK, CROSS = "volcomp", "volcomp-angle", "ssfk", "crosscomp"
 _SSFK_LAW = Law(sense="as-error")
@@ -220,7 +220,7 @@ def _lists(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions) 
         if other != curve.input_axis:
             raise SafetyError(
                 f"{profile.source}: machine.functions",
-                code="one-cross-table",
+                code="control-full.cross-table",
                 expected=message("cross-one", axis=curve.output_axis),
                 found=f"E{curve.output_axis}{other} and {curve.name}",
                 remedy=message("leave-one"),
@@ -245,8 +245,8 @@ def _remarks(curves: Sequence[Curve], profile: Profile, options: BeckhoffOptions
     yield from averaged_remarks([curve for curve in curves if curve.name not in bilateral], profile)
     if options.way == "volumetric":
         if options.chain is not None:
-            yield finding("info", message("chain-derived"))
-        yield finding("info", message("sense-derived"))
+            yield finding("info", message("sign-untested.chain"))
+        yield finding("info", message("sign-untested.volumetric-file"))
 
 
 def _numbered(profile: Profile, options: BeckhoffOptions) -> list[str]:

@@ -98,7 +98,7 @@ def _shift_um(name: str, slope_rad: float, position_mm: Vector) -> Vector:
 def recognises(file: ControlFile) -> bool:
     """Return whether the first line that is no comment is a heading of component or position errors."""
     try:
-        head = next(_said(file), ("", []))[1]
+        head = next(_lines(file), ("", []))[1]
     except DataError:
         return False
     if head and all(map(_POSITION_ERROR.match, head)):
@@ -209,7 +209,7 @@ def _numbers(cells: Sequence[str], count: int, where: str) -> list[float]:
 
 def _blocks(file: ControlFile) -> list[Rows]:
     blocks: list[Rows] = [[]]
-    for where, cells in _said(file):
+    for where, cells in _lines(file):
         if cells[0].startswith("#"):
             blocks.append([])
         else:
@@ -219,7 +219,7 @@ def _blocks(file: ControlFile) -> list[Rows]:
     return blocks
 
 
-def _said(file: ControlFile) -> Iterator[tuple[str, list[str]]]:
+def _lines(file: ControlFile) -> Iterator[tuple[str, list[str]]]:
     for where, line in read_lines(file):
         if cells := line.partition("//")[0].split():
             yield where, cells

@@ -16,6 +16,7 @@ import numpy as np
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.planning import planned
 from stepdiag.exporters.export.report import report_text
@@ -41,7 +42,6 @@ from stepdiag.exporters.safety.verify import harm_findings, predict, worse_findi
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller, Plan
 from stepdiag.exporters.tables.profile import AXIS_LETTERS, Profile
-from stepdiag.solver.result.result import Result
 
 MET_UM, FINEST_PART = 0.05, 10
 """The points of a quick look meet what was measured to this; targets that are not even need a part of the survey's increments."""
@@ -86,8 +86,14 @@ def export(
     refuse((*findings, *(item for item in plan.findings if _may_refuse(item, case.profile))), accept, f"export for {controller}")
     prediction = predict(result, *standing.acting(result, case.profile))
     refuse(tuple(worse_findings(prediction, standing, result, case.profile)), accept, f"export for {controller}")
-    said = (*findings, *plan.findings, *compensation_remarks(result, case.profile), *remarks(case), *harm_findings(prediction, result))
-    text = report_text(case, plan, said, prediction)
+    all_findings = (
+        *findings,
+        *plan.findings,
+        *compensation_remarks(result, case.profile),
+        *remarks(case),
+        *harm_findings(prediction, result),
+    )
+    text = report_text(case, plan, all_findings, prediction)
     try:
         files = _control_files(case, standing)
     except SafetyError as error:
@@ -97,7 +103,13 @@ def export(
         raise
     names = write_set(out_dir, [*files, ControlFile(name=REPORT, data=text.encode(), role="note")])
     return ExportReport(
-        controller=controller, out_dir=out_dir, files=names, findings=said, tables=tuple(case.tables), prediction=prediction, text=text
+        controller=controller,
+        out_dir=out_dir,
+        files=names,
+        findings=all_findings,
+        tables=tuple(case.tables),
+        prediction=prediction,
+        text=text,
     )
 
 
@@ -109,7 +121,7 @@ def _may_refuse(finding: Finding, profile: Profile) -> bool:
 def _require_something(plan: Plan, profile: Profile) -> None:
     """Raise ``SafetyError`` where the control has no table for anything that is asked: an export of nothing is no export."""
     if not plan.tables and not plan.listed:
-        asked, why = profile.machine.functions, [each.said for each in plan.findings]
+        asked, why = profile.machine.functions, [each.words for each in plan.findings]
         raise SafetyError(
             f"{profile.source}: machine.functions",
             code="nothing-to-write",

@@ -13,6 +13,7 @@ import numpy as np
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.tables.angular import require_chain
@@ -23,7 +24,6 @@ from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, summed_um
-from stepdiag.solver.result.result import Result
 
 _ROUNDS = 12
 """Nine functions, and what moves by them: more rounds change nothing."""
@@ -99,7 +99,7 @@ def _loaded(case: Case, before: tuple[Table, ...]) -> Standing:
     """Return what stands in the control once the files of a plan are loaded over the machine's own."""
     try:
         files = [file for file in case.controller.render(case.tables, case.profile) if file.role == "data"]
-    except SafetyError:  # said when the files are written, after the checks of the plan
+    except SafetyError:  # reported when the files are written, after the checks of the plan
         return Standing(before=before, after=tuple(case.tables), new=tuple(case.tables))
     after = case.controller.standing(case.profile.existing, files, case.profile)
     return Standing(before=before, after=after, new=case.controller.parse(files, case.profile))
@@ -114,7 +114,7 @@ def _as_it_was(name: str, before: Sequence[Table], profile: Profile) -> Curve:
     if directional and profile.machine.direction == "mean":
         raise SafetyError(
             f"{profile.source}: machine.direction",
-            code="merge-direction",
+            code="direction-unfit.active",
             expected=message("both-old", name=name),
             found='"mean"',
         )

@@ -3,14 +3,14 @@
 import hashlib
 from collections.abc import Iterator, Sequence
 
+from stepdiag.base.compensation import stated_in
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.basis import Basis, basis_of, scales_in_words
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, movement_um
-from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.verify import Prediction
 from stepdiag.exporters.tables.controller import Plan
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.result.basis import Basis, basis_of, scales_in_words
 
 
 def report_text(case: Case, plan: Plan, findings: Sequence[Finding], prediction: Prediction) -> str:

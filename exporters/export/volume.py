@@ -7,8 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.compensation import stated_in
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import DISPLACEMENTS, Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.export.written import REPORT, ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
@@ -18,7 +20,6 @@ from stepdiag.exporters.linuxcnc import kinematics
 from stepdiag.exporters.linuxcnc.control import LinuxCnc, LinuxCncOptions
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.safety.checks import refuse
-from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.safety.gate import require_clean
 from stepdiag.exporters.safety.remarks import backlash_offered, coarse, missed_um
 from stepdiag.exporters.safety.standing import Standing, lost_in_field
@@ -29,20 +30,19 @@ from stepdiag.exporters.tables.controller import plausible_slope_um_mm
 from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import LimitsSection, Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
-from stepdiag.solver.result.result import DISPLACEMENTS, Result
 
 
 def export_lattice(result: Result, steps_mm: Sequence[float], out_dir: Path) -> ExportReport:
     """Write the correction vectors of the whole error field; no control's law is involved, so there is no sign to test."""
     held = lattice.lattice_of(result, steps_mm)
     steps = " x ".join(f"{each:g}" for each in steps_mm) if len(set(steps_mm)) > 1 else f"{steps_mm[0]:g}"
-    file, said = lattice.render(held), tuple(_beside(result, held))
+    file, remarks = lattice.render(held), tuple(_beside(result, held))
     text = f"{file.name}: what has to be added to the command at each vertex, in um; step {steps} mm\n"
     text += f"compensation while measuring: {stated_in(result).words()}; where it was on, the vectors come on top of what was active\n"
-    text += "".join(f"{item.code}: {item.text}\n" for item in said)
+    text += "".join(f"{item.code}: {item.text}\n" for item in remarks)
     require_clean([file])
     names = write_set(out_dir, [file, ControlFile(name=REPORT, data=text.encode(), role="note")])
-    return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=said, tables=(), prediction=None, text=text)
+    return ExportReport(controller=lattice.NAME, out_dir=out_dir, files=names, findings=remarks, tables=(), prediction=None, text=text)
 
 
 def export_etalon(result: Result, out_dir: Path) -> ExportReport:
@@ -69,7 +69,7 @@ def export_kinematics(result: Result, profile: Profile, accept: Collection[str],
         *_elsewhere(result, held),
         *kinematics.room_findings(held, profile),
         *lost_in_field(result, _replaced(profile)),
-        *_said(result, profile),
+        *_stated(result, profile),
         *_beside(result, held),
     )
     refuse([item for item in findings if item.severity != "info"], accept, "export for linuxcnc")
@@ -109,9 +109,9 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     largest = float(np.max(np.abs(held.vectors_um)))
     most = limits.at(max(float(np.ptp(at)) for at in held.axes_mm))
     if largest > most.value_um:
-        yield finding("error", message("value-beyond-limit.lattice-um-limit-um", largest_um=largest, value_um=most.value_um))
+        yield finding("error", message("value-large.lattice-limit", largest_um=largest, value_um=most.value_um))
     elif largest > most.warn_value_um:
-        yield finding("warning", message("value-large.lattice-um-above-um", largest_um=largest, warn_value_um=most.warn_value_um))
+        yield finding("warning", message("value-large.lattice", largest_um=largest, warn_value_um=most.warn_value_um))
     slopes = [
         float(np.max(np.abs(np.diff(held.vectors_um, axis=axis)) / np.diff(at).reshape([-1 if n == axis else 1 for n in range(4)])))
         for axis, at in enumerate(held.axes_mm)
@@ -119,10 +119,10 @@ def _findings(result: Result, held: Lattice, limits: LimitsSection) -> Iterator[
     allowed = [limits.slope_um_mm or plausible_slope_um_mm(size_mm / result.volume.increments) for size_mm in result.volume.size_mm]
     steepest, steep = max(zip(slopes, allowed, strict=True), key=lambda pair: pair[0] / pair[1])
     if steepest > steep:
-        yield finding("warning", message("slope-steep.lattice-um-mm-above", steepest_um_mm=steepest, steep_um_mm=steep))
+        yield finding("warning", message("slope-steep.lattice", steepest_um_mm=steepest, steep_um_mm=steep))
     for each in result.findings:
         if each.severity == "error":
-            yield finding("error", message("data-quality", code=each.code, said=each.said))
+            yield finding("error", message("data-quality", code=each.code, what=each.words))
 
 
 def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
@@ -130,10 +130,10 @@ def _elsewhere(result: Result, held: Lattice) -> Iterator[Finding]:
     for letter, at, low, size in zip("XYZ", held.axes_mm, result.volume.origin_mm, result.volume.size_mm, strict=True):
         first, last, high = float(at[0]), float(at[-1]), low + size
         if min(last, high) - max(first, low) < COVERED * size:
-            yield finding("error", message("beside-volume", letter=letter, first_mm=first, last_mm=last, low_mm=low, high_mm=high))
+            yield finding("error", message("beyond-travel.lattice", letter=letter, first_mm=first, last_mm=last, low_mm=low, high_mm=high))
 
 
-def _said(result: Result, profile: Profile) -> Iterator[Finding]:
+def _stated(result: Result, profile: Profile) -> Iterator[Finding]:
     for name, function in sorted(result.reversal.items()):
         if function.value is not None and name[1] == name[2] and np.max(np.abs(function.value)) > 0:
             yield finding("info", message("direction-averaged", name=name))

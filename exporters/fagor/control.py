@@ -26,5 +26,5 @@ FAGOR = AxisList(
         "Positions count from machine zero; the error at the reference is 0. Restart, reference the axes.",
         "The sense is taken from the wording: sign test first. Measure again; if the residual has grown, key in the restore list.",
     ),
-    remarks=(finding("info", message("sense-derived.fagor-amount-error-taken")),),
+    remarks=(finding("info", message("sign-untested.fagor")),),
 )

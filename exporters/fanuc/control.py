@@ -13,6 +13,7 @@ import numpy as np
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.fanuc import lines, pitch
 from stepdiag.exporters.fanuc.identity import identity_findings
 from stepdiag.exporters.fanuc.options import TEMPLATE, AxisPoints, FanucOptions
@@ -28,7 +29,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
 from stepdiag.exporters.tables.seats import copied
 from stepdiag.exporters.tables.tables import Table, correction_um
-from stepdiag.solver.result.result import POSITIONING
 
 __all__ = ["Fanuc", "FanucOptions"]
 
@@ -69,7 +69,7 @@ class Fanuc:
             if curve.name in POSITIONING:
                 tables += _positioning(curve, profile, options)
             elif curve.name not in fitted:
-                findings.append(finding("info", message("straightness-left-out", name=curve.name)))
+                findings.append(finding("info", message("function-left-out.points", name=curve.name)))
             else:
                 table, left_um = fitted[curve.name]
                 if (numbers := options.straightness.get(curve.name)) is None:
@@ -79,7 +79,7 @@ class Fanuc:
                 findings.append(_straightness_remark(curve, left_um, options))
         _require_pitch_points(tables, masters, profile)
         if asked.straightness_option and options.straightness != asked.straightness:
-            findings.append(finding("info", message("straightness-recalled")))
+            findings.append(finding("info", message("sign-untested.recalled")))
         return Plan(
             tables=tuple(tables),
             findings=(*findings, *_overlaps(tables), *identity_findings(masters, profile, options)),
@@ -166,7 +166,7 @@ def _positioning(curve: Curve, profile: Profile, options: FanucOptions) -> list[
     if is_directional(curve, profile) and not options.experimental_bidirectional:
         raise SafetyError(
             f"{profile.source}: machine.direction",
-            code="bidirectional-not-enabled",
+            code="direction-unfit.unproven",
             expected=message("mean-or-both"),
             found='"both"',
             remedy=message("mean-curve-with-reversal"),
@@ -196,7 +196,7 @@ def _refuse_lacking(parameters: Mapping[Key, str], masters: Sequence[PunchFile],
     if missing:
         raise SafetyError(
             f"{profile.source}: machine.existing",
-            code="template-lacks-parameters",
+            code="template-missing.parameters",
             expected=message("own-parameters"),
             found=message("none-number", numbers=[f"{number}{'' if axis is None else f' A{axis}'}" for number, axis in missing[:6]]),
             remedy=message("punch-too"),
@@ -212,7 +212,7 @@ def _require_interval(own: Sequence[PunchFile], profile: Profile) -> None:
     if missing:
         raise SafetyError(
             f"{profile.source}: machine.existing",
-            code="template-lacks-parameters",
+            code="template-missing.parameters",
             expected=message("interval-parameter-pitch-data", interval=INTERVAL),
             found=message("none-for-axes", names=[f"A{number}" for number in missing]),
             remedy=message("punch-too"),
@@ -240,9 +240,9 @@ def _require_pitch_points(tables: Sequence[Table], masters: Sequence[PunchFile],
 
 def _straightness_remark(curve: Curve, left_um: float, options: FanucOptions) -> Finding:
     if curve.name in options.straightness:
-        return finding("info", message("straightness-four-points", name=curve.name, um=left_um))
+        return finding("info", message("step-coarse.four-points", name=curve.name, um=left_um))
     why = message("sets-hold-others") if options.straightness else message("straightness-by-option", name=curve.name)
-    return finding("info", message("straightness-report-only", name=curve.name, left_um=left_um, why=why))
+    return finding("info", message("function-left-out.report", name=curve.name, left_um=left_um, why=why))
 
 
 def _overlaps(tables: Sequence[Table]) -> Iterator[Finding]:

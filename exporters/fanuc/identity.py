@@ -26,13 +26,13 @@ _INCREMENT_UM = {(True, False): 10.0, (False, False): 1.0, (False, True): 0.1}
 def identity_findings(masters: Sequence[PunchFile], profile: Profile, options: FanucOptions) -> Iterator[Finding]:
     """Yield an error or a warning for all that the machine's own files say against the profile; what is not there says nothing."""
     if _bit(masters, 8135, None, 0):
-        yield finding("error", message("compensation-disabled"))
+        yield finding("error", message("machine-file-differs.disabled"))
     if _bit(masters, 1001, None, 0) and profile.machine.units == "mm":
-        yield finding("warning", message("machine-in-inches"))
+        yield finding("warning", message("units-not-metric.machine"))
     used = found_in(masters, msgspec.structs.replace(options, straightness_option=True))
     acting = [name for name, one in used.items() if any(_number(masters, key, None) for key in one.values)]
     if acting and not options.straightness_option and not options.straightness:
-        yield finding("warning", message("straightness-in-file", names=acting))
+        yield finding("warning", message("machine-file-differs.straightness", names=acting))
     for letter, axis in options.axes.items():
         yield from _axis(masters, letter, axis, profile, options)
 
@@ -41,26 +41,31 @@ def _axis(masters: Sequence[PunchFile], letter: str, axis: AxisPoints, profile: 
     name = _number(masters, AXIS_NAME, axis.number)
     if name is not None and name != ord(letter):
         shown = chr(name) if 32 < name < 127 else str(name)
-        yield finding("error", message("axis-number-differs", number=axis.number, name=name, shown=shown, again=axis.number, letter=letter))
+        yield finding(
+            "error", message("machine-file-differs.axis", number=axis.number, name=name, shown=shown, again=axis.number, letter=letter)
+        )
     others = [key for key in OF_EVERY_AXIS if _text(masters, key, axis.number) is None and any(_text(masters, key, each) for each in AXES)]
     if others:
         yield finding(
             "error",
-            message("axis-number-differs.x-no-such-axis", parameter=others[0], number=axis.number, again=axis.number, letter=letter),
+            message("machine-file-differs.no-axis", parameter=others[0], number=axis.number, again=axis.number, letter=letter),
         )
     reference, highest = _number(masters, REFERENCE_POINT, axis.number), _number(masters, HIGHEST_POINT, axis.number)
     if highest and reference is not None and reference != axis.reference_point:
         yield finding(
-            "error", message("reference-point-differs", number=axis.number, found=reference, stated=axis.reference_point, letter=letter)
+            "error",
+            message("machine-file-differs.reference", number=axis.number, found=reference, stated=axis.reference_point, letter=letter),
         )
     if _bit(masters, 3605, axis.number, 0) and not (options.experimental_bidirectional and profile.machine.direction == "both"):
-        yield finding("error", message("bidirectional-active", number=axis.number, letter=letter))
+        yield finding("error", message("machine-file-differs.bidirectional", number=axis.number, letter=letter))
     if _bit(masters, 1006, axis.number, 3):
-        yield finding("warning", message("axis-in-diameters", number=axis.number, letter=letter))
+        yield finding("warning", message("machine-file-differs.diameters", number=axis.number, letter=letter))
     is_a, is_c = (_bit(masters, 1013, axis.number, bit) for bit in (0, 1))
     if is_a is not None and is_c is not None and _INCREMENT_UM.get((is_a, is_c), options.least_input_um) != options.least_input_um:
-        said = _INCREMENT_UM[is_a, is_c]
-        yield finding("warning", message("least-input-differs", number=axis.number, found_um=said, stated_um=options.least_input_um))
+        file_um = _INCREMENT_UM[is_a, is_c]
+        yield finding(
+            "warning", message("machine-file-differs.increment", number=axis.number, found_um=file_um, stated_um=options.least_input_um)
+        )
 
 
 def _text(masters: Sequence[PunchFile], number: int, axis: int | None) -> str | None:

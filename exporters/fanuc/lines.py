@@ -35,7 +35,7 @@ def line_table(kind: str, curve: Curve, profile: Profile, options: FanucOptions)
     if len(grid) < 4:
         raise SafetyError(
             f"{profile.source}: axes.{curve.input_axis}.step_mm",
-            code="grid-too-short",
+            code="grid-unfit.points",
             expected=message("four-points"),
             found=str(len(grid)),
         )

@@ -46,7 +46,7 @@ def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str
     if abs(below - round(below)) > 1e-6 or not 0 <= round(below) < len(grid_mm):
         raise SafetyError(
             where,
-            code="reference-off-grid",
+            code="reference-unfit.between",
             expected=message("on-grid", first=grid_mm[0], last_mm=grid_mm[-1], step=step),
             found=f"{reference_mm:g} mm",
             remedy=message("shift"),
@@ -54,7 +54,7 @@ def points_of(axis: AxisPoints, grid_mm: Vector, reference_mm: float, where: str
     start = axis.reference_point - round(below)
     if start < 0:
         found = message("sections-below", point=axis.reference_point, count=round(below))
-        raise SafetyError(where, code="points-below-zero", expected=message("room-below"), found=found)
+        raise SafetyError(where, code="reference-unfit.number", expected=message("room-below"), found=found)
     return Points(reference=axis.reference_point, lowest=start + 1, highest=start + len(grid_mm) - 1)
 
 
@@ -111,7 +111,7 @@ def _units(
             return counts, magnification
     raise SafetyError(
         f"{source}: fanuc",
-        code="increment-beyond-limit",
+        code="field-too-narrow.step",
         expected=message("increments", most=options.increment_limit),
         found=message("magnification", value=largest, factor=tried[-1]),
         remedy=message("larger-mag"),

@@ -69,7 +69,7 @@ class PunchFile:
         if missing:
             raise SafetyError(
                 self.name,
-                code="template-lacks-points",
+                code="template-missing.points",
                 expected=message("line-each"),
                 found=message("none-for", points=[str(each) for each in missing[:6]]),
                 remedy=message("range-own"),

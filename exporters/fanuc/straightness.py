@@ -38,7 +38,7 @@ def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence
 
     A function keeps the set that it has in the machine's files, and a set of a function that ``tables`` lack is not taken from it.
 
-    Raises ``SafetyError`` (code ``template-lacks-parameters``) where the profile says that the option is there and no file shows it.
+    Raises ``SafetyError`` (code ``template-missing.parameters``) where the profile says that the option is there and no file shows it.
     """
     if not options.straightness_option:
         return options
@@ -50,7 +50,7 @@ def given_to(tables: Mapping[str, Table], options: FanucOptions, files: Sequence
     if not sets_in(files) and not options.straightness:
         raise SafetyError(
             f"{source}: fanuc.straightness_option",
-            code="template-lacks-parameters",
+            code="template-missing.parameters",
             expected=message("57"),
             found=message("none-of-sets"),
             remedy=message("punch-parameters-out-system"),

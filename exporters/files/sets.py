@@ -51,17 +51,17 @@ def sums_of(files: Sequence[ControlFile]) -> ControlFile:
 def read_set(folder: Path) -> tuple[ControlFile, ...]:
     """Return the files of a set, ``SHA256SUMS`` last.
 
-    Raises ``SafetyError`` (codes ``set-incomplete``, ``set-altered``, ``set-foreign``) unless the folder holds exactly the files that its
+    Raises ``SafetyError`` (``set-altered``) unless the folder holds exactly the files that its
     list names, with the bytes that were written, ``DataError`` where there is no list; hidden left-overs of a broken write are no files.
     """
     wanted = _listed(folder)
     present = sorted(path.name for path in folder.iterdir() if not path.name.startswith("."))
     missing = [name for name in wanted if name not in present]
     if missing:
-        raise _refusal(folder, "set-incomplete", "every file that SHA256SUMS names", "no " + ", ".join(missing))
+        raise _refusal(folder, "set-altered.missing", "every file that SHA256SUMS names", "no " + ", ".join(missing))
     foreign = [name for name in present if name not in wanted and name != SUMS]
     if foreign:
-        raise _refusal(folder, "set-foreign", "the files that SHA256SUMS names and no others", ", ".join(foreign))
+        raise _refusal(folder, "set-altered.foreign", "the files that SHA256SUMS names and no others", ", ".join(foreign))
     files = tuple(ControlFile(name=name, data=read_bytes(folder / name)) for name in [*wanted, SUMS])
     _refuse_altered(folder, wanted, files)
     return files

@@ -225,7 +225,7 @@ def _row(heading: str, cells: Mapping[str, str], empty: str, name: str) -> str:
     for column, start in starts:
         if row and len(row) >= start:
             raise SafetyError(
-                f"{name}: {column}", code="column-too-narrow", expected=message("wide-columns"), found=repr(row.rstrip()),
+                f"{name}: {column}", code="field-too-narrow.column", expected=message("wide-columns"), found=repr(row.rstrip()),
                 remedy=message("widen"),
             )  # fmt: skip
         row = row.ljust(start) + cells.get(column, empty)

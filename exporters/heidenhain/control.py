@@ -21,6 +21,7 @@ from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.kinematics import parse_chain
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines
@@ -36,7 +37,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.seats import copied
 from stepdiag.exporters.tables.tables import Law, Table, plain_rows
-from stepdiag.solver.result.result import POSITIONING
 
 KIND = "com"
 KINEMATICS = "kinematicscomp"
@@ -108,7 +108,7 @@ class Heidenhain:
                 angle, levers, profile, kind=KINEMATICS, laws=dict.fromkeys("XYZ", LAW), quantum_urad=_QUANTUM_URAD,
                 place=_place(angle.name[2], profile),
             )  # fmt: skip
-        recalled = finding("info", message("kinematicscomp-recalled", file=LINES))
+        recalled = finding("info", message("sign-untested.component", file=LINES))
         return Plan(tables=tuple(tables), findings=(*plan.findings, recalled))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
@@ -275,7 +275,7 @@ def _check_spacing(tables: Sequence[Table], profile: Profile) -> None:
             lower, upper = (2.0 ** np.floor(power) / _TENTH_UM_PER_MM, 2.0 ** np.ceil(power) / _TENTH_UM_PER_MM)
             raise SafetyError(
                 f"{profile.source}: axes.{table.input_axis}.step_mm",
-                code="spacing-not-power-of-two",
+                code="grid-unfit.spacing",
                 expected=message("power-two"),
                 found=f"{step:g} mm",
                 remedy=message("nearest-two", low=lower, high_mm=upper),
@@ -285,5 +285,5 @@ def _check_spacing(tables: Sequence[Table], profile: Profile) -> None:
 def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
     yield from averaged_remarks(curves, profile)
     if not any(file.name.upper().endswith((".COM", ".CMA")) for file in profile.existing):
-        yield finding("warning", message("column-widths-assumed"))
-    yield finding("info", message("sense-derived.sense-com-tables-inferred"))
+        yield finding("warning", message("profile-assumed.columns"))
+    yield finding("info", message("sign-untested.com"))

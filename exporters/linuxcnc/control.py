@@ -3,7 +3,7 @@
 Source read at commit 5c41560: inijoint.cc, usrmotintf.cc, command.c, control.c, matrixkins.comp. A row of type 0 is
 ``nominal forward-actual reverse-actual``: positions as they really are, so there is no sign to get wrong. The first line that
 does not give three numbers silently ends the file: no comments. At most 256 rows, nominal rising. Linear between rows, ends held,
-in joint space after the kinematics. There is no table for straightness: what remains of it is said in a finding.
+in joint space after the kinematics. There is no table for straightness: what remains of it stands in a finding.
 """
 
 import re
@@ -16,8 +16,9 @@ import numpy as np
 
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.errors import DataError, SafetyError, UsageError
-from stepdiag.base.findings import Finding
+from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile, without_notes
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
@@ -33,7 +34,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, quantised
 from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Table, correction_um, plain_rows
-from stepdiag.solver.result.result import POSITIONING
 
 SCREW = "comp"
 MATRIX = "matrixkins"
@@ -88,7 +88,7 @@ class LinuxCnc:
         """Return screw tables for positioning errors and one coefficient for each squareness.
 
         Raises ``UsageError`` for a profile whose machine has the kinematics component: it holds a lattice and no tables; ``SafetyError``
-        (code ``backlash-unasked``) where the profile does not say what BACKLASH a COMP_FILE would switch off.
+        (code ``profile-incomplete.backlash``) where the profile does not say what BACKLASH a COMP_FILE would switch off.
         """
         if profile.options_as(LinuxCncOptions).way == "kinematics":
             remedy = 'the sense of the component stands in its source; tables are planned with way = "screw"'
@@ -124,7 +124,7 @@ class LinuxCnc:
         return (*files, change(before, self._naming(profile, files, before), notes))
 
     def parse(self, files: Sequence[ControlFile], profile: Profile) -> tuple[Table, ...]:
-        """Return the tables of screw files (the axis is told by the file name) and of HAL files with matrixkins coefficients."""
+        """Return the tables of screw files (the file name names the axis) and of HAL files with matrixkins coefficients."""
         tables: list[Table] = []
         for file in without_notes(files):
             if lattice.recognises(file):
@@ -183,8 +183,7 @@ class LinuxCnc:
 def _squareness_remark(curves: Sequence[Curve]) -> Iterator[Finding]:
     """Yield which squareness is not written, where the control has no matrixkins."""
     if names := [part for curve in curves for part in curve.parts if part in SQUARENESS_SLOPE]:
-        text = f'this LinuxCNC has no matrixkins (matrixkins = false); left out: {", ".join(names)}; way = "kinematics" holds them'
-        yield Finding(code="tables-left-out", severity="info", text=text)
+        yield finding("info", message("function-left-out.matrixkins", names=names))
 
 
 def unit_mm(profile: Profile) -> float:
@@ -195,7 +194,7 @@ def unit_mm(profile: Profile) -> float:
 def _lattice_in_control(file: ControlFile, profile: Profile) -> SafetyError:
     return SafetyError(
         f"{profile.source}: machine.existing",
-        code="active-not-tables",
+        code="active-table-unfit.lattice",
         expected=message("comp-or"),
         found=message("a-lattice", name=file.name),
         remedy=message("old-kinematics"),
@@ -216,7 +215,7 @@ def _taken_over(letter: str, active: Sequence[Table], profile: Profile) -> tuple
     if backlash_um is None and not profile.assumed:
         raise SafetyError(
             f"{profile.source}: axes.{letter}.backlash_um",
-            code="backlash-unasked",
+            code="profile-incomplete.backlash",
             expected=message("joint-backlash", letter=letter),
             found="nothing",
             remedy="state it as it was while measuring; half of it goes into each column",

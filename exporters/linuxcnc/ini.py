@@ -72,7 +72,7 @@ def coordinates(joints: Joints, source: str) -> str:
 def named_by(files: Iterable[ControlFile], joints: Joints, *, inch: bool, source: str, over: Naming | None = None) -> Naming:
     """Return what the INI file names when ``files`` act, ``over`` what it named before; a lattice takes the place of everything.
 
-    Raises ``UsageError`` for an axis whose joints nobody has said.
+    Raises ``UsageError`` for an axis without joints in the file.
     """
     named = over or Naming()
     for file in files:

@@ -40,7 +40,7 @@ def require_room(axes_mm: Sequence[Vector], profile: Profile) -> None:
     if vertices > MOST_VERTICES:
         raise SafetyError(
             f"{profile.source}: axes",
-            code="points-beyond-limit",
+            code="control-full.points",
             expected=message("vertices", count=MOST_VERTICES),
             found=str(vertices),
             remedy=message("larger-steps"),

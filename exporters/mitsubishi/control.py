@@ -84,7 +84,7 @@ class Mitsubishi:
         if number - 1 > _LAST_DATA:
             raise SafetyError(
                 f"{profile.source}: axes",
-                code="too-many-points",
+                code="control-full.numbers",
                 expected=message("data-up-to", number=_LAST_DATA),
                 found=f"#{number - 1}",
                 remedy=message("step-or-fewer"),
@@ -111,7 +111,7 @@ class Mitsubishi:
     def restore(self, tables: Sequence[Table], profile: Profile) -> tuple[ControlFile, ...]:
         """Return the own list, and zeros for every pair of axes that it lacks.
 
-        Raises ``SafetyError`` (code ``restore-overlaps``) where such a pair would keep pointing at data that the own list writes back.
+        Raises ``SafetyError`` (``points-overlap.restore``) where such a pair would keep pointing at data that the own list writes back.
         """
         if profile.existing:
             _refuse_overlap(tables, self.parse(profile.existing, profile), profile)
@@ -144,7 +144,7 @@ def _planned(curve: Curve, profile: Profile, options: MitsubishiOptions, first: 
     if abs(grid[origin] - reference_mm) > 1e-6:
         raise SafetyError(
             f"{profile.source}: axes.{curve.input_axis}.reference_mm",
-            code="reference-off-grid",
+            code="reference-unfit.between",
             expected=message("reference-on"),
             found=f"{reference_mm:g} mm",
             remedy=message("nearest-is", place_mm=grid[origin]),
@@ -180,7 +180,7 @@ def _refuse_overlap(new: Sequence[Table], own: Sequence[Table], profile: Profile
             if set(_data_numbers(table)) & set(_data_numbers(other)):
                 raise SafetyError(
                     f"{profile.source}: mitsubishi.first_data",
-                    code="restore-overlaps",
+                    code="points-overlap.restore",
                     expected=message("free-numbers"),
                     found=message("over", one=table.label, other=other.label),
                     remedy=f"first_data = {1 + max(_data_numbers(each)[-1] for each in own)}",
@@ -200,7 +200,7 @@ def _scale(absolute_um: Vector, options: MitsubishiOptions, name: str) -> int:
             return scale
     raise SafetyError(
         name,
-        code="increment-too-large",
+        code="field-too-narrow.value",
         expected=message("data-scale", least=_LEAST, most=_MOST, scale=_MOST_SCALE),
         found=message("reaches", um=np.max(np.abs(absolute_um))),
         remedy=message("smaller-step"),
@@ -209,7 +209,7 @@ def _scale(absolute_um: Vector, options: MitsubishiOptions, name: str) -> int:
 
 def _remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Finding]:
     yield from averaged_remarks(curves, profile)
-    yield finding("info", message("sense-derived.unit-and-sense-data"))
+    yield finding("info", message("sign-untested.component-data"))
 
 
 def _lines(table: Table, profile: Profile) -> list[str]:
@@ -260,12 +260,12 @@ def _values(file: ControlFile) -> dict[int, _Value]:
     require_end(file, _MARK, _END)
     values: dict[int, _Value] = {}
     for where, line in read_lines(file):
-        said = line.partition(";")[0].split()
-        if not said:
+        words = line.partition(";")[0].split()
+        if not words:
             continue
-        if len(said) != 2 or not said[0].startswith("#"):
+        if len(words) != 2 or not words[0].startswith("#"):
             raise DataError(where, expected=message("number-value"), found=repr(line))
-        values[whole(said[0][1:], where)] = _Value(said[1], where)
+        values[whole(words[0][1:], where)] = _Value(words[1], where)
     if 4000 not in values or 4001 not in values or not file.data.endswith(b"\n"):
         raise DataError(file.name, expected=message("4000"), found=message("nothing-like"))
     return values

@@ -14,11 +14,11 @@ import numpy as np
 from stepdiag.base.errors import DataError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
 from stepdiag.base.messages import excerpt, message
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.base.volume import MOST_INCREMENTS, Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import shortest
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 
 NAME = "etalon"
 FILE_NAME = "etalon_exchange.txt"
@@ -137,7 +137,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
     functions: dict[str, Vector] = {}
     name = ""
     rows: list[list[float]] | None = None
-    for where, line in _said(file):
+    for where, line in _lines(file):
         if (block := _BLOCK.match(line)) and rows is None:
             name = block[1]
             if name in values or name in functions or name not in (*SQUARENESS, *DISPLACEMENTS, *ROTATIONS):
@@ -160,7 +160,7 @@ def _read(file: ControlFile) -> tuple[dict[str, float], dict[str, Vector]]:
     return values, functions
 
 
-def _said(file: ControlFile) -> Iterator[tuple[str, str]]:
+def _lines(file: ControlFile) -> Iterator[tuple[str, str]]:
     for where, line in read_lines(file):
         if text := line.partition("//")[0].strip():
             yield where, text

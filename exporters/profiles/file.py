@@ -158,7 +158,7 @@ def _existing(machine: MachineSection, files: Mapping[str, bytes], source: str) 
     if machine.measured_with == "on" and not machine.existing:
         raise SafetyError(
             f"{source}: machine.existing",
-            code="active-table-unknown",
+            code="active-table-unfit.unknown",
             expected=message("active-files"),
             found=message("nothing"),
             remedy=message("back-up"),

@@ -1,7 +1,43 @@
 """Heidenhain TNC (iTNC 530, TNC 620/640): conversational program, metric."""
 
+from dataclasses import dataclass
+
 from stepdiag.exporters.programs.dialect import Dialect, Job
 from stepdiag.exporters.programs.signals import Signals
+
+
+@dataclass(frozen=True, slots=True)
+class _Check:
+    """A value of the control (``FN 18``) that the program compares before its first move.
+
+    Numbers: HEIDENHAIN, Technical Manual TNC 426 / TNC 430, page 7-30.
+    """
+
+    place: str
+    expected: int
+    stopped: str
+
+    def blocks(self, label: int) -> list[str]:
+        """Return the comparison; where the value is another, the program stops and compares again after the start key."""
+        return [
+            f"LBL {label}",
+            "FN 20: WAIT FOR SYNC",
+            f"FN 18: SYSREAD QL1 = {self.place}",
+            f"FN 9: IF +QL1 EQU +{self.expected} GOTO LBL {label + 1}",
+            f"; stopped: {self.stopped}",
+            "STOP M5",
+            f"FN 9: IF +0 EQU +0 GOTO LBL {label}",
+            f"LBL {label + 1}",
+        ]
+
+
+_CHECKS = (
+    _Check("ID210 NR6", 0, "the working plane is tilted, PLANE RESET first"),
+    _Check("ID280 NR1", 0, "M128 is active, M129 first"),
+    _Check("ID210 NR2", 0, "a rotation is active, reset cycle 10 first"),
+    _Check("ID210 NR3", 0, "a mirror image is active, reset cycle 8 first"),
+    *(_Check(f"ID210 NR4 IDX{axis}", 1, "a scaling is active, reset cycle 11 first") for axis in (1, 2, 3)),
+)
 
 
 class Heidenhain(Dialect):
@@ -33,9 +69,10 @@ class Heidenhain(Dialect):
 
     checked = (
         "M91 counts from the machine datum, whatever preset is active: machine and work position differ by it and are not compared",
-        "before the first move it stops by name where the working plane is tilted, CYCLE 19, PLANE",
-        "it does not see M128, TCPM, the tool length, or where a swivelling head stands",
-        "recalled, check in the manual: FN 18 ID210 NR6 is the tilted plane, 0 without",
+        "before the first move it resets cycles 7, 8, 10 and 11, and stops by name where a rotation, a mirror image, a scaling,",
+        "the tilted working plane (CYCLE 19, PLANE) or M128 is active then",
+        "it does not see a basic rotation, cycle 26, the tool length, or where a swivelling head stands",
+        "read in the technical manual of TNC 426 and 430, page 7-30: ID210 and ID280 of FN 18; check it for another version",
     )
 
     def file_name(self, job: Job) -> str:
@@ -47,7 +84,7 @@ class Heidenhain(Dialect):
         return f"; {text}"
 
     def start(self) -> list[str]:
-        """Return the reset of datum shift, mirroring, rotation and scaling, the check of the tilted plane, and the halt."""
+        """Return the reset of datum shift, mirroring, rotation and scaling, the checks of what is active then, and the halt."""
         return [
             "CYCL DEF 7.0 DATUM SHIFT",
             "CYCL DEF 7.1 X+0",
@@ -59,14 +96,7 @@ class Heidenhain(Dialect):
             "CYCL DEF 10.1 ROT+0",
             "CYCL DEF 11.0 SCALING",
             "CYCL DEF 11.1 SCL 1",
-            "LBL 90",
-            "FN 20: WAIT FOR SYNC",
-            "FN 18: SYSREAD QL1 = ID210 NR6 IDX1",
-            "FN 9: IF +QL1 EQU +0 GOTO LBL 91",
-            "; stopped: the working plane is tilted, PLANE RESET first",
-            "STOP M5",
-            "FN 9: IF +0 EQU +0 GOTO LBL 90",
-            "LBL 91",
+            *(block for number, check in enumerate(_CHECKS) for block in check.blocks(90 + 2 * number)),
             "; mirror on, beam returns, way to the first stop free?",
             "STOP M5",
         ]

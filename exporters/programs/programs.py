@@ -47,7 +47,7 @@ def nc_programs(
 
     ``signals`` are the texts of this machine (None: the control's defaults), ``decimals`` the decimal places of its input
     increment in mm. Raises ``UsageError`` for an unknown control, a sequence that cannot be driven, a position that the
-    control would round, and a handshake without the words to wait for it; ``SafetyError`` (code ``travel-exceeded``) where a program
+    control would round, and a handshake without the words to wait for it; ``SafetyError`` (code ``beyond-travel.program``) where a program
     would leave ``travel_mm``, the software limits by axis (x, y, z), approaches included.
     """
     check(sequence)
@@ -76,7 +76,7 @@ def _keep_within(sequence: Sequence, limits_mm: Mapping[str, tuple[float, float]
             if low[index] < least - _SLACK_MM or high[index] > most + _SLACK_MM:
                 raise SafetyError(
                     f"plan.setups: {setup}, {axis.upper()}",
-                    code="travel-exceeded",
+                    code="beyond-travel.program",
                     expected=message("positions-from-to-mm-2", least_mm=least, most_mm=most),
                     found=message("to-mm-overrun-included", low_mm=low[index], high_mm=high[index]),
                     remedy=message("smaller-plan-overrun-mm"),

@@ -33,7 +33,7 @@ class Siemens(Dialect):
         "SUPA leaves out every frame: G54, TRANS, ROT, CYCLE800, DRF. TRAFOOF ends a transformation",
         "before the first move it stops by name where machine and basic position still differ: TRAORI, TRAANG, TRANSMIT left active",
         "it does not see where rotary axes and a swivelling head stand",
-        "recalled, check in the manual: $AA_IM is the machine position, $AA_IB the basic position",
+        "read in the Programming Guide Advanced 04.00, page 15-559: $AA_IM is the machine position, $AA_IB the basic position",
     )
 
     def file_name(self, job: Job) -> str:

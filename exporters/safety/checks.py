@@ -1,6 +1,6 @@
 """The safety checks before anything is written (controllers.md 10), each with its own code.
 
-An error refuses the export. A warning refuses it too unless its code is accepted by name. What only has to be said, and never
+An error refuses the export. A warning refuses it too unless its code is accepted by name. What is only reported, and never
 refuses, is in ``remarks``. Numbers in the docstrings are those of controllers.md 10; 1 (grid), 5 (overlap) and 9 (axes) are in part made
 where the numbers arise: in the profile and in the controller modules.
 """
@@ -15,13 +15,14 @@ from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.tables.controller import Controller, plausible_slope_um_mm
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, mean_correction_um, summed_um
-from stepdiag.solver.result.result import Result
+from stepdiag.texts.explained import accepted
 
 SIGN_TEST_DAYS = 365
 """A sign test is evidence for twelve months."""
@@ -55,9 +56,9 @@ def check_finite(case: Case) -> Iterator[Finding]:
     """1: finite values, ascending positions."""
     for table in case.tables:
         if not (np.isfinite(table.value_um).all() and np.isfinite(table.position_mm).all()):
-            yield finding("error", message("table-not-finite", label=table.label))
+            yield finding("error", message("file-unsound.number", label=table.label))
         elif np.any(np.diff(table.position_mm) <= _ONE_PLACE_MM):
-            yield finding("error", message("grid-not-ascending", label=table.label))
+            yield finding("error", message("grid-unfit.order", label=table.label))
 
 
 def check_values(case: Case) -> Iterator[Finding]:
@@ -68,7 +69,7 @@ def check_values(case: Case) -> Iterator[Finding]:
         own = case.controller.limits(table, case.profile).value_um
         if largest > limits.value_um or (own is not None and largest > own):
             limit = min(limits.value_um, own or np.inf)
-            yield finding("error", message("value-beyond-limit", label=table.label, um=largest, limit_um=limit))
+            yield finding("error", message("value-large.limit", label=table.label, um=largest, limit_um=limit))
         elif largest > limits.warn_value_um:
             yield finding("warning", message("value-large", label=table.label, um=largest, limit_um=limits.warn_value_um))
 
@@ -106,7 +107,7 @@ def check_slope(case: Case) -> Iterator[Finding]:
         if np.any(steps > allowed + _ZERO_UM):
             yield finding(
                 "error",
-                message("neighbour-beyond-limit", label=table.label, um=np.max(steps), limit_um=np.min(allowed)),
+                message("slope-steep.neighbour", label=table.label, um=np.max(steps), limit_um=np.min(allowed)),
             )
 
 
@@ -117,13 +118,13 @@ def check_points(case: Case) -> Iterator[Finding]:
         held = case.controller.limits(of_kind[0], case.profile).tables
         highest = max((number for table in of_kind if isinstance(number := table.place.get("table"), int)), default=-1)
         if held is not None and (len(of_kind) > held or highest >= held):
-            text = message("tables-beyond-limit", count=len(of_kind), kind=kind, number=max(highest, len(of_kind) - 1), held=held)
+            text = message("control-full.tables", count=len(of_kind), kind=kind, number=max(highest, len(of_kind) - 1), held=held)
             yield finding("error", text)
     for table in case.tables:
         own = case.controller.limits(table, case.profile).points
         allowed = min((limit for limit in (own, case.profile.limits.points) if limit is not None), default=None)
         if allowed is not None and len(table.position_mm) > allowed:
-            yield finding("error", message("points-beyond-limit", label=table.label, count=len(table.position_mm), held=allowed))
+            yield finding("error", message("control-full.points", label=table.label, count=len(table.position_mm), held=allowed))
 
 
 def check_reference(case: Case) -> Iterator[Finding]:
@@ -134,7 +135,7 @@ def check_reference(case: Case) -> Iterator[Finding]:
         at_reference = abs(correction_um(table, np.array([table.reference_mm]), table.direction or 1).item())
         wanted = case.controller.limits(table, case.profile).reference_um
         if at_reference > abs(wanted) + table.quantum_um / 2 + _ZERO_UM:
-            yield finding("error", message("reference-not-zero", label=table.label, um=at_reference, place_mm=table.reference_mm))
+            yield finding("error", message("reference-unfit.value", label=table.label, um=at_reference, place_mm=table.reference_mm))
 
 
 def check_travel(case: Case) -> Iterator[Finding]:
@@ -170,7 +171,7 @@ def check_axes(case: Case) -> Iterator[Finding]:
     """9: every axis has a name of its own."""
     names = [axis.name for axis in case.profile.axes.values()]
     for name in sorted({name for name in names if names.count(name) > 1}):
-        yield finding("error", message("axis-name-doubled", source=case.profile.source, name=name))
+        yield finding("error", message("profile-incomplete.name", source=case.profile.source, name=name))
 
 
 def check_reversal(case: Case) -> Iterator[Finding]:
@@ -181,29 +182,29 @@ def check_reversal(case: Case) -> Iterator[Finding]:
         if backlash is None:
             yield finding(
                 "warning",
-                message("reversal-unasked", axis_label=case.axis_label(letter)),
+                message("profile-incomplete.reversal", axis_label=case.axis_label(letter)),
             )
         elif backlash != 0:
-            yield finding("error", message("reversal-twice", axis=case.axis_label(letter), um=backlash))
+            yield finding("error", message("direction-unfit.twice", axis=case.axis_label(letter), um=backlash))
 
 
 def check_quality(case: Case) -> Iterator[Finding]:
     """13: what the solver says about the data, and the correction against repeatability and its own uncertainty."""
     for each in case.result.findings:
         if each.severity == "error":
-            yield finding("error", message("data-quality", code=each.code, said=each.said))
+            yield finding("error", message("data-quality", code=each.code, what=each.words))
     largest = max((float(np.max(np.abs(table.absolute_um))) for table in case.tables), default=0.0)
     spreads = {name: report.repeatability_um or 0.0 for name, report in case.result.setups.items()}
     worst = max(spreads, key=lambda name: spreads[name], default="")
     if worst and spreads[worst] > largest / 2:
-        yield finding("warning", message("repeatability-exceeds-correction", setup=worst, um=spreads[worst], largest_um=largest))
+        yield finding("warning", message("correction-small.repeatability", setup=worst, um=spreads[worst], largest_um=largest))
     uncertain = [curve for curve in case.curves if np.isfinite(curve.u_um).any()]
     if uncertain and all(np.max(np.abs(curve.mean_um)) < 2 * np.nanmax(curve.u_um) for curve in uncertain):
-        yield finding("warning", message("correction-within-uncertainty"))
+        yield finding("warning", message("correction-small.uncertainty"))
 
 
 def check_sign(case: Case) -> Iterator[Finding]:
-    """14: a sign test that contradicts the sense of a table. That none was made is said in the file names instead."""
+    """14: a sign test that contradicts the sense of a table. Without a test the file names state it instead."""
     for kind, sense in sorted({(table.kind, table.law.sense) for table in case.tables}):
         for record in case.profile.sign_tests:
             if record.kind == kind and record.verdict != sense:
@@ -252,22 +253,23 @@ def check_round_trip(planned: Sequence[Table], read: Sequence[Table]) -> Iterato
         meant, found = (movement_um(table, tables) for tables in alike)
         off = float(np.max(np.abs(found - meant))) if alike[1] else np.inf
         if not off <= table.quantum_um / 2 + _ZERO_UM:
-            yield finding("error", message("round-trip", label=table.label, um=off))
+            yield finding("error", message("file-unsound.read-back", label=table.label, um=off))
 
 
 def refuse(findings: Collection[Finding], accept: Collection[str], where: str) -> None:
-    """Raise ``SafetyError`` with the code of the first finding that is an error, or a warning that nobody accepted."""
-    open_findings = [item for item in findings if item.severity == "error" or (item.severity == "warning" and item.code not in accept)]
+    """Raise ``SafetyError`` with the key of the first finding that is an error, or a warning that nobody accepted."""
+    refusing = [item for item in findings if item.severity != "info"]
+    open_findings = [item for item in refusing if item.severity == "error" or not accepted(item.code, item.key, accept)]
     if not open_findings:
         return
     first = min(open_findings, key=lambda item: item.severity != "error")
-    others = [message("with-its-code", said=item.said, code=item.code) for item in open_findings if item is not first]
-    remedy = message("mend-cause") if first.severity == "error" else message("mend-or-accept", code=first.code)
+    others = [message("with-its-code", what=item.words, code=item.key) for item in open_findings if item is not first]
+    remedy = message("mend-cause") if first.severity == "error" else message("mend-or-accept", code=first.key)
     raise SafetyError(
         where,
-        code=first.code,
+        code=first.key,
         expected=message("safe-tables"),
-        found=first.said,
+        found=first.words,
         remedy=message("also-refused", remedy=remedy, others=others) if others else remedy,
     )
 

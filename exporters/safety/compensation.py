@@ -6,69 +6,23 @@ profile or files say otherwise is refused. The hashes are those of files that a 
 """
 
 import hashlib
-from collections.abc import Iterable, Iterator, Mapping
-from dataclasses import dataclass, replace
-from datetime import date
-from typing import Literal
+from collections.abc import Iterable, Iterator
 
-from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.compensation import Statement, stated_in
+from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
+from stepdiag.base.result.members import ActiveFile
+from stepdiag.base.result.result import Result
 from stepdiag.base.settings import UNANSWERED
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.result.members import ActiveFile, Facts
-from stepdiag.solver.result.result import Result
-
-State = Literal["off", "on"]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Statement:
-    """What is said of the compensation: ``state`` is None where there is no survey to say it, ``"?"`` where the survey leaves it open."""
-
-    state: Literal["off", "on", "?"] | None = None
-    files: tuple[ActiveFile, ...] = ()
-
-    def facts(self, facts: Facts | None = None) -> Facts:
-        """Return the facts of a survey with this statement in them."""
-        state = None if self.state == UNANSWERED else self.state
-        return replace(facts or Facts(), compensation=state, active_files=self.files)
-
-    def words(self) -> str:
-        """Return the statement in one line, for log and report."""
-        if self.state not in ("off", "on"):
-            return "not stated"
-        named = "; ".join(f"{file.name} sha256 {file.sha256} ({file.source}, {file.date})" for file in self.files)
-        return f"{self.state}: {named}" if named else self.state
-
-
-def stated(state: Literal["off", "on", "?"] | None, files: Mapping[str, bytes], day: date | None, source: str) -> Statement:
-    """Return the statement of a person who hands ``files`` over, as they were active, read out on ``day`` in the way ``source`` says."""
-    rows = tuple(
-        ActiveFile(name=name, sha256=hashlib.sha256(data).hexdigest(), date="" if day is None else day.isoformat(), source=source)
-        for name, data in sorted(files.items())
-    )
-    return Statement(state=state, files=rows)
-
-
-def stated_in(result: Result) -> Statement:
-    """Return what a result says. Raises ``DataError`` where that is damaged."""
-    facts = result.survey
-    if facts is None:
-        return Statement()
-    if facts.compensation is None:
-        return Statement(state=UNANSWERED)
-    if (facts.compensation == "on") != bool(facts.active_files):
-        where, found = f"{result.source}: survey.compensation", f"{facts.compensation!r} with {len(facts.active_files)} active_files"
-        raise DataError(where, expected=message("off-on-files"), found=found)
-    return Statement(state=facts.compensation, files=facts.active_files)
 
 
 def require_agreement(result: Result, profile: Profile) -> None:
     """Raise ``SafetyError`` unless survey, profile and files agree about what was active while the result was measured.
 
-    Codes: ``compensation-unanswered`` (the survey left the question open), ``compensation-differs`` (one says on, the other off),
-    ``active-table-differs`` (other files).
+    Codes: ``compensation-unanswered`` (the survey left the question open), ``survey-differs.compensation`` (one says on, the other off),
+    ``active-table-unfit.other`` (other files).
     """
     statement = require_answer(result)
     if statement.state is None:
@@ -77,7 +31,7 @@ def require_agreement(result: Result, profile: Profile) -> None:
     if statement.state != profile.machine.measured_with:
         raise SafetyError(
             f"{profile.source}: machine.measured_with",
-            code="compensation-differs",
+            code="survey-differs.compensation",
             expected=message("as-survey", state=statement.state),
             found=message("assumed-state", state=profile.machine.measured_with)
             if profile.assumed
@@ -103,9 +57,9 @@ def require_answer(result: Result) -> Statement:
 
 
 def remarks(result: Result, profile: Profile) -> Iterator[Finding]:
-    """Yield ``compensation-unstated`` where nothing but the profile says what was active."""
+    """Yield ``compensation-unanswered.profile`` where nothing but the profile says what was active."""
     if stated_in(result).state is None and not profile.assumed:
-        yield finding("warning", message("compensation-unstated", state=profile.machine.measured_with))
+        yield finding("warning", message("compensation-unanswered.profile", state=profile.machine.measured_with))
 
 
 def _require_same_files(statement: Statement, profile: Profile) -> None:
@@ -131,7 +85,7 @@ def _differs(profile: Profile, expected: Message, missing: Iterable[str], other:
     found = [*(message("no-such-file", name=name) for name in missing), *(message("another-file", name=name) for name in other)]
     return SafetyError(
         f"{profile.source}: machine.existing",
-        code="active-table-differs",
+        code="active-table-unfit.other",
         expected=expected,
         found=message("comma-list", items=found) if found else message("other-files"),
         remedy=message("very-tables"),

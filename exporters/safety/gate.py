@@ -28,7 +28,7 @@ _PAST = 3
 
 
 def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ()) -> None:
-    """Raise ``SafetyError`` (code ``text-not-clean``) for text that a control could read otherwise than it was meant.
+    """Raise ``SafetyError`` (code ``file-unsound.text``) for text that a control could read otherwise than it was meant.
 
     Notes for people are not looked at, nor lines that stand in the machine's ``own`` files as they are.
     """
@@ -38,7 +38,7 @@ def require_clean(files: Sequence[ControlFile], own: Sequence[ControlFile] = ())
         if found:
             raise SafetyError(
                 file.name,
-                code="text-not-clean",
+                code="file-unsound.text",
                 expected=message("plain-numbers", digits=_DIGITS, decimals=_DECIMALS),
                 found=message("semicolon-list", items=found),
                 remedy=message("report-it-nothing-was"),
@@ -50,7 +50,7 @@ def gate_findings(case: Case, read: Sequence[Table], standing: Standing) -> Iter
     profile = case.profile
     yield from limit_findings(case.controller, profile, case.result, read)
     judged = judge(case.result, read, standing, profile)
-    yield from (Finding(code=each.code, severity="error", text=each.text, message=each.said) for each in worst(judged))
+    yield from (Finding(code=each.code, severity="error", text=each.text, message=each.words) for each in worst(judged))
     for table in read:
         travel = profile.axis(table.input_axis).travel_mm if table.input_axis in profile.axes else None
         if travel is None or table.law.ends == "extended" or not table.value_um.any():

@@ -2,8 +2,8 @@
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.result.result import Result
 
 UNANSWERED = frozenset({"", "machine", "?"})
 """What stands in a survey file whose machine nobody has named yet."""
@@ -20,7 +20,7 @@ def require_same_machine(result: Result, profile: Profile) -> None:
     if _plain(measured) != _plain(profile.machine.name):
         raise SafetyError(
             f"{profile.source}: machine.name",
-            code="other-machine",
+            code="survey-differs.machine",
             expected=message("measured-machine", name=repr(measured), file=result.source),
             found=repr(profile.machine.name),
             remedy=message("use-profile-machine-where"),

@@ -7,14 +7,14 @@ them to the model finds squareness errors that are not there (3 urad for angles 
 import re
 from collections.abc import Mapping
 
+from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import SafetyError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.exporters.files.control_file import ControlFile
-from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.result.result import ROTATIONS, Result
 
 _PRODUCT = re.compile(rb"\$AN_CEC_MULT_BY_TABLE\[[^\]]*\]\s*=\s*[1-9]")
 _ANGLE_COLUMNS = re.compile(rb"^\s*(?:BEGIN [^\n]*\n\s*NR\b[^\n]*\bC[456]\b|(?!//)[XYZ]\s[^\n]*\bE[ABC][XYZ]\b)", re.MULTILINE)
@@ -44,7 +44,7 @@ def require_levers(result: Result, profile: Profile) -> None:
     if profile.machine.measured_with == "on" and stated_in(result).state != "off" and names and known:
         raise SafetyError(
             f"{result.source}: errors.{known[0]}",
-            code="angles-beside-lattice",
+            code="active-table-unfit.angles",
             expected=message("without-angles"),
             found=message("and-active", names=known, files=names),
             remedy=message("solve-without"),

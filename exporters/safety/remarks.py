@@ -1,4 +1,4 @@
-"""What has to be said about an export and never refuses it: assumptions, preconditions, what is missing."""
+"""Findings about an export that never refuse it: assumptions, preconditions, what is missing."""
 
 from collections.abc import Iterator, Mapping
 
@@ -6,16 +6,16 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
+from stepdiag.base.result.members import Backlash
+from stepdiag.base.result.result import POSITIONING, Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.numbers import fixed
 from stepdiag.exporters.safety.checks import Case, untested_kinds
 from stepdiag.exporters.tables.curves import SIGNIFICANT
 from stepdiag.exporters.tables.sampling import is_directional
-from stepdiag.solver.result.members import Backlash
-from stepdiag.solver.result.result import POSITIONING, Result
 
 _COARSE_UM = 0.5
-"""What a table may leave between its points before it is said: about the uncertainty of a good survey."""
+"""What a table may leave between its points before it is reported: about the uncertainty of a good survey."""
 
 
 def remarks(case: Case) -> tuple[Finding, ...]:
@@ -73,7 +73,7 @@ def _ends(case: Case) -> Iterator[Finding]:
         if table.law.ends == "held" and np.any(np.abs(table.absolute_um[[0, -1]]) > table.quantum_um / 2):
             low, high = (fixed(um, 2) for um in table.absolute_um[[0, -1]])
             first, last = table.position_mm[[0, -1]]
-            yield finding("info", message("ends-held", label=table.label, low=low, first_mm=first, high=high, last_mm=last))
+            yield finding("info", message("travel-not-covered.held", label=table.label, low=low, first_mm=first, high=high, last_mm=last))
 
 
 def _state(case: Case) -> Iterator[Finding]:
@@ -96,7 +96,7 @@ def _reversal(case: Case) -> Iterator[Finding]:
             ends = any(case.controller.limits(table, case.profile).ends_backlash for table in own)
             yield from backlash_offered(case.result, curve.input_axis, ends_backlash=ends)
         elif curve.reverse_um is None and case.profile.machine.direction == "both":
-            yield finding("info", message("reversal-insignificant", name=curve.name))
+            yield finding("info", message("direction-averaged.chance", name=curve.name))
 
 
 def backlash_offered(result: Result, letter: str, *, ends_backlash: bool) -> Iterator[Finding]:
@@ -122,4 +122,4 @@ def _runs(case: Case) -> Iterator[Finding]:
 def _data(case: Case) -> Iterator[Finding]:
     for each in case.result.findings:
         if each.severity == "warning":
-            yield finding("info", message("data-remark", code=each.code, said=each.said))
+            yield finding("info", message("data-quality.remark", code=each.code, what=each.words))

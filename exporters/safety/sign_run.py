@@ -7,10 +7,10 @@ import numpy as np
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
+from stepdiag.base.readings.readings import Readings
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import finite, read_lines
-from stepdiag.solver.readings.readings import Readings
 
 HEADER = "position_mm,off_um,on_um"
 _SAME_MM = 1e-3

@@ -75,22 +75,22 @@ class Bump:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Verdict:
-    """What the sign test showed; ``sense`` is None where it decides nothing, and ``said`` says why."""
+    """What the sign test showed; ``sense`` is None where it decides nothing, and ``words`` says why."""
 
     kind: str
     sense: Sense | None
     moved_um: float
-    said: Message
+    words: Message
 
     @property
     def text(self) -> str:
         """Return the English sentence."""
-        return str(self.said)
+        return str(self.words)
 
     def as_toml(self, day: date) -> str:
         """Return the record for the profile. Raises ``DataError`` for a test that decided nothing."""
         if self.sense is None:
-            raise DataError(message("sign-test"), expected=message("test-decides"), found=self.said)
+            raise DataError(message("sign-test"), expected=message("test-decides"), found=self.words)
         return f'[[sign_test]]\nkind = "{self.kind}"\ndate = {day.isoformat()}\nverdict = "{self.sense}"\n'
 
 
@@ -175,8 +175,8 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
     signed = at_top / expected
     share = abs(signed)
 
-    def undecided(said: Message) -> Verdict:
-        return Verdict(kind=table.kind, sense=None, moved_um=at_top, said=said)
+    def undecided(words: Message) -> Verdict:
+        return Verdict(kind=table.kind, sense=None, moved_um=at_top, words=words)
 
     if share < _NO_MOVEMENT:
         return undecided(message("axis-moved-um-table", at_top_um=at_top))
@@ -191,12 +191,12 @@ def verdict(test: Bump, position_mm: Vector, off_um: Vector, on_um: Vector) -> V
         return undecided(message("axis-moved-um-instead", at_top_um=at_top, expected_um=expected, share=share, cause=_cause(share)))
     right = signed > 0
     sense = table.law.sense if right else _opposite(table.law.sense)
-    said = (
+    words = (
         message("sense-shown", moved_um=at_top, sense=sense)
         if right
         else message("other-sense-shown", moved_um=at_top, sense=sense, written=table.law.sense)
     )
-    return Verdict(kind=table.kind, sense=sense, moved_um=at_top, said=said)
+    return Verdict(kind=table.kind, sense=sense, moved_um=at_top, words=words)
 
 
 def _cause(share: float) -> Message:
@@ -217,7 +217,7 @@ def _trapezium(grid: Vector, reference: float, where: str) -> tuple[Vector, floa
     if flank < 1:
         raise SafetyError(
             where,
-            code="bump-does-not-fit",
+            code="grid-unfit.bump",
             expected=message("at-least-five-points"),
             found=str(len(outward)),
             remedy=message("take-smaller-step-mm"),

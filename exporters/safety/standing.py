@@ -11,11 +11,11 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import SQUARENESS_SLOPE
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, correction_um, summed_um
-from stepdiag.solver.result.result import Result
 
 _ALONG = 11
 """Points along an axis at which an old correction of the field is looked at."""
@@ -88,7 +88,7 @@ def standing_findings(standing: Standing, result: Result, profile: Profile) -> I
         if table.name in named and table.identity not in foreign:
             yield finding("error", message("old-table-left-active", label=table.label, other=named[table.name].label))
         elif table.identity in foreign:
-            yield finding("error", message("old-table-left-active.new-tables-take-part", label=table.label))
+            yield finding("error", message("old-table-left-active.part-left", label=table.label))
         elif table.multiplier is not None and profile.machine.measured_with == "off" and not identifies(result, table):
             yield from _twice(table, standing.new)
     for table in standing.lost():
@@ -108,7 +108,7 @@ def _twice(product: Table, new: Sequence[Table]) -> Iterator[Finding]:
     for table in new:
         alike = table.multiplier is None and table.output_axis == product.output_axis and table.input_axis in (product.input_axis, lever)
         if alike and table.value_um.any():
-            yield finding("error", message("old-table-left-active.goes-on-beside-new", label=product.label, other=table.label))
+            yield finding("error", message("old-table-left-active.beside-new", label=product.label, other=table.label))
             return
 
 
@@ -130,7 +130,7 @@ def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Itera
             held_um = float(np.ptp(moved[:, axis]))
             function = result.errors.get(name)
             if held_um > _NOTHING_UM and (function is None or function.value is None):
-                yield finding("error", message("old-table-lost.x-field-holds", name=name, um=held_um))
+                yield finding("error", message("old-table-lost.lattice", name=name, um=held_um))
             elif name[1] == name[2] and function is not None and not function.slope_identified and abs(rise_um[name]) > _NOTHING_UM:
                 yield _slope_of(name, rise_um[name])
     for name, functions in SQUARENESS_SLOPE.items():
@@ -142,7 +142,7 @@ def lost_in_field(result: Result, moved_um: Callable[[Vector], Vector]) -> Itera
 
 
 def _slope_of(name: str, rise_um: float) -> Finding:
-    return finding("warning", message("old-slope-lost", name=name, um=rise_um))
+    return finding("warning", message("old-table-lost.slope", name=name, um=rise_um))
 
 
 def _chosen(result: Result, table: Table) -> bool:
@@ -165,7 +165,7 @@ def _shrunk(table: Table, old: Sequence[Table], new: Sequence[Table]) -> Iterato
             yield finding(
                 "warning",
                 message(
-                    "table-shrinks",
+                    "old-table-lost.ends",
                     label=table.label,
                     first_mm=table.position_mm[0],
                     last_mm=table.position_mm[-1],
@@ -182,7 +182,7 @@ def _slope_lost(table: Table, old: Sequence[Table]) -> Iterator[Finding]:
     ends = table.position_mm[[0, -1]]
     rise_um = sum(float(np.diff(correction_um(each, ends, each.direction))[0]) for each in old) / len({each.direction for each in old})
     if abs(rise_um) > _NOTHING_UM:
-        yield finding("warning", message("old-slope-lost.result-knows-its-shape", label=table.label, rise_um=rise_um))
+        yield finding("warning", message("old-table-lost.slope-of-table", label=table.label, rise_um=rise_um))
 
 
 def _same(one: Table, other: Table) -> bool:

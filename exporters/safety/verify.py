@@ -11,16 +11,23 @@ from typing import Final
 
 import numpy as np
 
+from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.interval import Predicted
+from stepdiag.base.result.prediction import predicted
+from stepdiag.base.result.result import DISPLACEMENTS, Result
+from stepdiag.base.result.stretches import harmed
+from stepdiag.base.result.waves import coarse_functions, hiding_functions
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.safety.checks import limit_findings
-from stepdiag.exporters.safety.compensation import require_agreement, stated_in
+from stepdiag.exporters.safety.compensation import require_agreement
 from stepdiag.exporters.safety.identity import require_same_machine
 from stepdiag.exporters.safety.levers import require_levers
 from stepdiag.exporters.safety.standing import Standing, identifies, standing_findings
@@ -35,12 +42,6 @@ from stepdiag.exporters.tables.lattice import Lattice
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.reading import tables_in
 from stepdiag.exporters.tables.tables import Table, joined, mean_correction_um
-from stepdiag.solver.methods.volumetric import coarse_functions, hiding_functions
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.interval import Predicted
-from stepdiag.solver.result.prediction import predicted
-from stepdiag.solver.result.result import DISPLACEMENTS, Result
-from stepdiag.solver.result.stretches import harmed
 
 Correction = Callable[[Vector], Vector]
 """Commanded points (N, 3) in mm to what is added there in um."""
@@ -205,12 +206,12 @@ def predict_moved(
         return Effect(volume=result.volume, points_mm=points_mm, before_um=before, after_um=before + added(points_mm))
 
     anywhere, drawn = at(anywhere_mm(result.volume)), at(grid_points_mm(result.volume, nodes))
-    told = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um, beside(anywhere.points_mm))
-    return Prediction(anywhere=anywhere, drawn=drawn, predicted=told)
+    corrected = predicted(result, anywhere.points_mm, anywhere.after_um - anywhere.before_um, beside(anywhere.points_mm))
+    return Prediction(anywhere=anywhere, drawn=drawn, predicted=corrected)
 
 
 def verify_files(result: Result, files: Sequence[ControlFile], profile: Profile | None = None, nodes: int = NODES) -> Verification:
-    """Return what the files of one controller, told by their contents, are, and what they will do to the machine of the result.
+    """Return what the files of one controller, recognised by their contents, are, and what they will do to the machine of the result.
 
     Without a profile the axes are AX1 AX2 AX3. Raises ``DataError`` for files that no controller knows or that are mixed or damaged,
     ``SafetyError`` where profile and result disagree about what was active while measuring, ``UsageError`` where a profile has to say it.
@@ -283,7 +284,7 @@ def harm_findings(prediction: Prediction, result: Result) -> Iterator[Finding]:
             )
     names = sorted({*coarse_functions(result.errors), *hiding_functions(result.errors)}, key=DISPLACEMENTS.index)
     if names:
-        yield finding("warning", message("between-unknown", names=names))
+        yield finding("warning", message("increments-coarse.verify", names=names))
 
 
 def _of_lattice(result: Result, held: Lattice, profile: Profile | None, nodes: int) -> Verification:

@@ -14,6 +14,7 @@ import numpy as np
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.siemens import cec, eec, loader, restore
 from stepdiag.exporters.siemens.ini import data_file, is_program, require_full_effect
@@ -25,7 +26,6 @@ from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables, is_directional
 from stepdiag.exporters.tables.tables import Sense, Table, plain_rows, zeroed
-from stepdiag.solver.result.result import POSITIONING
 
 Size = Annotated[int, msgspec.Meta(ge=0, le=100_000)]
 """Points of a table, or a number of one: far above what the machine data allow."""
@@ -235,7 +235,7 @@ def _seat(table: Table) -> tuple[str, str]:
 
 
 def _acts(table: Table, profile: Profile) -> bool:
-    """Return whether a table is of the measuring system in use; without a profile nobody has said which that is."""
+    """Return whether a table is of the measuring system in use; without a profile that is unknown."""
     used = profile.options_as(SiemensOptions).measuring_system
     return profile.assumed or table.place.get("measuring system", used) == used
 
@@ -269,9 +269,9 @@ def _possible(products: Sequence[Product]) -> Iterator[Finding]:
 def _chosen_remarks(budget: Budget, options: SiemensOptions) -> Iterator[Finding]:
     if budget.products:
         held = [message("product-rms", name=product.name, rms_um=product.rms_um) for product in budget.products]
-        yield finding("info", message("products-written", held=held))
+        yield finding("info", message("products-possible.written", held=held))
     if budget.left_out:
-        yield finding("info", message("tables-left-out", held=str(options.cec_tables_held), left_out=budget.left_out))
+        yield finding("info", message("function-left-out.tables", held=str(options.cec_tables_held), left_out=budget.left_out))
 
 
 def _free_numbers(options: SiemensOptions) -> Iterator[int]:
@@ -299,7 +299,7 @@ def _remarks(tables: Sequence[Table], options: SiemensOptions) -> Iterator[Findi
     if any(not sized[table.kind] for table in tables):
         yield finding("info", message("surplus-points-unknown"))
     if any(table.kind == cec.KIND for table in tables):
-        yield finding("info", message("sense-derived.cec-written-manual-does", cec_sense=options.cec_sense))
+        yield finding("info", message("sign-untested.cec", cec_sense=options.cec_sense))
 
 
 def _require_full_effect(file: ControlFile, table: Table, profile: Profile) -> None:

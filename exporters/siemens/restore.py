@@ -41,7 +41,7 @@ class Old:
     weight: float | None
 
     def load(self, table: Table, lines: Sequence[str], switches: Sequence[str], weight: str = "") -> Load:
-        """Return a table as it was: on where all its ``switches`` were. Raises ``SafetyError`` (``switches-unasked``)
+        """Return a table as it was: on where all its ``switches`` were. Raises ``SafetyError`` (``profile-incomplete.switches``)
         where neither files nor profile state it, ``UsageError`` for a table that acted with another weight than 1."""
         held = switches_in(self.profile.existing)
         values = [held[name] for name in switches if name in held]
@@ -61,7 +61,7 @@ class Old:
         if value is None and table.value_um.any():
             raise SafetyError(
                 f"{self.profile.source}: siemens.{key}",
-                code="switches-unasked",
+                code="profile-incomplete.switches",
                 expected=message("for-which-control-holds", label=table.label, what=what),
                 found=message("nothing"),
                 remedy=message("read-it-in-control"),

@@ -17,13 +17,13 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.kinematics import abbe_mask, parse_chain
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
 from stepdiag.exporters.tables.fit import Product
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import quantised
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
-from stepdiag.solver.result.result import Result
 
 COLUMN = "column"
 LEVER_MM = 100.0

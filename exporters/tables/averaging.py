@@ -7,10 +7,10 @@ import msgspec
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import is_directional
-from stepdiag.solver.result.result import POSITIONING
 
 
 def averaging(profile: Profile) -> Profile:
@@ -22,14 +22,14 @@ def averaged_remarks(curves: Sequence[Curve], profile: Profile) -> Iterator[Find
     """Yield ``direction-averaged`` for every curve whose two directions go into one table although the profile asks for both."""
     for curve in curves:
         if is_directional(curve, profile):
-            yield finding("warning", message("direction-averaged.x-mean-written", name=curve.name))
+            yield finding("warning", message("direction-averaged.written", name=curve.name))
 
 
 def straightness_remark(curves: Sequence[Curve], control: str) -> Iterator[Finding]:
-    """Yield ``straightness-not-written``: how much of each straightness curve, end-point line apart, stays in the machine."""
+    """Yield ``function-left-out.no-table``: how much of each straightness curve, end-point line apart, stays in the machine."""
     left = [message("so-much-of", name=curve.name, size_um=_straightness_um(curve)) for curve in curves if curve.name not in POSITIONING]
     if left:
-        yield finding("info", message("straightness-not-written", control=control, left=left))
+        yield finding("info", message("function-left-out.no-table", control=control, left=left))
 
 
 def _straightness_um(curve: Curve) -> float:

@@ -13,6 +13,7 @@ import numpy as np
 from stepdiag.base.errors import DataError, SafetyError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import ascii_lines, finite, read_lines, require_end
 from stepdiag.exporters.files.numbers import fixed
@@ -24,7 +25,6 @@ from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import absolute_tables
 from stepdiag.exporters.tables.seats import overwritten
 from stepdiag.exporters.tables.tables import Law, Table
-from stepdiag.solver.result.result import POSITIONING
 
 
 class NoOptions(msgspec.Struct, forbid_unknown_fields=True, frozen=True, kw_only=True):
@@ -88,7 +88,7 @@ class AxisList:
         return Plan(tables=tuple(tables), findings=(*straightness_remark(curves, "this list"), *self.remarks))
 
     def render(self, tables: Sequence[Table], profile: Profile, notes: Sequence[str] = ()) -> tuple[ControlFile, ...]:
-        """Return one list for each axis. Raises ``SafetyError`` (code ``reverse-column-zero``) where zeros would be read as no column."""
+        """Return one list for each axis. Raises ``SafetyError`` (``direction-unfit.column``) where zeros would be read as no column."""
         by_axis = {letter: [table for table in tables if table.input_axis == letter] for letter in profile.axes}
         return tuple(self._list(of_axis, notes) for of_axis in by_axis.values() if of_axis)
 
@@ -126,7 +126,7 @@ class AxisList:
         reverse = next((table.value_um for table in tables if table.direction < 0), np.zeros(forward.value_um.shape))
         if len(tables) > 1 and forward.value_um.any() and not reverse.any():
             raise SafetyError(
-                file, code="reverse-column-zero", expected=message("reverse-not-zero"),
+                file, code="direction-unfit.column", expected=message("reverse-not-zero"),
                 found=message("zeros"), remedy=message("export-mean"),
             )  # fmt: skip
         rows = zip(forward.position_mm, forward.value_um / 1000, reverse / 1000, strict=True)

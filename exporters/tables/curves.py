@@ -14,8 +14,8 @@ import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import POSITIONING, Function, Result
 from stepdiag.base.volume import Vector
-from stepdiag.solver.result.result import POSITIONING, Function, Result
 
 STRAIGHTNESS = ("EYX", "EZX", "EXY", "EZY", "EXZ", "EYZ")
 FUNCTIONS = POSITIONING + STRAIGHTNESS
@@ -160,8 +160,8 @@ def _significant(name: str, reversal: Function) -> bool:
         return reversal.value is not None
     if name in POSITIONING and not reversal.u[0] > 0.0:
         return False
-    told = reversal.u > 0.0
-    return bool(np.any(np.abs(reversal.value[told]) > SIGNIFICANT * reversal.u[told]))
+    measured = reversal.u > 0.0
+    return bool(np.any(np.abs(reversal.value[measured]) > SIGNIFICANT * reversal.u[measured]))
 
 
 def _half_reversal(result: Result, name: str, position_mm: Vector) -> Vector | None:

@@ -18,10 +18,10 @@ import numpy as np
 from stepdiag.base.errors import UsageError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve, curves_of
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.result.result import Result
 
 _LETTERS = "XYZ"
 _TURNS = "ABC"

@@ -12,13 +12,13 @@ import numpy as np
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.listing import MOST_LINES, ascii_lines, finite, read_lines
 from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.tables.profile import whole_steps
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.result import Result
 
 NAME = "lattice"
 HEADER = "x_mm,y_mm,z_mm,cx_um,cy_um,cz_um"
@@ -100,7 +100,7 @@ def the_one_in(files: Sequence[ControlFile], where: str) -> ControlFile:
     if len(files) != 1 or not given:
         raise SafetyError(
             f"{where}: machine.existing",
-            code="active-not-a-lattice",
+            code="active-table-unfit.tables",
             expected=message("one-lattice"),
             found=", ".join(file.name for file in files) or message("nothing"),
             remedy=message("no-merge"),
@@ -136,7 +136,7 @@ def _axis(volume: Volume, index: int, step_mm: float) -> Vector:
     count = whole_steps(size, step_mm)
     if count is None:
         raise SafetyError(
-            "--step-mm", code="grid-not-integral", expected=message("divides-of", size_mm=size, axis="XYZ"[index]), found=f"{step_mm:g} mm"
+            "--step-mm", code="grid-unfit.step", expected=message("divides-of", size_mm=size, axis="XYZ"[index]), found=f"{step_mm:g} mm"
         )
     steps: Vector = low + step_mm * np.arange(count + 1, dtype=np.float64)
     return steps

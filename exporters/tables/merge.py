@@ -21,7 +21,7 @@ from stepdiag.exporters.tables.tables import Table, summed_um
 def merged(curves: Sequence[Curve], active: Sequence[Table], profile: Profile) -> tuple[Curve, ...]:
     """Return the curves of the machine without the ``active`` tables.
 
-    Raises ``SafetyError`` (code ``merge-direction``) where an active table acts in one direction only and the new one would act in both.
+    Raises ``SafetyError`` (``direction-unfit.active``) where an active table acts in one direction only and the new one would act in both.
     """
     return tuple(_merged(curve, [table for table in active if table.name == curve.name], profile) for curve in curves)
 
@@ -33,7 +33,7 @@ def _merged(curve: Curve, active: Sequence[Table], profile: Profile) -> Curve:
     if directional and profile.machine.direction == "mean":
         raise SafetyError(
             f"{profile.source}: machine.direction",
-            code="merge-direction",
+            code="direction-unfit.active",
             expected=message("both-active", name=curve.name),
             found='"mean"',
             remedy=message("loses-reversal"),

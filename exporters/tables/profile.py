@@ -169,7 +169,7 @@ class Profile:
         if count is None:
             raise SafetyError(
                 f"{self.source}: axes.{letter}.step_mm",
-                code="grid-not-integral",
+                code="grid-unfit.step",
                 expected=message("divides", size_mm=axis.end_mm - axis.start_mm),
                 found=message("sections", step_mm=axis.step_mm, count=sections),
                 remedy=message("fits", step=f"{(axis.end_mm - axis.start_mm) / max(round(sections), 1):.10g}"),

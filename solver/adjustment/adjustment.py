@@ -7,6 +7,7 @@ from operator import is_
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import message
@@ -29,7 +30,6 @@ from stepdiag.solver.linear.components import Sizes, likelier, scored, sized
 from stepdiag.solver.linear.fit import Fit, fit, refit
 from stepdiag.solver.linear.mixed import AnyFit, Causes, MixedFit
 from stepdiag.solver.model.angles import Angles
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.between import BETWEEN, Between, between_beside_head, between_of, effect_between
 from stepdiag.solver.model.design import Design, Model, build_design, machine_rows
 from stepdiag.solver.model.effects import (

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.result.members import Closure, Drift, SetupReport, triple
 from stepdiag.base.setups import Setup
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
@@ -20,7 +21,6 @@ from stepdiag.solver.model.effects import GROWTH, TURNING, growth_waves
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_FREEDOM
 from stepdiag.solver.model.vector import closure_um, diagonal_data
-from stepdiag.solver.result.members import Closure, Drift, SetupReport, triple
 
 TILT_LIMIT_MRAD = 2.0
 """Beyond this the mirror is to be realigned: the beam walks off the detector and second-order terms reach micrometres."""
@@ -70,7 +70,7 @@ def _drifts(found: Adjustment, setup: str) -> tuple[Drift, ...]:
     """Return what the count drifted in every out-and-back pair, over its whole duration, where it is identified.
 
     The straight part is an unknown that is expected small; whatever else a pass may do in time (`IN_TIME`) has its share, so the sum of
-    them is told, with what the readings leave open of that sum.
+    them is known, with what the readings leave open of that sum.
     """
     columns, fit = found.design.columns, found.fit
     drifts: list[Drift] = []
@@ -160,12 +160,12 @@ def scale_misclosure(found: Adjustment) -> tuple[float, float] | None:
     linear = np.array([setup.kind == "linear" for setup in layout.setups])[layout.setup_index[used]]
     if not linear.any() or linear.all():
         return None
-    told = tell(fit, used, np.where(linear, 0.0, along_the_way_m(layout)[used])[:, None])
-    seen = float(told.seen.item())
-    if seen <= HIDDEN * told.whole.item():
+    hypothesis = tell(fit, used, np.where(linear, 0.0, along_the_way_m(layout)[used])[:, None])
+    seen = float(hypothesis.seen.item())
+    if seen <= HIDDEN * hypothesis.whole.item():
         return None
     length_m = 1e-3 * float(np.linalg.norm(layout.volume.size_mm))
-    return told.shown.item() / seen * length_m, float(1.0 / np.sqrt(seen)) * length_m
+    return hypothesis.shown.item() / seen * length_m, float(1.0 / np.sqrt(seen)) * length_m
 
 
 def scale_findings(found: Adjustment) -> list[Finding]:
@@ -182,7 +182,7 @@ def scale_findings(found: Adjustment) -> list[Finding]:
     linear = [setup.name for setup in layout.setups if setup.kind == "linear"]
     um_m = both[0] / (1e-3 * float(np.linalg.norm(layout.volume.size_mm)))
     far = abs(both[0]) > MISCLOSED_FAR * both[1]
-    said = message(
+    words = message(
         "scale-misclosure.far" if far else "scale-misclosure",
         apart_um=both[0],
         expanded_um=2 * both[1],
@@ -191,7 +191,7 @@ def scale_findings(found: Adjustment) -> list[Finding]:
         linear=linear,
         linear_um_m=-um_m,
     )
-    return [finding("error" if far else "warning", said)]
+    return [finding("error" if far else "warning", words)]
 
 
 def setup_findings(found: Adjustment, reports: Mapping[str, SetupReport]) -> list[Finding]:
@@ -207,15 +207,15 @@ def scatter_findings(found: Adjustment) -> list[Finding]:
         seen = np.flatnonzero(scatter.freedom_misses[:FIRST] > 0)
         axes = [message("axis-repeats-to", axis="XYZ"[axis], repeatability_um=scatter.misses_um[axis]) for axis in seen]
         assumed_um = found.assumed.repeatability_um
-        said = message("repeatability-found", repeatability_um=scatter.repeatability_um, axes=axes, assumed_um=assumed_um)
-        findings.append(finding("info", said))
+        words = message("repeatability-found", repeatability_um=scatter.repeatability_um, axes=axes, assumed_um=assumed_um)
+        findings.append(finding("info", words))
     rms_um = np.array([_stated_um(found, index) for index in range(len(found.layout.setups))])
     low = (scatter.noise_um > np.sqrt(TOO_LOW**2 - 1.0) * rms_um) & (scatter.freedom_noise >= LEAST_FREEDOM)
     if np.any(low):
         names = [setup.name for setup, one in zip(found.layout.setups, low, strict=True) if one]
         scatter_um = float(np.max(np.hypot(rms_um, scatter.noise_um)[low]))
-        said = message("stated-u-low", setups=names, stated_um=float(np.max(rms_um[low])), scatter_um=scatter_um)
-        findings.append(finding("warning", said))
+        words = message("stated-u-low", setups=names, stated_um=float(np.max(rms_um[low])), scatter_um=scatter_um)
+        findings.append(finding("warning", words))
     return findings
 
 
@@ -239,8 +239,8 @@ def growth_findings(found: Adjustment) -> list[Finding]:
     if not np.any(np.abs(grew) > np.maximum(GREW_UM_M, GREW_SURE * u)):
         return []
     x, y, z = grew.tolist()
-    said = message("machine-warms", x_um_m=x, y_um_m=y, z_um_m=z, expanded_um_m=2 * float(np.max(u)))
-    return [finding("warning", said, size_um=float(grew[np.argmax(np.abs(grew))]))]
+    words = message("drift-large.growth", x_um_m=x, y_um_m=y, z_um_m=z, expanded_um_m=2 * float(np.max(u)))
+    return [finding("warning", words, size_um=float(grew[np.argmax(np.abs(grew))]))]
 
 
 def _of_setup(name: str, report: SetupReport) -> list[Finding]:
@@ -249,18 +249,18 @@ def _of_setup(name: str, report: SetupReport) -> list[Finding]:
     if tilt > TILT_LIMIT_MRAD:
         findings.append(finding("warning", message("mirror-misaligned", setup=name, tilt_mrad=tilt, limit_mrad=TILT_LIMIT_MRAD)))
     drifts = [drift for drift in report.drift if abs(drift.total_um) > max(DRIFT_LIMIT_UM, 3 * drift.u_um)]
-    said = [message("drift-large", setup=name, drift_um=drift.total_um, pair=drift.pair) for drift in drifts]
-    return [*findings, *(finding("warning", one) for one in said)]
+    messages = [message("drift-large", setup=name, drift_um=drift.total_um, pair=drift.pair) for drift in drifts]
+    return [*findings, *(finding("warning", words) for words in messages)]
 
 
 def _poor(reports: Mapping[str, SetupReport]) -> list[Finding]:
     """Return one finding for noisy readings and one for stops that do not repeat, each naming its setups."""
-    said = []
+    messages = []
     if noisy := _above({name: report.noise_um for name, report in reports.items()}):
-        said.append(message("noise-high", setups=list(noisy), u_um=max(noisy.values()), limit_um=NOISE_LIMIT_UM))
+        messages.append(message("noise-high", setups=list(noisy), u_um=max(noisy.values()), limit_um=NOISE_LIMIT_UM))
     if poor := _above({name: report.repeatability_um for name, report in reports.items()}):
-        said.append(message("repeatability-poor", setups=list(poor), u_um=max(poor.values()), limit_um=NOISE_LIMIT_UM))
-    return [finding("warning", one) for one in said]
+        messages.append(message("noise-high.repeatability", setups=list(poor), u_um=max(poor.values()), limit_um=NOISE_LIMIT_UM))
+    return [finding("warning", words) for words in messages]
 
 
 def _above(sizes_um: Mapping[str, float | None]) -> dict[str, float]:

@@ -17,11 +17,11 @@ from stepdiag.solver.linear.mixed import MixedFit
 from stepdiag.solver.model.layout import Layout
 
 HIDDEN = 1e-6
-"""A pattern of which the fit leaves less than this share is not told from what is unknown already."""
+"""A pattern of which the fit leaves less than this share is not separated from what is unknown already."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Told:
+class Response:
     """Of c patterns: ``shown`` (c,) = h' W r, ``seen`` (c, c) = h' W R h, ``whole`` (c,) what would be seen if nothing were unknown, and
     by how much the unknowns fall for one unit of each, ``moved`` (count, c)."""
 
@@ -31,7 +31,7 @@ class Told:
     moved: Vector
 
 
-def tell(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Told:
+def tell(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Response:
     """Return what a fit says about patterns (k, c) on some of its rows (k,); they are zero on all others."""
     weighted = fit.weight[rows, None] * pattern
     on_all = np.zeros((len(fit.weight), pattern.shape[1]))
@@ -41,7 +41,7 @@ def tell(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Told:
     on_causes = fit.causes.left[rows].T @ pattern
     mixed = fit.root @ on_causes
     seen = pattern.T @ weighted - right.T @ taken - mixed.T @ mixed
-    return Told(
+    return Response(
         shown=weighted.T @ fit.residual[rows],
         seen=0.5 * (seen + seen.T),
         whole=np.sum(weighted * pattern, axis=0),
@@ -51,9 +51,9 @@ def tell(fit: MixedFit, rows: NDArray[np.int64], pattern: Vector) -> Told:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Family:
-    """Hypotheses of one kind that are told together: c patterns on ``rows`` (k,), ``pattern`` gives those of some places, shape (k, p).
+    """Hypotheses of one kind that are tested together: c patterns on ``rows`` (k,), ``pattern`` gives those of some places, shape (k, p).
 
-    ``shown`` (c,), ``seen`` (c,) and ``whole`` (c,) as in `Told`. ``named`` (c,) are the readings, or for a scale the setup, that each is
+    ``shown``, ``seen`` and ``whole`` (c,) as in `Response`. ``named`` (c,) are the readings, or for a scale the setup, that each is
     named after. ``critical``: the square of size over uncertainty that is no chance; ``least``: a size below which it is left alone;
     ``usual``: its usual size where it happens, ``free``: more than it ever is.
     """
@@ -73,8 +73,8 @@ class Family:
     @property
     def size(self) -> Vector:
         """Return how large each is by itself, shape (c,); 0 where the fit does not tell it from its unknowns."""
-        told = self.seen > HIDDEN * np.maximum(self.whole, np.finfo(np.float64).tiny)
-        found: Vector = np.where(told, self.shown / np.where(told, self.seen, np.nan), 0.0)
+        visible = self.seen > HIDDEN * np.maximum(self.whole, np.finfo(np.float64).tiny)
+        found: Vector = np.where(visible, self.shown / np.where(visible, self.seen, np.nan), 0.0)
         return found
 
 
@@ -143,14 +143,14 @@ def _over_all(
     fit: MixedFit, rows: NDArray[np.int64], pattern: Vector, *, kind: str, named: NDArray[np.int64], usual: float, free: float
 ) -> Family:
     """Return hypotheses in um/m over all readings."""
-    told = tell(fit, rows, pattern)
+    response = tell(fit, rows, pattern)
     return Family(
         kind=kind,
         rows=rows,
         named=named,
-        shown=told.shown,
-        seen=np.diag(told.seen),
-        whole=told.whole,
+        shown=response.shown,
+        seen=np.diag(response.seen),
+        whole=response.whole,
         pattern=lambda places: pattern[:, places],
         critical=CRITICAL_OF_FEW,
         least=LEAST_UM_M,

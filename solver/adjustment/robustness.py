@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Argument, Message, Place, message
+from stepdiag.base.readings.readings import PassKey
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.adjustment.counts import Count
 from stepdiag.solver.adjustment.hypotheses import LIKELIHOOD_DECIMALS, SCALE, STOP, Hypothesis, families, shown
@@ -24,7 +25,6 @@ from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import CHECKED
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
-from stepdiag.solver.readings.readings import PassKey
 
 AS_GOOD = 12.0
 """Two explanations are equally good if their likelihoods differ by less than this (twice the logarithm; p < 0.001)."""
@@ -140,9 +140,9 @@ def name_suspicion(layout: Layout, suspicion: Suspicion) -> Finding:
     suspects, among = [_suspect(layout, one) for one in suspicion.hypotheses], _among(layout, suspicion.hypotheses)
     if kinds == {STOP}:
         if suspicion.apart_um > APART_UM:
-            return finding("error", message("stop-outlier-ambiguous.apart", suspects=suspects, apart_um=suspicion.apart_um), among=among)
-        return finding("warning", message("stop-outlier-ambiguous", suspects=suspects))
-    return finding("error", message("setup-scale" if kinds == {SCALE} else "contradiction-ambiguous", suspects=suspects), among=among)
+            return finding("error", message("contradiction-ambiguous.apart", suspects=suspects, apart_um=suspicion.apart_um), among=among)
+        return finding("warning", message("contradiction-ambiguous.stop", suspects=suspects))
+    return finding("error", message("contradiction-ambiguous", suspects=suspects), among=among)
 
 
 def _among(layout: Layout, every: Sequence[Hypothesis]) -> tuple[str, ...]:
@@ -157,8 +157,8 @@ def _name_decided(layout: Layout, one: Hypothesis) -> Finding:
         return finding("warning", message("setup-scale-off", setup=layout.setups[one.named].name, scale_um_m=one.size))
     key = layout.passes[int(layout.pass_index[one.named])]
     place = Place(setup=key.setup, pass_number=key.number, stop=int(layout.stop[one.named]))
-    said = message("stop-outlier" if one.kind == STOP else "count-step", place=layout.place(one.named), size_um=one.size)
-    return finding("warning", said, place, size_um=one.size)
+    words = message("stop-outlier" if one.kind == STOP else "count-step", place=layout.place(one.named), size_um=one.size)
+    return finding("warning", words, place, size_um=one.size)
 
 
 def _suspect(layout: Layout, one: Hypothesis) -> Message:
@@ -187,7 +187,7 @@ def _passes_of(layout: Layout, wanders: Sequence[Wander]) -> tuple[str, ...]:
 def _of_pass(layout: Layout, wander: Wander) -> dict[str, Argument]:
     """Return the arguments of a pass that wanders."""
     first, last = (int(layout.stop[wander.rows[place]]) for place in (0, -1))
-    passes = [layout.passes[int(number)].said for number in dict.fromkeys(layout.pass_index[wander.rows])]
+    passes = [layout.passes[int(number)].words for number in dict.fromkeys(layout.pass_index[wander.rows])]
     return {"passes": passes, "first": first, "last": last, "size_um": wander.step_um * float(np.sqrt(len(wander.rows) - 1))}
 
 

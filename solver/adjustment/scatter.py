@@ -26,9 +26,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.mixed import AnyFit
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import CHECKED, LEAST_FREEDOM, LEAST_U_UM
 

@@ -11,6 +11,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.result.members import UnseenSlip, UnseenSlips
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.counts import Count, counts, from_each_on, short_counts
 from stepdiag.solver.adjustment.hypotheses import CRITICAL, HIDDEN, LEAST_UM
@@ -19,7 +20,6 @@ from stepdiag.solver.linear.ties import first_of_the_largest
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.quantities import lattice_field_um, quantities
-from stepdiag.solver.result.members import UnseenSlip, UnseenSlips
 
 NEARLY_ALWAYS = 1.6
 """A step so much larger than one that is named in half of the surveys is nearly always named: 6.65 for 5 standard uncertainties by the
@@ -29,7 +29,7 @@ MOST_STANDING = 15.0
 NOTHING_UM = 1e-6
 """A step of 1 um that makes less of the volume makes nothing of it: at the turn of one count 1e-9 is rounding, elsewhere 0.1 is little."""
 TELLS_MORE = 1.3
-"""A slip that makes the volume's errors larger by this factor than the noise of the readings does is said with its pass."""
+"""A slip that makes the volume's errors larger by this factor than the noise of the readings does is reported with its pass."""
 KINDS = {"diagonals": ("step", "face"), "runs": ("linear",)}
 """Names in the result, and the kinds of setups that each holds."""
 
@@ -43,7 +43,7 @@ class Unseen:
     stop: int
     u_um: float
     stands_out: float
-    """Standard uncertainties at which it is told from chance in half of the surveys."""
+    """Standard uncertainties at which it is separated from chance in half of the surveys."""
     rows: NDArray[np.int64]
     """The readings that are off by it."""
 
@@ -84,8 +84,8 @@ def _u_um(fit: MixedFit, count: Count) -> Vector:
     """Return how well a step before each reading but the first is known, infinite where nothing tells it."""
     mixed = from_each_on(fit.taken_over[count.rows])
     seen = (count.step - np.sum(mixed**2, axis=1))[1:]
-    told = seen > HIDDEN * from_each_on(fit.weight[count.rows])[1:]
-    found: Vector = np.where(told, 1.0 / np.sqrt(np.where(told, seen, np.nan)), np.inf)
+    visible = seen > HIDDEN * from_each_on(fit.weight[count.rows])[1:]
+    found: Vector = np.where(visible, 1.0 / np.sqrt(np.where(visible, seen, np.nan)), np.inf)
     return found
 
 
@@ -144,9 +144,9 @@ def _worst_in(field: "_Field", layout: Layout, count: Count) -> Iterator[tuple[U
     It is not the one that is seen least: on one count a step at the turn hides well, in the backlash, and harms no way, whatever its size.
     """
     u_um, moved_um = _u_um(field.fit, count), field.moved_um(count)
-    told = np.isfinite(u_um)
-    untold = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
-    made = np.where(told, moved_um * np.maximum(stands_out(field.fit) * np.where(told, u_um, np.nan), LEAST_UM), untold)
+    visible = np.isfinite(u_um)
+    unseen = np.where(moved_um > NOTHING_UM, np.inf, 0.0)
+    made = np.where(visible, moved_um * np.maximum(stands_out(field.fit) * np.where(visible, u_um, np.nan), LEAST_UM), unseen)
     passes = layout.pass_index[count.rows[1:]]
     for number in np.unique(passes):
         mine = np.flatnonzero(passes == number)

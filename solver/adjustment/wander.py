@@ -14,7 +14,7 @@ CRITICAL_GAIN = 20.0
 """What the likelihood of a walk must gain, twice its logarithm, to be no chance: of 600 good surveys of ordinary machines four gained 14
 to 16 where angles are larger than usual."""
 AS_LIKELY = 8.0
-"""Passes whose likelihoods differ by less than this are not told from each other."""
+"""Passes whose likelihoods differ by less than this are not separated."""
 TRIED = 2.0 ** np.arange(-4.0, 10.0)
 
 

@@ -155,12 +155,12 @@ def lever_line(travel_mm: Vector, lever_mm: Vector, u_lever_mm: Vector) -> Lever
 
 
 def _gain_findings(scale: float, gain: float) -> tuple[Finding, ...]:
-    said = []
+    messages = []
     if abs(scale - 1) > MAX_GAIN_ERROR:
-        said.append(message("fourdof-gain-mismatch.lever", growth=scale))
+        messages.append(message("fourdof-gain-mismatch.lever", growth=scale))
     if abs(gain - 1) > MAX_GAIN_ERROR:
-        said.append(message("fourdof-gain-mismatch.detectors", ratio=gain))
-    return tuple(finding("warning", one) for one in said)
+        messages.append(message("fourdof-gain-mismatch.detectors", ratio=gain))
+    return tuple(finding("warning", words) for words in messages)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

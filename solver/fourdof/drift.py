@@ -43,7 +43,7 @@ def slow_drift(time_s: Vector, seen_urad: Vector, u_urad: Vector, spot_um: Vecto
         return Drift(angle_urad=seen_urad, u_urad=u_urad)
     step_s = np.diff(time_s)
     usual_s = float(np.mean(step_s)) or 1.0
-    # slower than the slowest the walk cannot be told from standstill within the run
+    # slower than the slowest the walk cannot be separated from standstill within the run
     speeds = np.geomspace(0.1 / len(seen_urad) ** 2, QUICKEST, SPEEDS)
     found = _smoothed(seen_urad, step_s[:, None] / usual_s * speeds)
     floor = float(np.mean(u_urad**2))

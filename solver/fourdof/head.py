@@ -175,8 +175,8 @@ def _at_reference(vertex_um: Vector, angle: Vector, roll_urad: Vector, crosstalk
 
 _Fault = Literal[
     "fourdof-beam-blocked",
-    "fourdof-saturated",
-    "fourdof-uncalibrated",
+    "fourdof-out-of-range.saturated",
+    "fourdof-out-of-range.uncalibrated",
     "fourdof-out-of-range.straightness",
     "fourdof-out-of-range.angle",
 ]
@@ -188,8 +188,8 @@ def _quality(seen: dict[str, Spots], straightness: Vector, angle: Vector) -> tup
     for name, spot in seen.items():
         usable &= ~(spot.blocked | spot.saturated | spot.outside)
         findings += _remark("fourdof-beam-blocked", spot.blocked, name=name)
-        findings += _remark("fourdof-saturated", spot.saturated, name=name)
-        findings += _remark("fourdof-uncalibrated", spot.outside, name=name)
+        findings += _remark("fourdof-out-of-range.saturated", spot.saturated, name=name)
+        findings += _remark("fourdof-out-of-range.uncalibrated", spot.outside, name=name)
     with np.errstate(invalid="ignore"):
         far: Mask = np.abs(straightness).max(axis=1) > STRAIGHTNESS_RANGE_UM
         tilted: Mask = np.abs(angle).max(axis=1) > ANGLE_RANGE_ARCSEC * URAD_PER_ARCSEC

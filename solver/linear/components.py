@@ -80,11 +80,11 @@ def sized(mixed: MixedFit, factor: Vector) -> MixedFit:
 
 def _slope(here: MixedFit, member: Vector) -> tuple[Vector, Vector]:
     """Return gradient and expected information of the restricted likelihood by the logarithm of every group's size."""
-    told = np.eye(len(here.size)) - here.damped_root.T @ here.damped_root
+    determined = np.eye(len(here.size)) - here.damped_root.T @ here.damped_root
     safe = np.where(here.size > 0, here.size, 1.0)
     scaled = here.amount / safe
-    gradient = member.T @ (scaled**2 - np.diag(told))
-    information = 2.0 * member.T @ (told**2) @ member
+    gradient = member.T @ (scaled**2 - np.diag(determined))
+    information = 2.0 * member.T @ (determined**2) @ member
     return gradient, information
 
 

@@ -77,8 +77,8 @@ def family_of(fit: MixedFit, mine: NDArray[np.bool_], log_found: float) -> Famil
     direction[own] = size[own, None] * vector
     direction[others] = -adapting[:, :-1] @ vector
     known = np.maximum(value, 0.0)
-    told = vector.T @ (size[own] * shown[own] - across.T @ adapting[:, -1])
-    return Family(direction, known, told, _points(known, told, log_found))
+    response = vector.T @ (size[own] * shown[own] - across.T @ adapting[:, -1])
+    return Family(direction, known, response, _points(known, response, log_found))
 
 
 def _points(seen: Vector, shown: Vector, log_found: float) -> Vector:

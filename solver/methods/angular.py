@@ -1,4 +1,4 @@
-"""Angular functions that nobody measured: what the readings make likely of them, which of them are resolved, and what is said about it."""
+"""Angular functions that nobody measured: what the readings make likely of them, which of them are resolved, and the findings about it."""
 
 from collections.abc import Sequence
 from typing import Any
@@ -7,11 +7,10 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.volume import Vector
+from stepdiag.base.result.prediction import TAIL
+from stepdiag.base.result.result import AXIS_LETTERS, ROTATIONS, Function
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.result.prediction import TAIL
-from stepdiag.solver.result.result import AXIS_LETTERS, ROTATIONS, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 FAR, FAR_IN_FEW = 10.0, 6.0
@@ -67,7 +66,7 @@ def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], v
         return [finding("info", message("angles-resolved", names=resolved))]
     unknown = [name for name in found.shapes.names if name not in resolved]
     every = len(unknown) == len(ROTATIONS)
-    said = message(
+    words = message(
         "angles-unmeasured",
         names=message("all-angular-functions") if every else message("angular-functions-of", names=unknown),
         turn_urad=size[0],
@@ -76,7 +75,7 @@ def angle_findings(found: Adjustment, spread: Spread, resolved: Sequence[str], v
         left_um=volume_um["now"],
         head_um=volume_um["with_head"],
     )
-    return [finding("info", said), *_far(found, size[1])]
+    return [finding("info", words), *_far(found, size[1])]
 
 
 def _far(found: Adjustment, least_urad: float) -> list[Finding]:
@@ -86,8 +85,3 @@ def _far(found: Adjustment, least_urad: float) -> list[Finding]:
         return []
     setups = [setup.name for setup in found.layout.setups]
     return [finding("error", message("angles-far", setups=setups, least_urad=least_urad, assumed_urad=usual))]
-
-
-def rms(values: Vector) -> float:
-    """Return the root mean square."""
-    return float(np.sqrt(np.mean(np.square(values)))) if len(values) else 0.0

@@ -6,6 +6,8 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.members import Closure, Fit, Length
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, Function, Quantity, Result, Scale
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.adjustment.diagnostics import travel_report
 from stepdiag.solver.model.layout import Layout
@@ -19,8 +21,6 @@ from stepdiag.solver.model.vector import (
     wang2000,
     without_end_line,
 )
-from stepdiag.solver.result.members import Closure, Fit, Length
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, Function, Quantity, Result, Scale
 
 THETA_OF = {"C0Y": ("xy", -1.0), "B0Z": ("zx", 1.0), "A0Z": ("yz", -1.0)}
 """Wang's theta (sign of Eq. 12) behind each ISO 230-1 squareness, and its sign."""
@@ -120,10 +120,10 @@ def _used(layout: Layout) -> list[str]:
 
 def _method_findings(method: str) -> list[Finding]:
     if method == "wang2000":
-        return [finding("warning", message("method-as-printed"))]
-    return [finding("warning", message("scale-unidentified.sum"))]
+        return [finding("warning", message("method-limited.printed"))]
+    return [finding("warning", message("unidentified.sum"))]
 
 
 def _unused(layout: Layout) -> list[Finding]:
     others = [setup.name for setup in layout.setups if setup.name not in _used(layout)]
-    return [finding("info", message("runs-not-used", others=others))] if others else []
+    return [finding("info", message("method-limited.runs", others=others))] if others else []

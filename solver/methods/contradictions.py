@@ -4,9 +4,9 @@ from collections.abc import Mapping
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Place, message
+from stepdiag.base.result.members import SetupReport
 from stepdiag.solver.adjustment.diagnostics import NOISE_LIMIT_UM
 from stepdiag.solver.adjustment.scatter import Scatter
-from stepdiag.solver.result.members import SetupReport
 
 FAR = 10.0
 """So many times the usual limit stops an export."""
@@ -22,14 +22,14 @@ def contradictions(reports: Mapping[str, SetupReport], scatter: Scatter) -> list
 def _of_machine(scatter: Scatter) -> list[Finding]:
     if scatter.repeatability_um <= REPEATS_UM:
         return []
-    return [finding("error", message("noise-far.machine", repeatability_um=scatter.repeatability_um))]
+    return [finding("error", message("noise-high.machine", repeatability_um=scatter.repeatability_um))]
 
 
 def _of_setup(name: str, report: SetupReport) -> list[Finding]:
     noise_um, repeats_um = report.noise_um or 0.0, report.repeatability_um or 0.0
-    said = []
+    messages = []
     if noise_um > FAR * NOISE_LIMIT_UM:
-        said.append(message("noise-far.reading", setup=name, u_um=noise_um, times=FAR))
+        messages.append(message("noise-high.reading", setup=name, u_um=noise_um, times=FAR))
     if repeats_um > FAR * NOISE_LIMIT_UM:
-        said.append(message("noise-far.stop", setup=name, u_um=repeats_um, times=FAR))
-    return [finding("error", one, Place(setup=name)) for one in said]
+        messages.append(message("noise-high.stop", setup=name, u_um=repeats_um, times=FAR))
+    return [finding("error", words, Place(setup=name)) for words in messages]

@@ -6,10 +6,10 @@ import numpy as np
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.members import CoverageFactor
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.model.quantities import Quantities
-from stepdiag.solver.result.members import CoverageFactor
 
 WORTH_SAYING = 2.1
 _MOST = 1e6
@@ -46,5 +46,5 @@ def coverage_findings(report: Mapping[str, CoverageFactor]) -> list[Finding]:
     if not report:
         return []
     worst = max(report, key=lambda name: report[name].k)
-    told = report[worst]
-    return [finding("info", message("coverage-factor", name=worst, factor=told.k, freedom=told.degrees_of_freedom))]
+    figures = report[worst]
+    return [finding("info", message("coverage-factor", name=worst, factor=figures.k, freedom=figures.degrees_of_freedom))]

@@ -6,8 +6,11 @@ from typing import Literal
 
 import numpy as np
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
+from stepdiag.base.result.members import Backlash, Backlashes, Fit, Length
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment, adjust
 from stepdiag.solver.adjustment.diagnostics import closure_report, scale_misclosure, setup_findings, setup_reports
@@ -30,7 +33,6 @@ from stepdiag.solver.methods.volumetric import (
     with_the_usual,
 )
 from stepdiag.solver.model.angles import Angles, angle_at_nodes
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Model
 from stepdiag.solver.model.lateral import MeasuredStraightness, at_targets
 from stepdiag.solver.model.layout import Layout
@@ -46,8 +48,6 @@ from stepdiag.solver.model.reported import (
     variance,
 )
 from stepdiag.solver.planning.identifiability import cheapest_runs, resolved_angles
-from stepdiag.solver.result.members import Backlash, Backlashes, Fit, Length
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.solver.uncertainty.machine import usual_sizes_of
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
@@ -326,10 +326,10 @@ def _with_fit(result: Result, done: Estimate) -> Result:
     )
 
 
-_UNIDENTIFIED: tuple[Literal["scale-unidentified", "squareness-unidentified", "function-unidentified"], ...] = (
-    "scale-unidentified",
-    "squareness-unidentified",
-    "function-unidentified",
+_UNIDENTIFIED: tuple[Literal["unidentified.scale", "unidentified.squareness", "unidentified.function"], ...] = (
+    "unidentified.scale",
+    "unidentified.squareness",
+    "unidentified.function",
 )
 
 
@@ -351,7 +351,7 @@ def _standing(done: Estimate) -> Finding:
     standing = [letter for letter, travels in zip(AXIS_LETTERS, moved, strict=True) if not travels]
     missing: list[str | Message] = [name for name in (*DISPLACEMENTS, *SQUARENESS) if not done.known[name]]
     missing += [message("scale-of", axis=letter) for letter in AXIS_LETTERS if not done.known[letter]]
-    return finding("info", message("function-unidentified.standing", axes=standing, names=missing))
+    return finding("info", message("unidentified.standing", axes=standing, names=missing))
 
 
 def _advice(done: Estimate, missing: list[str]) -> Message:

@@ -4,12 +4,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.result.result import POSITIONING, Function
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.between import BETWEEN
 from stepdiag.solver.model.quantities import Quantities
-from stepdiag.solver.result.result import POSITIONING, Function
 from stepdiag.solver.uncertainty.spread import Spread, deviation
 
 NEAR = 0.05

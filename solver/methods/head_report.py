@@ -13,6 +13,8 @@ from numpy.typing import NDArray
 
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.result.members import Difference, HeadStraightness
+from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, Function
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.components import sized
@@ -22,13 +24,11 @@ from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.model.between import BETWEEN, USUAL_UM
 from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.lateral import MeasuredStraightness, of_known_angles
-from stepdiag.solver.result.members import Difference, HeadStraightness
-from stepdiag.solver.result.result import DISPLACEMENTS, POSITIONING, Function
 from stepdiag.solver.standards.straightness import residuals_um, straightness_um
 
 LEAST_CHECKED = 2
 NORMAL_999 = 3.09  # the 99.9 % point of the normal distribution
-"""Where the diagonals and other passes check less than two of the head's values, nothing is said about agreement."""
+"""Where the diagonals and other passes check less than two of the head's values, agreement is not reported."""
 LIKELY = 0.8
 """With this probability what is between the nodes is no larger than it is taken for, by what a head's values say among themselves. So 6 of
 180 exact surveys were contradictions (12 with 0.5), none where it is no smaller than `BENT` says; of 0.95 wrong signs begin to hide."""
@@ -89,7 +89,7 @@ def beside_head(
     errors: Mapping[str, Function], report: Mapping[str, HeadStraightness], measured: Sequence[MeasuredStraightness], found: Adjustment
 ) -> tuple[dict[str, Function], dict[str, HeadStraightness]]:
     """Return functions and report; where head and diagonals contradict each other the report has the difference, and U reaches over it."""
-    wider, told = dict(errors), dict(report)
+    wider, compared = dict(errors), dict(report)
     for name in _contradicting(report):
         mine, function = [one for one in measured if one.name == name], errors[name]
         if function.value is None or function.u is None:
@@ -105,8 +105,8 @@ def beside_head(
         half = 0.5 * np.interp(function.position_mm, at, np.abs(apart))
         wider[name] = replace(function, u=np.hypot(function.u, half))
         difference = Difference(position_mm=tuple(at.tolist()), value=tuple(apart.tolist()))
-        told[name] = replace(report[name], used=False, difference_um=difference)
-    return wider, told
+        compared[name] = replace(report[name], used=False, difference_um=difference)
+    return wider, compared
 
 
 def _contradicting(report: Mapping[str, HeadStraightness]) -> list[str]:

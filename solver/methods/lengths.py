@@ -10,16 +10,16 @@ from typing import get_args
 
 import numpy as np
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.conditions.expansion import REFERENCE_TEMPERATURE_C
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.members import Axis, Lengths, LengthScale, LengthsReport, Tool
+from stepdiag.base.result.result import ROTATIONS, Function, Scale
 from stepdiag.base.volume import Vector
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.warmth import expansions
-from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.members import Axis, Lengths, LengthScale, LengthsReport, Tool
-from stepdiag.solver.result.result import ROTATIONS, Function, Scale
-from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
 AS_MEASURED: Lengths = "as_measured"
 AT_20_C: Lengths = "at_20_c"
@@ -27,7 +27,7 @@ UNMEASURED_C = 3.5
 """Standard uncertainty of 20 C, or of what a survey file says, where nobody measured: as of a sensor that fell silent an hour ago. What
 the user states himself takes its place, smaller or larger."""
 REACH_MM = 100.0
-"""Distance from mirror to tool for which it is said what the angles make of it."""
+"""Distance from mirror to tool for which the effect of the angles is reported."""
 
 
 def at_their_temperature(readings: Readings, assumed: Assumptions | None, source: str) -> Assumptions:
@@ -53,7 +53,7 @@ def at_their_temperature(readings: Readings, assumed: Assumptions | None, source
 
 
 def temperature_findings(temperature_c: Vector, assumed: Assumptions) -> tuple[Finding, ...]:
-    """Return what is to be said of readings (their ``temperature_c``) of which nobody measured how warm the machine was; none else.
+    """Return the findings about readings (their ``temperature_c``) of which nobody measured how warm the machine was; none else.
 
     As a machine's sensor, or a person, says it for each: what only some of them have is no temperature of the survey.
     """

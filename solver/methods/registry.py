@@ -4,20 +4,20 @@ import difflib
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.solver.methods.closed_form import solve_least_squares, solve_wang2000
 from stepdiag.solver.methods.estimate import solve_estimate
 from stepdiag.solver.model.angles import Angles
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.result.result import Result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Options:
-    """What a method is told: the chain, angular functions that are known, straightness that a 4-DOF head measured, and
+    """The input of a method: the chain, angular functions that are known, straightness that a 4-DOF head measured, and
     what the user takes for granted."""
 
     chain: str

@@ -2,15 +2,15 @@
 
 from collections.abc import Sequence
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.kinematics import parse_chain
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.result import Result
 from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.methods.registry import Options, method_of
 from stepdiag.solver.model.angles import Angles
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.result import Result
 
 
 def solve(

@@ -1,7 +1,7 @@
 """The figures of the standards for what a survey has driven: ISO 230-2, ASME B5.54 and VDI/DGQ 3441 along axes, ISO 230-6 along diagonals.
 
 Both directions are evaluated where the runs share the zero of the laser's count (contract 4, column ``zero``). Passes that each restart at
-zero have lost the reversal value: what needs it (B, R, A, and all of VDI/DGQ 3441) is then left out, and said.
+zero have lost the reversal value: what needs it (B, R, A, and all of VDI/DGQ 3441) is then left out, with a finding.
 """
 
 from collections.abc import Mapping
@@ -11,12 +11,12 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.members import StandardFigures
 from stepdiag.base.setups import Kind
 from stepdiag.base.volume import Vector
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.result.members import StandardFigures
 from stepdiag.solver.standards.iso230 import (
     COVERAGES,
     DiagonalFigures,

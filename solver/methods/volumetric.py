@@ -6,23 +6,33 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
-from stepdiag.base.volume import Vector, anywhere_mm
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.interval import Predicted
+from stepdiag.base.result.members import Budget, Drawn, MonteCarlo
+from stepdiag.base.result.posterior import Posterior
+from stepdiag.base.result.prediction import BETWEEN_SHARE, predicted_with_u
+from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, Function, Result
+from stepdiag.base.result.waves import (
+    CURVED,
+    FEW_VALUES,
+    OF_FEW,
+    SHORTEST,
+    arch_um,
+    coarse_functions,
+    evenly_spaced,
+    hiding_functions,
+    noise_um_of,
+    shown_finer_um,
+)
+from stepdiag.base.volume import Vector, anywhere_mm, rms
 from stepdiag.solver.adjustment.adjustment import Adjustment
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.linear.families import hidden_factors, normal_points
-from stepdiag.solver.methods.angular import rms
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.effects import TURNING
 from stepdiag.solver.model.quantities import Quantities
-from stepdiag.solver.planning.foresight import CURVED
-from stepdiag.solver.result.field import Smoothed, error_field_um, evenly
-from stepdiag.solver.result.interval import Predicted
-from stepdiag.solver.result.members import Budget, Drawn, MonteCarlo
-from stepdiag.solver.result.posterior import Posterior
-from stepdiag.solver.result.prediction import BETWEEN_SHARE, predicted_with_u
-from stepdiag.solver.result.result import DISPLACEMENTS, POSITIONING, Function, Result
 from stepdiag.solver.uncertainty.machine import (
     Machine,
     covariance,
@@ -30,7 +40,7 @@ from stepdiag.solver.uncertainty.machine import (
     machine_of,
     over_volume,
     posterior_of,
-    told_apart,
+    separated,
     usual_rows,
     with_usual,
 )
@@ -39,36 +49,8 @@ from stepdiag.solver.uncertainty.spread import Spread
 
 HEAD_URAD = 1.0
 """What a 4-DOF head leaves of an angular function."""
-SHORTEST = 0.5
-"""What is known of the logarithm of an arch where the waves are hardly longer than two increments: drawn functions of five half waves on
-five increments differ from what their values say by a factor of 1.3 on average."""
-HARMFUL = 0.42
-"""Where a function leaves the curve through its values by more than this share of itself, they say little of what is between them: more
-than three and a half waves on ten increments."""
-LEAST_VALUES = 8
-"""Of fewer values the fourth differences are too few to tell waves from bends: five increments would nearly always be called coarse."""
-FINEST_MM = 1e-3
-"""Positions closer than this to a node are its own."""
 _MOST_OF_SHOWN = 1.5
 """Of a wave that a finer run shows of one function the others may have anything from nothing to so many times as much, each as likely."""
-_SURE = 2.0
-"""What values say of what lies between them holds within this factor: only what is more was not to be expected."""
-FEW_VALUES = 6
-"""Of a function with so few values the waves are not told from their bends: half of what is known (in logarithms) is what is usual."""
-_OF_FEW = {3: 3.5, 4: 3.2, 5: 1.3, 6: 1.25}
-"""Drawn functions of five half waves leave the curve through so few values by so much more than these say: their waves are no longer than
-two increments."""
-_AT_ENDS = 4.3
-"""The spline knows waves less well in its two cells at either end: by 1.34 and 0.59 of what a parabola through three values leaves
-(computed for waves of 2.2 to 5 increments); their squares count for four cells of all."""
-_SEEN, _ALIASED = 0.6, 0.45
-"""Cosines of half the turn from value to value: waves down to 3.4 increments look as they are; what looks like less than 2.85 may be a wave
-shorter than two increments, which the spline knows nothing of."""
-_UNSEEN = 1.2
-"""Of such waves functions leave the curve by so much more than a parabola through three values does: drawn functions are less sure at
-their ends."""
-_BENT, _BENT_TWICE = 6.0, 70.0
-"""Variances of the second and fourth difference of independent values over theirs."""
 
 
 def with_the_usual(found: Adjustment, spread: Spread, quantities: Quantities, known: Mapping[str, bool]) -> Spread:
@@ -86,12 +68,12 @@ def make_posterior(
     """
     first = found.first_cause("angles") if found.shapes.names else 0
     machine = machine_of(found.design, found.shapes, first, len(spread.fit.size))
-    told, unmeasured, offset = machine, np.zeros((len(machine.names),) * 2), np.zeros(len(machine.names))
+    seen, unmeasured, offset = machine, np.zeros((len(machine.names),) * 2), np.zeros(len(machine.names))
     rows, u = usual_rows(quantities, known, found.assumed)
     if len(rows):
-        told, unmeasured = told_apart(machine, spread.fit.inverse, rows, u)
+        seen, unmeasured = separated(machine, spread.fit.inverse, rows, u)
         offset = _offset(machine, wider, spread, errors, known)
-    posterior = posterior_of(spread, told, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
+    posterior = posterior_of(spread, seen, found.layout.volume, found.design.chain, offset, "angles", unmeasured)
     return replace(posterior, between_um=between_um(errors, found.assumed))
 
 
@@ -124,76 +106,15 @@ def between_um(errors: Mapping[str, Function], assumed: Assumptions) -> dict[str
     for name in DISPLACEMENTS:
         function = errors[name]
         # of a function that nobody measured values are drawn that differ each by itself: they wave more than any that is smooth
-        arch, within, value = 0.0, 0.0, _evenly(function)
+        arch, within, value = 0.0, 0.0, evenly_spaced(function)
         if len(value) > 2:
-            arch, within = arch_um(value, _noise_um(function))
+            arch, within = arch_um(value, noise_um_of(function))
             if len(value) <= FEW_VALUES:
                 usual = assumed.shape_um * min(CURVED / (len(value) - 1) ** 3, 1.0) / np.sqrt(BETWEEN_SHARE)
-                arch, within = float(np.sqrt(_OF_FEW[len(value)] * arch * usual)), SHORTEST
+                arch, within = float(np.sqrt(OF_FEW[len(value)] * arch * usual)), SHORTEST
         hidden = np.hypot(assumed.between_um * float(name in POSITIONING) * factor, shown[name] * share)
         found[name] = np.hypot(arch * np.exp(within * likely), np.roll(hidden, len(factor) // 2))
     return found
-
-
-def shown_finer_um(errors: Mapping[str, Function]) -> dict[str, float]:
-    """Return for each displacement function how large waves between its targets may be of which its values show nothing: those that finer
-    runs show of the positioning function of its axis, or, where that was not driven finer, of the others' axes.
-
-    A screw's pitch moves the carriage sideways too. How far it does nobody measured, so that these are usual sizes and no more.
-    """
-    seen = {}
-    for name in POSITIONING:
-        nodes_mm = next(errors[other].position_mm for other in DISPLACEMENTS if other[2] == name[2] and other != name)
-        if (beside_um := _beside_its_values_um(errors[name], nodes_mm)) is not None:
-            seen[name] = beside_um
-    usual = rms(np.array([*seen.values()])) if seen else 0.0
-    return {name: 0.0 if name in seen else seen.get(f"E{name[2]}{name[2]}", usual) for name in DISPLACEMENTS}
-
-
-def _beside_its_values_um(function: Function, nodes_mm: Vector) -> float | None:
-    """Return by how much a function, in the middle between two nodes (rms), leaves the smooth curve through its values at the nodes alone,
-    beside what these and their noise let expect; None where nothing was measured between them."""
-    at_mm, value = function.position_mm, function.value
-    off = np.min(np.abs(at_mm[:, None] - nodes_mm), axis=1) > FINEST_MM
-    if value is None or not np.any(off) or len(nodes_mm) < 3:
-        return None
-    at_nodes, noise_um = np.interp(nodes_mm, at_mm, value), _noise_um(function)
-    left_um = value[off] - Smoothed(nodes_mm, at_nodes[None, :]).at(at_mm[off])[0]
-    low = np.clip(np.searchsorted(nodes_mm, at_mm[off], side="right") - 1, 0, len(nodes_mm) - 2)
-    share = (at_mm[off] - nodes_mm[low]) / (nodes_mm[low + 1] - nodes_mm[low])
-    height = float(np.sum((4.0 * share * (1.0 - share)) ** 2))
-    expected, _ = arch_um(at_nodes, noise_um)
-    if len(at_nodes) <= FEW_VALUES:
-        expected = max(_OF_FEW[len(at_nodes)] * expected, _shape_um(value) * CURVED / (len(at_nodes) - 1) ** 3 / np.sqrt(BETWEEN_SHARE))
-    square_um2 = float(np.sum(left_um**2) - 2.0 * noise_um**2 * len(left_um)) / height
-    return float(np.sqrt(max(square_um2 - (_SURE * expected) ** 2, 0.0)))
-
-
-def _noise_um(function: Function) -> float:
-    return 0.0 if function.u_readings is None else rms(function.u_readings)
-
-
-def coarse_functions(errors: Mapping[str, Function]) -> list[str]:
-    """Return the functions whose waves are hardly longer than two increments: between the targets nobody knows them."""
-    names = []
-    for name in DISPLACEMENTS:
-        value = _evenly(errors[name])
-        if len(value) > LEAST_VALUES:
-            arch, _ = arch_um(value, _noise_um(errors[name]))
-            if arch > HARMFUL * _shape_um(value):
-                names.append(name)
-    return names
-
-
-def hiding_functions(errors: Mapping[str, Function]) -> dict[str, float]:
-    """Return the functions that may have waves between their targets which could undo a table, and their size as finer runs show it of
-    others, in um."""
-    shown = shown_finer_um(errors)
-    return {name: shown[name] for name in DISPLACEMENTS if shown[name] > HARMFUL * _shape_um(_evenly(errors[name])) > 0.0}
-
-
-def _shape_um(value: Vector) -> float:
-    return rms(value - np.linspace(value[0], value[-1], len(value))) if len(value) > 2 else 0.0
 
 
 def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
@@ -203,40 +124,7 @@ def coarse_findings(errors: Mapping[str, Function]) -> list[Finding]:
         found.append(message("increments-coarse", names=names))
     if hiding := hiding_functions(errors):
         found.append(message("increments-coarse.hidden", names=list(hiding), waves_um=max(hiding.values())))
-    return [finding("warning", said) for said in found]
-
-
-def _evenly(function: Function) -> Vector:
-    """Return the values at equally distant positions, as far apart as the function's are at most; none of a function without values.
-
-    Only there do bends say how short waves are, and where positions lie closer in places it is no better known everywhere.
-    """
-    at = function.position_mm
-    if function.value is None or len(at) < 2:
-        return np.zeros(0)
-    return np.interp(evenly(at), at, function.value)
-
-
-def arch_um(value: Vector, noise_um: float) -> tuple[float, float]:
-    """Return by how much a function leaves the smooth curve in the middle between two of its values (rms), from how these bend, and the
-    standard deviation of the logarithm of that.
-
-    A wave that turns by w from value to value has second differences 4 sin^2(w/2), fourth ones their square: their ratio tells w. With
-    c = cos(w/2) it leaves the spline of the predictions (`solver.result.field.Smoothed`) by (1 - c)^2 (2 - c) / (2 + 4 c^2), a parabola
-    through three values by (1 - c)^2 (1 + c/2), which is the measure of the ends and of waves that may be shorter than they look, all
-    times its size.
-    Waves of nearly two increments look longer than they are.
-    """
-    bent = np.sqrt(max(rms(np.diff(value, n=2)) ** 2 - _BENT * noise_um**2, 0.0))
-    if bent == 0.0 or len(value) < 5:
-        return float(bent) / 8.0, SHORTEST
-    twice = np.sqrt(max(rms(np.diff(value, n=4)) ** 2 - _BENT_TWICE * noise_um**2, 0.0))
-    half = np.sqrt(1.0 - 0.25 * min(twice / bent, 4.0))  # cos(w/2)
-    parabola = 1.0 + 0.5 * half
-    spline = np.hypot((2.0 - half) / (2.0 + 4.0 * half**2), np.sqrt(_AT_ENDS / (len(value) - 1)) * parabola)
-    short = np.clip((_SEEN - half) / (_SEEN - _ALIASED), 0.0, 1.0)
-    left = (1.0 - short) * spline + short * max(_UNSEEN * parabola, spline)
-    return float(bent * (1.0 - half) * left / (4.0 * (1.0 + half))), float(min(2.5 * (1.0 - half) ** 2, SHORTEST))
+    return [finding("warning", words) for words in found]
 
 
 def budget(

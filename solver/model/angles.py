@@ -10,8 +10,8 @@ from stepdiag.base.csv_table import number_in, read_table
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
+from stepdiag.base.result.result import ROTATIONS
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector, Volume
-from stepdiag.solver.result.result import ROTATIONS
 
 ROTATION_COLUMNS = ("EA_urad", "EB_urad", "EC_urad")
 

@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector
 from stepdiag.solver.model.design import between_nodes
 from stepdiag.solver.model.effects import Effect
 from stepdiag.solver.model.lateral import MeasuredStraightness, nodes_of
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS
 
 USUAL_UM = 0.5
 """Standard deviation in the middle between two nodes where the search for it begins."""

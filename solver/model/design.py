@@ -19,11 +19,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
+from stepdiag.base.readings.readings import PassKey
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.linear.elimination import Blocks, order_blocks
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.readings.readings import PassKey
 
 _ROUNDING = 1e-9
 """Of an increment."""
@@ -239,7 +239,7 @@ def _tilt_entries(layout: Layout, columns: Columns, tilt_direction: Vector) -> t
 
 
 def _drift_pairs(layout: Layout) -> list[tuple[str, int, NDArray[np.bool_]]]:
-    """Return setup, pair number and rows of every outward pass with its return: only there can drift be told from the machine."""
+    """Return setup, pair number and rows of every outward pass with its return: only there can drift be separated from the machine."""
     numbers = {key: index for index, key in enumerate(layout.passes)}
     pairs = []
     for key, index in numbers.items():

@@ -11,13 +11,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.conditions.expansion import REFERENCE_TEMPERATURE_C
+from stepdiag.base.result.result import ROTATIONS
 from stepdiag.base.volume import Vector
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import rotation_coefficients
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.warmth import counted_mm, excess_c
-from stepdiag.solver.result.result import ROTATIONS
-from stepdiag.solver.standards.expansion import REFERENCE_TEMPERATURE_C
 
 LINE_SHARE, WAVE_SHARE = 0.3, 0.32
 """Standard deviations of an angular function's straight part at the far end and of its first half wave, as shares of its range; higher
@@ -198,7 +198,7 @@ def _growth(layout: Layout, assumed: Assumptions) -> Effect:
 
     Three columns an axis for its length, three for how far from the low corner its bearing holds it.
 
-    Without the times of all readings nothing of it can be told from the scales of setups.
+    Without the times of all readings nothing of it can be separated from the scales of setups.
     """
     waves = growth_waves(layout)
     beside_m = BEARING * 1e-3 * np.array(layout.volume.size_mm) * layout.direction

@@ -16,6 +16,8 @@ from numpy.typing import NDArray
 from stepdiag.base.errors import DataError
 from stepdiag.base.kinematics import abbe_mask, cross_matrix
 from stepdiag.base.messages import message
+from stepdiag.base.readings.snapping import shared_mm, snapped_mm
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS
 from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector, Volume
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles
@@ -23,8 +25,6 @@ from stepdiag.solver.model.design import Design, between_nodes
 from stepdiag.solver.model.effects import AngleShapes
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.noise import LEAST_U_UM
-from stepdiag.solver.readings.snapping import shared_mm, snapped_mm
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

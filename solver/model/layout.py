@@ -9,11 +9,11 @@ from numpy.typing import NDArray
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
+from stepdiag.base.readings.readings import PassKey, Readings, missing_stops
+from stepdiag.base.readings.snapping import arrivals, edges_mm, snapped_mm
+from stepdiag.base.readings.travel import check_laser, check_route, laser_sense
 from stepdiag.base.setups import Kind, Setup, setup_of
 from stepdiag.base.volume import MOST_INCREMENTS, POSITION_TOLERANCE_MM, Vector, Volume, position_tolerance_mm
-from stepdiag.solver.readings.readings import PassKey, Readings, missing_stops
-from stepdiag.solver.readings.snapping import arrivals, edges_mm, snapped_mm
-from stepdiag.solver.readings.travel import check_laser, check_route, laser_sense
 
 MOST_SETUPS = 200
 BESIDE_NODE = 0.3
@@ -340,5 +340,5 @@ def _inside_only(layout: Layout, findings: tuple[Finding, ...]) -> Layout:
     if not outside.any():
         return replace(layout, findings=findings)
     first = layout.place(int(np.argmax(outside)))
-    said = message("outside-volume", count=int(outside.sum()), place=first)
-    return replace(layout.select(~outside), findings=(finding("info", said), *findings))
+    words = message("outside-volume", count=int(outside.sum()), place=first)
+    return replace(layout.select(~outside), findings=(finding("info", words), *findings))

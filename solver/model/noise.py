@@ -1,4 +1,4 @@
-"""How noisy the readings are: as stated stop by stop, else from the residuals, else assumed and said so."""
+"""How noisy the readings are: as stated stop by stop, else from the residuals, else assumed, with a finding."""
 
 from collections.abc import Iterable
 

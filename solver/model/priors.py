@@ -6,19 +6,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.names import AXES
+from stepdiag.base.result.result import ROTATIONS
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.angles import Angles, KnownAngle, angle_at_nodes
 from stepdiag.solver.model.design import Columns, Design, rotation_coefficients
 from stepdiag.solver.model.layout import Layout
-from stepdiag.solver.result.result import ROTATIONS
 
 EXACT = 1e-3
 """Standard uncertainty (urad, um) of what is held by convention: far below anything measurable, far above rounding."""
 DRIFT_UM = 1.0
-"""Standard uncertainty of the drift in an outward pass and its return before the data have told."""
+"""Standard uncertainty of the drift in an outward pass and its return before the data."""
 REVERSAL_CHANGE_UM = 2.0
-"""Standard uncertainty of what reversal changes from end to end of an axis before the data have told. Drift and a reversal that grows along
+"""Standard uncertainty of what reversal changes from end to end of an axis before the data. Drift and a reversal that grows along
 the axis look alike between the outward pass and its return: neither is ever taken for smaller than this, or it would hide in the other."""
 
 

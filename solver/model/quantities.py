@@ -11,10 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stepdiag.base.kinematics import abbe_mask
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.design import Columns
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS
 
 DISPLACEMENT_PART, ROTATION_PART = 0, 1
 LATTICE = 4

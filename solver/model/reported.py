@@ -6,12 +6,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.result.result import DISPLACEMENTS, POSITIONING, ROTATIONS
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.quantities import Quantities, quantities
-from stepdiag.solver.result.result import DISPLACEMENTS, POSITIONING, ROTATIONS
 
 SCALE_SUM = "scale sum"
 """The weighted sum S = sum L^2 scale / R that four diagonals see of the three scales (theory 3, E5), in um."""

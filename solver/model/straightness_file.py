@@ -12,8 +12,8 @@ import numpy as np
 from stepdiag.base.csv_table import number_in, read_table
 from stepdiag.base.errors import DataError
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.solver.model.lateral import MeasuredStraightness
-from stepdiag.solver.result.result import DISPLACEMENTS
 
 STRAIGHTNESS = tuple(name for name in DISPLACEMENTS if name[1] != name[2])
 LEAST_POSITIONS = 3

@@ -8,10 +8,10 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import Message, message
 from stepdiag.base.volume import Vector
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout
 
 STEADY_C = 0.005
@@ -47,10 +47,10 @@ def at_one_temperature(layout: Layout, assumed: Assumptions) -> Layout:
     if not np.any(warmer):
         return layout
     grown = 1e-3 * (counted_mm(layout) @ np.array(assumed.expansion_um_m_c)) * warmer
-    return replace(layout, deviation_um=layout.deviation_um - grown, findings=(*layout.findings, *_said(layout, assumed)))
+    return replace(layout, deviation_um=layout.deviation_um - grown, findings=(*layout.findings, *_remarks(layout, assumed)))
 
 
-def _said(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
+def _remarks(layout: Layout, assumed: Assumptions) -> tuple[Finding, ...]:
     low, mean, high = (float(of(layout.temperature_c)) for of in (np.min, np.mean, np.max))
     if high - low < WORTH_SAYING_C:
         return ()

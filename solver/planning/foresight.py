@@ -7,6 +7,11 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.prediction import BELOW, BETWEEN_SHARE, TAIL
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS
+from stepdiag.base.result.waves import CURVED
 from stepdiag.base.volume import Vector
 from stepdiag.solver.adjustment.scatter import Scatter
 from stepdiag.solver.adjustment.slips import KINDS, Unseen, hidden_in_volume_um, least_seen
@@ -15,16 +20,12 @@ from stepdiag.solver.linear.families import class_factors, hidden_factors, likel
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Design, Model, build_design
 from stepdiag.solver.model.effects import TURNING, AngleShapes, angle_shapes, effects_of
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.priors import make_prior
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import identified, reported, variance
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.prediction import BELOW, BETWEEN_SHARE, TAIL
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS
 from stepdiag.solver.uncertainty.machine import (
     Machine,
     covariance,
@@ -39,9 +40,9 @@ from stepdiag.solver.uncertainty.machine import (
 )
 from stepdiag.solver.uncertainty.spread import Spread
 
-CURVED, BENT = 22.0, 6.7
-"""What functions of five half waves that fall with their number leave beside the smooth curve through n + 1 targets, over shape / n^3, and
-between that and the straight lines that tables run along, over shape / n^2 (root mean square over the travel; measured on drawn ones)."""
+BENT = 6.7
+"""What functions of five half waves that fall with their number leave between the smooth curve through n + 1 targets and the straight lines
+that tables run along, over shape / n^2 (root mean square over the travel; measured on drawn ones)."""
 _OF_FEW = {1: (0.93, 0.0), 2: (0.66, 0.20), 3: (0.49, 0.22), 4: (0.33, 0.19), 5: (0.23, 0.16), 6: (0.09, 0.15)}
 """Both over shape where the increments are few: there the powers say up to twice as much as drawn functions leave over the volume."""
 ALIKE = 0.2
@@ -201,9 +202,9 @@ class _Ahead:
         u = self.usual[1]
         quiet, _ = self.over(u, _NEXT_TO_NONE)
         missing, missed = _missed_um(self, known)
-        told = self.over(np.where(missing, _NEXT_TO_NONE * u, u), _NEXT_TO_NONE)[0] if np.any(missing) else quiet
+        identified = self.over(np.where(missing, _NEXT_TO_NONE * u, u), _NEXT_TO_NONE)[0] if np.any(missing) else quiet
         return _Parts(
-            identified_um=told,
+            identified_um=identified,
             missed_um=missed,
             angles_um=float(np.sqrt(max(both**2 - quiet**2, 0.0))),
             hidden_um=self.hidden_um,

@@ -11,6 +11,8 @@ from typing import NamedTuple
 import numpy as np
 
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings, run_minutes
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.setups import FACE_DIAGONALS
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.least_squares import NULL_TOLERANCE, Inverse, invert
@@ -19,8 +21,6 @@ from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.model.priors import make_prior
 from stepdiag.solver.model.quantities import Quantities, quantities
 from stepdiag.solver.model.reported import reported, shape
-from stepdiag.solver.planning.runs import Plan, Run, perfect_readings, run_minutes
-from stepdiag.solver.result.result import DISPLACEMENTS
 
 COARSE = 5
 

@@ -10,16 +10,16 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Literal
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.names import AXES, BODY_DIAGONALS
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings, plan_minutes
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import MOST_INCREMENTS
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import Layout, lay_out
 from stepdiag.solver.planning.foresight import Foresight, foresee
 from stepdiag.solver.planning.identifiability import Seen, identified_with_angles
-from stepdiag.solver.planning.runs import Plan, Run, perfect_readings, plan_minutes
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, SQUARENESS
 
 MIN_GAIN = 0.01
 """A step that improves the uncertainty by less than this share ends the search: more time would buy nothing."""

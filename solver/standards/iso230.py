@@ -197,7 +197,7 @@ def arrange_runs(
     if down.shape[1] == 0:
         return PositioningRuns(target_mm=targets, up_um=up), ()
     if not common_zero:
-        return PositioningRuns(target_mm=targets, up_um=up), (finding("info", message("reversal-value-lost")),)
+        return PositioningRuns(target_mm=targets, up_um=up), (finding("info", message("iso230-plan.zero")),)
     return PositioningRuns(target_mm=targets, up_um=up, down_um=down), ()
 
 
@@ -261,4 +261,4 @@ def _plan_findings(runs: PositioningRuns) -> tuple[Finding, ...]:
         fewest = min(table.shape[1] for table in (runs.up_um, runs.down_um) if table is not None)
         if fewest < MIN_RUNS:
             found.append(message("iso230-plan.runs", count=fewest, needed=MIN_RUNS))
-    return tuple(finding("warning", said) for said in found)
+    return tuple(finding("warning", words) for words in found)

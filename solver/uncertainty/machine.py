@@ -1,6 +1,6 @@
 """The whole machine as one vector with its covariance: functions with slopes, squarenesses, angles; and its modes.
 
-What the readings do not identify counts here with what a machine of its class usually has: the result leaves it out, but what is said
+What the readings do not identify counts here with what a machine of its class usually has: the result leaves it out, but what is stated
 about the volume must not pretend that it is nil.
 """
 
@@ -11,20 +11,20 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.result.field import Tabulated, field_of_um, rigid_motions
+from stepdiag.base.result.posterior import POSTERIOR_DECIMALS, Posterior
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.solver.linear.components import Sizes
 from stepdiag.solver.linear.fit import fit
 from stepdiag.solver.linear.least_squares import Inverse
 from stepdiag.solver.linear.mixed import Causes, MixedFit
 from stepdiag.solver.linear.rows import Rows
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.design import Design
 from stepdiag.solver.model.effects import AngleShapes
 from stepdiag.solver.model.quantities import Quantities
 from stepdiag.solver.model.reported import reported, sloped
-from stepdiag.solver.result.field import Tabulated, field_of_um, rigid_motions
-from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS, Posterior
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, POSITIONING, ROTATIONS, SQUARENESS
 from stepdiag.solver.uncertainty.modes import BySize, by_size, factored, of_one_factor
 from stepdiag.solver.uncertainty.spread import Spread
 
@@ -119,7 +119,7 @@ def covariance(spread: Spread, machine: Machine) -> Vector:
     return 0.5 * (matrix + matrix.T)
 
 
-def told_apart(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tuple[Machine, Vector]:
+def separated(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tuple[Machine, Vector]:
     """Return the machine's values as the readings know them, and the covariance (k, k) of what only the usual ``rows`` say of them.
 
     What the readings do not see is taken where the usual is most likely, given what they do see. That takes no difference of large
@@ -127,9 +127,9 @@ def told_apart(machine: Machine, inverse: Inverse, rows: Rows, u: Vector) -> tup
     """
     hidden = np.linalg.pinv(rows.times(inverse.null) / u[:, None], rcond=HIDDEN)
     moved = machine.combination.times(inverse.null) @ hidden
-    told = machine.combination.dense() - moved @ (rows.dense() / u[:, None])
-    column = np.tile(np.arange(told.shape[1]), (len(told), 1))
-    return replace(machine, combination=Rows(column, told, told.shape[1])), moved @ moved.T
+    unseen = machine.combination.dense() - moved @ (rows.dense() / u[:, None])
+    column = np.tile(np.arange(unseen.shape[1]), (len(unseen), 1))
+    return replace(machine, combination=Rows(column, unseen, unseen.shape[1])), moved @ moved.T
 
 
 def posterior_of(
@@ -138,7 +138,7 @@ def posterior_of(
     """Return how the machine may differ from what is reported, in modes; ``offset`` (k,) is where it is to be expected beside that.
 
     The causes of the group ``of_unknown_size`` have modes of their own: how far these reach depends on a size that is not known either.
-    ``unmeasured`` is the covariance (k, k) of what the readings do not see (`told_apart`): how usual the machine is, nobody knows.
+    ``unmeasured`` is the covariance (k, k) of what the readings do not see (`separated`): how usual the machine is, nobody knows.
     """
     fields = fields_um(machine, volume, chain)
     found = covariance(spread, machine)
@@ -159,13 +159,13 @@ def posterior_of(
         position_mm=positions,
         offset={name: values[0] for name, values in _by_name(machine, names, volume, offset[None, :]) if np.any(values)},
         modes={name: values for name, values in _by_name(machine, names, volume, modes) if len(values)},
-        rest={name: values[0] for name, values in _by_name(machine, names, volume, left[None, :]) if _told(values)},
+        rest={name: values[0] for name, values in _by_name(machine, names, volume, left[None, :]) if _is_nonzero(values)},
         between_um={},
         sized=own.sized,
     )
 
 
-def _told(values: Vector) -> bool:
+def _is_nonzero(values: Vector) -> bool:
     """Tell whether anything of them is left as they are written: what is less is rounding, of which each processor has its own, and every
     name that is kept takes random numbers of its own."""
     return bool(np.any(np.round(values, POSTERIOR_DECIMALS)))

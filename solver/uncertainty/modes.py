@@ -4,12 +4,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.result.posterior import UnknownSize
 from stepdiag.base.volume import Vector
 from stepdiag.solver.linear.families import Family, class_factors
 from stepdiag.solver.linear.ties import first_of_the_largest
-from stepdiag.solver.result.posterior import UnknownSize
 
-TOLD = 0.995
+KEPT_SHARE = 0.995
 """A mode more is written until they hold this share of the variance over the volume."""
 UNSEEN = 1e-3
 """A direction of which no likely size shows by more than this share of its variance is not seen: all such are alike."""
@@ -56,7 +56,7 @@ def _factored(variance: Vector, across: Vector, fields: Vector, most: int) -> tu
     open_um2 = np.sum(across * fields, axis=0)
     total = float(np.sum(open_um2))
     columns, seen, count = np.zeros((len(fields), most)), np.zeros((most, fields.shape[1])), 0
-    while count < most and float(np.sum(open_um2)) > (1.0 - TOLD) * total:
+    while count < most and float(np.sum(open_um2)) > (1.0 - KEPT_SHARE) * total:
         pivot = first_of_the_largest(open_um2)
         beside = across[:, pivot] - columns[:, :count] @ seen[:count, pivot]
         columns[:, count] = beside / np.sqrt(open_um2[pivot])
@@ -117,7 +117,7 @@ def by_size(direction: Vector, family: Family, fields: Vector, most: int) -> ByS
     matters = np.sum((modes.T @ fields) ** 2, axis=1)
     order = np.argsort(-matters, kind="stable")
     share = np.cumsum(matters[order]) / max(float(np.sum(matters)), 1e-30)
-    kept, dropped = np.split(order, [min(2 * most, int(np.searchsorted(share, TOLD)) + 1)])
+    kept, dropped = np.split(order, [min(2 * most, int(np.searchsorted(share, KEPT_SHARE)) + 1)])
     more = _each(np.sum(modes[:, dropped] ** 2, axis=1), float(np.sum(matters[dropped])), float(np.sum(matters)), fields)
     kept = np.sort(kept)
     sized = UnknownSize(scale=np.array(scale).T[:, kept], shift=np.array(shift).T[:, kept])

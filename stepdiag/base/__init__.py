@@ -1,4 +1,4 @@
-"""What all floors share: messages, findings, causes of refusals, the volume and its setups, files and settings as such.
+"""What all floors share: messages, findings, refusals, the volume and its setups, files, settings, readings and the result.
 
 In: names, sizes, bytes, text. Out: values and refusals. Imported by every floor; imports the texts alone.
 """

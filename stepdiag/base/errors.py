@@ -12,7 +12,7 @@ cause into an exit code.
 
 from typing import cast
 
-from stepdiag.base.messages import Said, message
+from stepdiag.base.messages import Words, message
 
 
 class StepdiagError(Exception):
@@ -22,10 +22,10 @@ class StepdiagError(Exception):
     English.
     """
 
-    def __init__(self, where: Said, *, expected: Said, found: Said, remedy: Said = "") -> None:
+    def __init__(self, where: Words, *, expected: Words, found: Words, remedy: Words = "") -> None:
         parts = {"where": where, "expected": expected, "found": found}
         self.message = message("refusal-with-remedy", remedy=remedy, **parts) if remedy else message("refusal", **parts)
-        bounded = cast("dict[str, Said]", self.message.arguments)
+        bounded = cast("dict[str, Words]", self.message.arguments)
         self.where, self.expected, self.found, self.remedy = (bounded.get(name, "") for name in ("where", "expected", "found", "remedy"))
         super().__init__(str(self.message))
 
@@ -43,11 +43,11 @@ class DeviceError(StepdiagError, ConnectionError):
 
 
 class SafetyError(StepdiagError, ValueError):
-    """An export was refused by a safety check; ``code`` names the check.
+    """An export was refused by a safety check; ``code`` names the check: a code of docs/findings.md, or code and variant.
 
-    A check that is only a warning can be accepted by that code.
+    A check that is only a warning can be accepted by that name.
     """
 
-    def __init__(self, where: Said, *, code: str, expected: Said, found: Said, remedy: Said = "") -> None:
+    def __init__(self, where: Words, *, code: str, expected: Words, found: Words, remedy: Words = "") -> None:
         super().__init__(where, expected=expected, found=found, remedy=remedy)
         self.code = code

@@ -1,17 +1,18 @@
-"""What the program has to say about the data: a code, how serious, what to do, and the message for a person."""
+"""A finding about the data: code, severity, action, place, and the message for a person."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
-from stepdiag.base.messages import Message, Place, Said, Way, at, message_json, rendered
-from stepdiag.texts.findings import told
+from stepdiag.base.messages import Message, Place, Way, Words, at, message_json, rendered
+from stepdiag.texts.explained import Action, Severity, finding_action
+from stepdiag.texts.findings import sentence
 from stepdiag.texts.patterns import findings as finding_keys
-from stepdiag.texts.texts import Action, Language, finding_action
+from stepdiag.texts.texts import Language
 
-Severity = Literal["info", "warning", "error"]
+__all__ = ["Finding", "Severity", "finding", "in_words"]
+
 NOWHERE = Place()
-_OF_AN_EXPORT: dict[Severity, Action] = {"error": "mend-file", "warning": "accept", "info": "know"}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -37,8 +38,13 @@ class Finding:
 
     @property
     def action(self) -> Action:
-        """Return what a person does about it. A remark of an export is cured in the profile, a mere warning accepted by its name."""
-        return finding_action(self.code) or _OF_AN_EXPORT[self.severity]
+        """Return what a person does about it."""
+        return finding_action(self.code, self.severity)
+
+    @property
+    def key(self) -> str:
+        """Return the key of its message: the code, or code and variant."""
+        return self.code if self.message is None else self.message.key
 
     @property
     def place(self) -> Place:
@@ -46,7 +52,7 @@ class Finding:
         return Place(setup=self.setup, way=self.way, pass_number=self.pass_number, stop=self.stop, last=self.last)
 
     @property
-    def said(self) -> Said:
+    def words(self) -> Words:
         """Return the message with its place before it; the text where an old log or result holds nothing else."""
         return self.text if self.message is None else at(self.place, self.message)
 
@@ -60,33 +66,33 @@ class Finding:
         if self.among:
             known["among"] = list(self.among)
         if self.message is not None:
-            said = message_json(self.message)
-            known |= {"arguments": said["arguments"]} | ({} if said["key"] == self.code else {"key": said["key"]})
+            words = message_json(self.message)
+            known |= {"arguments": words["arguments"]} | ({} if words["key"] == self.code else {"key": words["key"]})
         return {"code": self.code, "severity": self.severity, "action": self.action, "text": self.text, **known}
 
 
 def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> str:
     """Return a finding in words of a language; ``stops`` are all stops of the pass at which it was found, by default its own."""
     if found.message is None:
-        return told(found.code, found.text, language, stops)
+        return sentence(found.code, found.text, language, stops)
     own = () if found.stop is None else (found.stop,)
     return rendered(at(found.place, found.message, sorted(set(stops)) or own), language)
 
 
 def finding(
-    severity: Severity, said: Message, place: Place = NOWHERE, *, code: str = "", size_um: float | None = None, among: tuple[str, ...] = ()
+    severity: Severity, words: Message, place: Place = NOWHERE, *, code: str = "", size_um: float | None = None, among: tuple[str, ...] = ()
 ) -> Finding:
     """Return the finding of a message. Its code is the message's key without a variant; a phrase serves several codes and needs ``code``.
 
     Raises KeyError for a phrase without a code.
     """
-    if not code and said.key not in finding_keys():
-        raise KeyError(said.key)
+    if not code and words.key not in finding_keys():
+        raise KeyError(words.key)
     return Finding(
-        code=code or said.code,
+        code=code or words.code,
         severity=severity,
-        text=rendered(at(place, said), "en"),
-        message=said,
+        text=rendered(at(place, words), "en"),
+        message=words,
         setup=place.setup,
         way=place.way,
         pass_number=place.pass_number,

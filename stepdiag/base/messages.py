@@ -1,7 +1,7 @@
 """A message as a value: a key, arguments with units in their names, and where it belongs. Words are made where it is shown.
 
-    said = message("stop-outlier.alone", stop=5, size_um=12.3, setup="ppp")
-    rendered(said, "de")
+    words = message("stop-outlier.alone", stop=5, size_um=12.3, setup="ppp")
+    rendered(words, "de")
 
 The catalogue (`texts.patterns`) holds the sentence of every key in every language and the type of every argument. A text takes the place
 of a message where an old log or result holds nothing else.
@@ -59,7 +59,7 @@ class Message:
         return self.key.partition(".")[0]
 
 
-Said = Message | str
+Words = Message | str
 """A message; or a text as it stands: a name, a value of a file, a sentence of an old log."""
 Item = Message | str | int
 Argument = Message | str | int | float | Sequence[Item]
@@ -106,15 +106,15 @@ def _plain(key: str, name: str, kind: Kind, value: Argument) -> Kept:
     raise TypeError(f"message {key}: {name}: expected a {kind}, found {type(value).__name__}")
 
 
-def rendered(said: Said, language: Language) -> str:
+def rendered(words: Words, language: Language) -> str:
     """Return a message in words of a language; a text as it stands, or translated where the program of before composed it."""
-    if isinstance(said, str):
-        return translated(said, language)
-    known = sentences().get(said.key)
-    if known is None or slots(said.key).keys() != said.arguments.keys():  # of a log of another version, without its text
-        return said.key
-    filled = ("" if slot is None else _filled(slot, said.arguments[slot.name], language) for _, slot in known[language])
-    return "".join(part for (literal, _), words in zip(known[language], filled, strict=True) for part in (literal, words))
+    if isinstance(words, str):
+        return translated(words, language)
+    known = sentences().get(words.key)
+    if known is None or slots(words.key).keys() != words.arguments.keys():  # of a log of another version, without its text
+        return words.key
+    filled = ("" if slot is None else _filled(slot, words.arguments[slot.name], language) for _, slot in known[language])
+    return "".join(part for (literal, _), value in zip(known[language], filled, strict=True) for part in (literal, value))
 
 
 def _filled(slot: Slot, value: Any, language: Language) -> str:
@@ -140,11 +140,11 @@ def run(setup: str, way: Way) -> Message:
     return message("run", setup=setup, way=way_of(way))
 
 
-def at(place: Place, said: Said, stops: Sequence[int] = ()) -> Said:
+def at(place: Place, words: Words, stops: Sequence[int] = ()) -> Words:
     """Return what is said with its pass and stop before it; ``stops`` are several stops of the pass, without them that of the place."""
     if not place.way:
-        return said
-    run: dict[str, Argument] = {"setup": place.setup, "way": way_of(place.way), "what": said}
+        return words
+    run: dict[str, Argument] = {"setup": place.setup, "way": way_of(place.way), "what": words}
     if stops:
         return message("at-stop" if len(stops) == 1 else "at-stops", stops=stops, **run)
     if place.stop is None:
@@ -152,19 +152,19 @@ def at(place: Place, said: Said, stops: Sequence[int] = ()) -> Said:
     return message("at-stop-of", stop=place.stop, last=place.last or 0, **run)
 
 
-def joined(parts: Sequence[Said]) -> Said:
+def joined(parts: Sequence[Words]) -> Words:
     """Return several sentences as one, with semicolons between them; a single one as it is, an empty text for none."""
     return message("several", parts=parts) if len(parts) > 1 else next(iter(parts), "")
 
 
-def in_every_language(said: Said) -> dict[Language, str]:
+def in_every_language(words: Words) -> dict[Language, str]:
     """Return a message in words by language."""
-    return {language: rendered(said, language) for language in LANGUAGES}
+    return {language: rendered(words, language) for language in LANGUAGES}
 
 
-def message_json(said: Message) -> dict[str, Any]:
+def message_json(words: Message) -> dict[str, Any]:
     """Return a message as JSON: key and arguments, messages within it likewise."""
-    return {"key": said.key, "arguments": {name: _json(value) for name, value in said.arguments.items()}}
+    return {"key": words.key, "arguments": {name: _json(value) for name, value in words.arguments.items()}}
 
 
 def _json(value: Argument | Item) -> Any:
@@ -173,12 +173,12 @@ def _json(value: Argument | Item) -> Any:
     return [_json(item) for item in value] if isinstance(value, Sequence) and not isinstance(value, str) else value
 
 
-def kept(said: Said) -> str:
+def kept(words: Words) -> str:
     """Return a message as JSON text, for a log whose text stands beside it; empty for what is text alone. `of_log` reads it again."""
-    return json.dumps(message_json(said), ensure_ascii=False) if isinstance(said, Message) else ""
+    return json.dumps(message_json(words), ensure_ascii=False) if isinstance(words, Message) else ""
 
 
-def of_log(text: str, kept_message: str) -> Said:
+def of_log(text: str, kept_message: str) -> Words:
     """Return what a log holds: a message of this program, else the text as it stands. Raises ValueError for what is no JSON."""
     return (message_of(json.loads(kept_message)) if kept_message else None) or text
 

@@ -19,7 +19,7 @@ from msgspec import inspect
 from stepdiag.base.csv_table import LARGEST
 from stepdiag.base.dotted_names import longer_than
 from stepdiag.base.errors import UsageError
-from stepdiag.base.messages import Message, Said, excerpt
+from stepdiag.base.messages import Message, Words, excerpt
 
 Model = TypeVar("Model", bound=msgspec.Struct)
 
@@ -71,7 +71,7 @@ def unknown_key(source: str, path: str, key: str, known: list[str]) -> UsageErro
     return UsageError(f"{source}: {path}", expected=f"one of {', '.join(sorted(known))}", found=f"the unknown name {key}", remedy=remedy)
 
 
-def refuse(source: str, field: str, expected: Said, found: object, remedy: Said = "") -> UsageError:
+def refuse(source: str, field: str, expected: Words, found: object, remedy: Words = "") -> UsageError:
     """Return the refusal of one field: ``survey.toml: plc.poll_hz: expected a number above 0, found "fast"``."""
     shown = found if isinstance(found, Message) else show(found)
     return UsageError(f"{source}: {field}" if field else source, expected=expected, found=shown, remedy=remedy)
@@ -186,5 +186,5 @@ def _limits(info: inspect.IntType | inspect.FloatType) -> str:
     if info.ge is not None and info.le is not None:
         return f" from {info.ge:g} to {info.le:g}"
     bounds = (("above {:g}", info.gt), ("of {:g} or more", info.ge), ("at most {:g}", info.le), ("below {:g}", info.lt))
-    said = [words.format(bound) for words, bound in bounds if bound is not None]
-    return " " + " and ".join(said) if said else ""
+    limits = [words.format(bound) for words, bound in bounds if bound is not None]
+    return " " + " and ".join(limits) if limits else ""

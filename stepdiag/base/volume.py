@@ -134,3 +134,8 @@ def anywhere_mm(volume: Volume) -> Vector:
     share = np.mod(0.5 + np.outer(np.arange(1, POINTS + 1), 1.2207440846057596 ** -np.arange(1.0, 4.0)), 1.0)
     points: Vector = np.asarray(volume.origin_mm) + share * np.asarray(volume.size_mm)
     return points
+
+
+def rms(values: Vector) -> float:
+    """Return the root mean square of all values; 0 of none."""
+    return float(np.sqrt(np.mean(np.square(values)))) if values.size else 0.0

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag.base.errors import DataError
-from stepdiag.base.messages import Said
+from stepdiag.base.messages import Words
 from stepdiag.daq.capture.conditions import told_names
 from stepdiag.daq.formats.recognise import KEPT
 from stepdiag.daq.formats.signals import SIGNAL_NAMES, SignalDecoder, Signals
@@ -25,12 +25,12 @@ NS = 1e-9
 
 @dataclass(slots=True)
 class LinkSeen:
-    """How a link fared: ``detail`` is the last that was said of it; ``losses`` counts how often it went after it had been there."""
+    """How a link fared: ``detail`` is the last text about it; ``losses`` counts how often it went after it had been there."""
 
     name: Link
-    address: Said = ""
+    address: Words = ""
     state: str = "connecting"
-    detail: Said = ""
+    detail: Words = ""
     was_silent: bool = False
     losses: int = 0
 
@@ -56,7 +56,7 @@ class StreamSeen:
     position_mm: float | None = None
     beam: float | None = None
     last_flags: Flag = field(default_factory=lambda: Flag(0))
-    remarks: dict[str, Said] = field(default_factory=dict)
+    remarks: dict[str, Words] = field(default_factory=dict)
     counts: Counter[str] = field(default_factory=Counter)
     heard: bytes = b""
     told: dict[str, float] = field(default_factory=dict)

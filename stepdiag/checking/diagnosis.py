@@ -1,25 +1,25 @@
 """From what the links brought to words: what is wrong with laser, machine and register map, and what to do about it.
 
-An error means that no survey can be recorded as things stand; a warning that a person has to look; a note what cannot be told yet.
+An error means that no survey can be recorded as things stand; a warning that a person has to look; a note what cannot be judged yet.
 """
 
 from collections.abc import Iterator
 from typing import Literal
 
+from stepdiag.base.conditions.air import HALL
 from stepdiag.base.findings import Finding, Severity, finding
-from stepdiag.base.messages import Message, Said
+from stepdiag.base.messages import Message, Words
 from stepdiag.base.names import SETUP_NUMBERS
 from stepdiag.checking.check import LinkSeen, MachineSeen, Observation, StreamSeen
+from stepdiag.completion.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.capture.conditions import needed_conditions
 from stepdiag.daq.capture.remarks.stream_findings import STREAMS
 from stepdiag.daq.capture.remarks.unchecked import WITHOUT, assumed, unchecked
 from stepdiag.daq.formats.recognise import refused, senseless
 from stepdiag.daq.formats.signals import describe
 from stepdiag.daq.survey.bundle import compensation_findings
-from stepdiag.daq.survey.foreseen import hidden_slip, hidden_waves
 from stepdiag.daq.survey.models import Plc
 from stepdiag.daq.timing.samples import Flag
-from stepdiag.solver.standards.air import HALL
 
 HEARTBEAT_S = 1.0
 """The heartbeat changes at least once a second (contract 2)."""
@@ -46,10 +46,10 @@ _FLAG_WORDS = {
 
 
 def diagnose(seen: Observation) -> tuple[Finding, ...]:
-    """Return everything that is to be said, in the order compensation, plan, laser, head, sensor of air, machine."""
+    """Return all findings, in the order compensation, plan, laser, head, sensor of air, machine."""
     found = [*compensation_findings(seen.survey), *hidden_slip(seen.survey), *hidden_waves(seen.survey)]
     found += [finding for stream in seen.streams for finding in _stream(stream, seen.seconds)]
-    found += _told(seen) if seen.sensor.samples else ()
+    found += _conditions(seen) if seen.sensor.samples else ()
     silent = seen.survey.plc.silent
     found += unchecked(seen.survey) if silent else assumed(seen.survey)
     found += () if silent else _machine(seen.machine, seen.survey.plc, seen.seconds, seen.air)
@@ -60,37 +60,36 @@ def diagnose(seen: Observation) -> tuple[Finding, ...]:
 
 
 def _stream(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
-    name = stream.link.name
     if not stream.byte_count:
         yield _absent(stream.link, seconds)
     elif not stream.samples or (stream.refused == stream.samples and stream.counts["garbage"]):
-        yield _finding(f"{name}-garbage", "error", _senseless(stream))
+        yield _finding("bytes-garbled", "error", _senseless(stream))
     else:
         yield from _instrument(stream, seconds)
     if stream.byte_count:
         yield from _lasting(stream.link)
 
 
-def _told(seen: Observation) -> Iterator[Finding]:
+def _conditions(seen: Observation) -> Iterator[Finding]:
     """Yield what is wrong with what the laser or a sensor tells of air and material."""
     for name in sorted(seen.air):
         value = seen.sensor.told.get(name)
         if value is None:
-            yield _untold(seen, name)
+            yield _missing_condition(seen, name)
         elif not HALL[name][0] < value <= HALL[name][1]:
             text = f"{name} reads {value:g}, which no hall has ({HALL[name][0]:g} to {HALL[name][1]:g}): check the sensor and its units"
-            yield _finding("sensor-implausible", "warning", text)
+            yield _finding("conditions-held", "warning", text)
 
 
-def _untold(seen: Observation, name: str) -> Finding:
-    """Return what is said of a condition that was to be told and is not: a warning where no reading depends on it."""
+def _missing_condition(seen: Observation, name: str) -> Finding:
+    """Return the finding of a condition that the instrument should measure and does not: a warning where no reading depends on it."""
     if seen.survey.air_sensor is not None:
         text = f"the sensor does not tell {name}, which its pattern names: look at its display and at environment.sensor.pattern"
-        return _finding("sensor-silent", "error", text)
+        return _finding("conditions-held", "error", text)
     severity: Literal["error", "warning"] = "error" if name in needed_conditions(seen.survey) else "warning"
     stated = getattr(seen.survey.environment, name)
     text = f"the laser does not tell {name}, so {stated:g} of [environment] would count: connect its sensor, or state the conditions with"
-    return _finding("sensor-silent", severity, f'{text} environment.source = "fixed"')
+    return _finding("conditions-held", severity, f'{text} environment.source = "fixed"')
 
 
 def _senseless(stream: StreamSeen) -> Message:
@@ -100,22 +99,22 @@ def _senseless(stream: StreamSeen) -> Message:
 
 
 def _instrument(stream: StreamSeen, seconds: float) -> Iterator[Finding]:
-    """Yield what is to be said about an instrument that is understood."""
+    """Yield the findings about an instrument that is understood."""
     name = stream.link.name
     if stream.counts["garbage"] > GARBAGE_SHARE * stream.samples:
         text = (
             f"{stream.counts['garbage']} of {stream.samples} lines of the {name} make no sense ({stream.remarks['garbage']}): bad cable, or"
         )
-        yield _finding(f"{name}-garbage", "warning", f"{text} settings that only nearly fit")
+        yield _finding("bytes-garbled", "warning", f"{text} settings that only nearly fit")
     if stream.counts["gap"]:
-        yield _finding(f"{name}-gap", "warning", f"{name}: {stream.remarks['gap']} ({stream.counts['gap']} times)")
+        yield _finding("samples-missing", "warning", f"{name}: {stream.remarks['gap']} ({stream.counts['gap']} times)")
     if stream.counts["restart"]:
-        yield _finding(f"{name}-restart", "warning", f"{name}: {stream.remarks['restart']}: look at its power supply")
+        yield _finding("instrument-restart", "warning", f"{name}: {stream.remarks['restart']}: look at its power supply")
     if stream.refused == stream.samples:
-        yield _finding(f"{name}-device", "error", refused(STREAMS[name], stream.remarks.get("device", "")))
+        yield _finding("instrument-reports", "error", refused(STREAMS[name], stream.remarks.get("device", "")))
         return
     if "device" in stream.remarks:
-        yield _finding(f"{name}-device", "info", f"the {name} says: {stream.remarks['device']}")
+        yield _finding("instrument-reports", "info", f"the {name} says: {stream.remarks['device']}")
     yield from _light(stream)
     nominal, rate = stream.decoder.nominal_rate_hz, stream.rate_hz
     if nominal is not None and rate is not None and seconds > JUDGED_AFTER_S and abs(rate / nominal - 1) > RATE_SHARE:
@@ -133,7 +132,7 @@ def _light(stream: StreamSeen) -> Iterator[Finding]:
         yield _finding("beam-weak", "warning", f"{name}: the beam is weak{strength}: align the mirror, clean the optics")
     for flag, words in _FLAG_WORDS.items():
         if flags & flag and not (flags & Flag.BEAM_LOST and flag is Flag.HEAD_ERROR):
-            yield _finding(f"{name}-device", "warning", f"the {name} gives no usable reading: {words}")
+            yield _finding("instrument-reports", "warning", f"the {name} gives no usable reading: {words}")
 
 
 def _machine(machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]) -> Iterator[Finding]:
@@ -153,8 +152,8 @@ def _machine(machine: MachineSeen, plc: Plc, seconds: float, air: frozenset[str]
 
 
 def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Finding]:
-    """Yield what speaks against the register map, and what an absent signal takes away; ``air`` is told by the laser itself."""
-    for name in plc.said:
+    """Yield what speaks against the register map, and what an absent signal takes away; ``air`` comes from the laser itself."""
+    for name in plc.signal_names:
         if getattr(machine.signals, name) is None:
             severity: Literal["error", "warning"] = "error" if name == "stopped" else "warning"
             field = f"plc.expressions.{name}" if name in plc.expressions else f"plc.signals.{name}"
@@ -177,13 +176,13 @@ def _map(machine: MachineSeen, plc: Plc, air: frozenset[str]) -> Iterator[Findin
         )
         yield _finding("signal-implausible", "warning", text)
     for name, lost in WITHOUT.items():
-        if name not in plc.said and name not in air:
+        if name not in plc.signal_names and name not in air:
             yield _finding("signal-not-mapped", "info", f"{name} is not mapped: {lost}")
 
 
 def _frozen(machine: MachineSeen, plc: Plc) -> Iterator[Finding]:
     """Yield what is wrong with the heartbeat."""
-    if "heartbeat" not in plc.said or machine.signals.heartbeat is None or machine.heard_s < JUDGED_AFTER_S:
+    if "heartbeat" not in plc.signal_names or machine.signals.heartbeat is None or machine.heard_s < JUDGED_AFTER_S:
         return
     expected = machine.heard_s / HEARTBEAT_S
     if machine.changes["heartbeat"] == 0:
@@ -212,7 +211,7 @@ def _lasting(link: LinkSeen) -> Iterator[Finding]:
         yield _finding(f"{link.name}-unsteady", "warning", f"{link.address}: the link was lost {link.losses} times: cable, plug, supply")
 
 
-def _finding(code: str, severity: Severity, said: Said) -> Finding:
+def _finding(code: str, severity: Severity, said: Words) -> Finding:
     """Return a finding of a message, or of a text that is not one yet."""
     if isinstance(said, Message):
         return finding(severity, said, code=code)

@@ -155,5 +155,5 @@ async def _asked(control: str, host: str, tcp_port: int) -> Answered:
     finally:
         link.close()
         await asyncio.sleep(0)
-    said = ", ".join(f"{name} {getattr(signals, name)}" for name in plc.said if getattr(signals, name) is not None)
-    return Answered(control, signals, "; ".join([f"{settings.address}: {said}", *map(str, link.refusals.values())]))
+    values = ", ".join(f"{name} {getattr(signals, name)}" for name in plc.signal_names if getattr(signals, name) is not None)
+    return Answered(control, signals, "; ".join([f"{settings.address}: {values}", *map(str, link.refusals.values())]))

@@ -45,7 +45,7 @@ def _add_machine(table: Table, machine: MachineSeen, seen: Observation) -> None:
     _add_link(table, machine.link)
     rate = "-" if machine.rate_hz is None else f"{machine.rate_hz:.0f} / s"
     table.add_row("  polls", f"{machine.polls} answered, slowest {1e3 * machine.slowest_s:.0f} ms", rate, "")
-    for name in seen.survey.plc.said:
+    for name in seen.survey.plc.signal_names:
         value = getattr(machine.signals, name)
         table.add_row(f"  {name}", Text(seen.survey.plc.place(name)), _value(name, value), str(machine.changes[name]))
 
@@ -70,8 +70,8 @@ def check_json(seen: Observation) -> dict[str, Any]:
             "polls": seen.machine.polls,
             "polls_per_s": seen.machine.rate_hz,
             "slowest_s": seen.machine.slowest_s,
-            "signals": {name: getattr(seen.machine.signals, name) for name in seen.survey.plc.said},
-            "changes": {name: seen.machine.changes[name] for name in seen.survey.plc.said},
+            "signals": {name: getattr(seen.machine.signals, name) for name in seen.survey.plc.signal_names},
+            "changes": {name: seen.machine.changes[name] for name in seen.survey.plc.signal_names},
         },
     }
 

@@ -6,7 +6,7 @@ from typing import Annotated
 import typer
 
 from stepdiag.cli import MODULES
-from stepdiag.terminal.exits import failed_writing_said, refusals_said
+from stepdiag.terminal.exits import failed_writing_shown, refusals_shown
 
 app = typer.Typer(
     name="stepdiag",
@@ -45,5 +45,5 @@ def build() -> Callable[[], None]:
 def main() -> None:
     """Run a command; leave with the exit code of its cause where it is refused."""
     run = build()
-    with refusals_said(), failed_writing_said():
+    with refusals_shown(), failed_writing_shown():
         run()

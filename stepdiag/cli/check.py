@@ -45,7 +45,7 @@ def check(
     if as_json:
         _print_json(seen, found)
     else:
-        said(found)
+        show_findings(found)
     if any(each.severity == "error" for each in found):
         raise typer.Exit(NOT_REACHED)
 
@@ -77,7 +77,7 @@ def watched(seen: "Observation", seconds: float, *, quiet: bool) -> None:
         asyncio.run(watch(seen, seconds, lambda: live.update(check_table(seen), refresh=True)))
 
 
-def said(found: "tuple[Finding, ...]") -> None:
+def show_findings(found: "tuple[Finding, ...]") -> None:
     from stepdiag.terminal.tables import finding_lines
 
     for line in finding_lines(found):

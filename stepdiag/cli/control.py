@@ -15,12 +15,12 @@ from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from stepdiag.base.result.result import Result
     from stepdiag.base.volume import Volume
     from stepdiag.exporters.export.written import ExportReport
     from stepdiag.exporters.files.control_file import ControlFile
     from stepdiag.exporters.safety.verify import Prediction, Verification
     from stepdiag.exporters.tables.profile import Profile
-    from stepdiag.solver.result.result import Result
 
 JUDGED_WRONG = 5
 """Exit code of ``verify`` for a file that must not be loaded (contract 5)."""
@@ -100,8 +100,9 @@ def export(
 
 def _name_unused(accept: "Sequence[str]", written: "ExportReport") -> None:
     """Print the codes that were accepted and that no finding of the export has: mistyped, or not needed."""
-    codes = {finding.code for finding in written.findings}
-    if unused := [code for code in accept if code not in codes]:
+    from stepdiag.texts.explained import accepted
+
+    if unused := [code for code in accept if not any(accepted(each.code, each.key, [code]) for each in written.findings)]:
         typer.echo(f"--accept {', '.join(unused)}: no finding of this export has this code", err=True)
 
 
@@ -117,8 +118,8 @@ def read_profile(path: Path, controller: str, volume: "Volume") -> "Profile":
 
 
 def _export_json(written: "ExportReport") -> dict[str, object]:
+    from stepdiag.base.result.typed import written as json_of
     from stepdiag.exporters.files.sets import read_set
-    from stepdiag.solver.result.typed import written as json_of
 
     return {
         "controller": written.controller,
@@ -194,8 +195,8 @@ def verify(
     They are read as the control will read them; exit code 5 where one of their tables is wrong, beyond a limit, or makes the machine worse.
     Straight body diagonals that were measured by themselves are held against what the result predicts, without files too.
     """
+    from stepdiag.base.compensation import stated_in
     from stepdiag.cli.report import read_result
-    from stepdiag.exporters.safety.compensation import stated_in
     from stepdiag.exporters.safety.verify import controller_for, verify_files
     from stepdiag.report.drawings.space import LATTICE
 
@@ -270,7 +271,7 @@ def _tables_among(paths: list[Path]) -> "tuple[tuple[ControlFile, ...], tuple[st
 
 
 def _verification_json(found: "Verification", given: "Sequence[ControlFile]", aside: "Sequence[str]") -> dict[str, object]:
-    from stepdiag.solver.result.typed import written as json_of
+    from stepdiag.base.result.typed import written as json_of
 
     return {
         "controller": found.controller,

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from stepdiag.base.errors import UsageError
+
 if TYPE_CHECKING:
     from stepdiag.demo.demo import Demonstrated
     from stepdiag.demo.keys import Keyboard
@@ -19,16 +21,20 @@ def demo(
     out: Annotated[Path, typer.Option(help="An empty or new folder for everything the demo writes.")] = Path("demo"),
     seed: Annotated[int, typer.Option(help="Another machine for every number.")] = 1,
     live: Annotated[bool, typer.Option("--live", help="Slow enough to watch on the page; keys cause faults.")] = False,
-    browser: Annotated[bool, typer.Option(help="With --live: open the page.")] = True,
+    browser: Annotated[bool | None, typer.Option(help="With --live: open the page, which is what happens without the option.")] = None,
     as_json: Annotated[bool, typer.Option("--json", help="Print for programs.")] = False,
 ) -> None:
     """Do the whole job on a virtual machine.
 
     Record, solve, export, load back, verify, over a real Modbus connection and a real serial line.
     """
+    if live and as_json:
+        raise UsageError("--json", expected="no --live beside it: the figures come at the end of a demo without it", found="--live")
     if live:
-        _live(out, seed, browser=browser)
+        _live(out, seed, browser=browser is not False)
         return
+    if browser is not None:
+        raise UsageError("--browser", expected="--live beside it: only the live demo has a page", found="none")
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
 
@@ -74,7 +80,7 @@ class _Watching:
 
             webbrowser.open(address)
 
-    def told(self, line: str) -> None:
+    def show(self, line: str) -> None:
         """Print what happens."""
         from stepdiag.terminal.printable import printable
 
@@ -129,5 +135,5 @@ def _print_json(found: "Demonstrated") -> None:
         {"of": each.of, "low_um": each.stated.low_um, "high_um": each.stated.high_um, "true_um": each.true_um, "kept": each.kept}
         for each in found.promises
     ]
-    told = {"folder": str(found.round), "seconds": found.seconds, "figures": figures, "factors": factors, "promises": promises}
-    typer.echo(json.dumps(told, indent=2))
+    document = {"folder": str(found.round), "seconds": found.seconds, "figures": figures, "factors": factors, "promises": promises}
+    typer.echo(json.dumps(document, indent=2))

@@ -145,7 +145,7 @@ def resolve(
 ) -> None:
     """Solve every archived survey anew with this version.
 
-    New results stand beside the old ones; said is what changed by more than its U. Without a change of version the bytes are the same.
+    New results stand beside the old ones; the output lists changes beyond U. Without a change of version the bytes are the same.
     """
     with extra_needed("fleet"):
         from stepdiag.fleet import resolve as resolving
@@ -165,8 +165,8 @@ def resolve(
     try:
         for each in resolving.resolve(place, surveys, workers=workers or 2, scheduler=scheduler, survey=text):
             found.append(each)
-            told = "; ".join([each.outcome, *each.changed, *filter(None, [each.reason])])
-            typer.echo(f"{len(found)} of {len(surveys)}: {each.place.folder}: {told}", err=as_json)
+            outcome = "; ".join([each.outcome, *each.changed, *filter(None, [each.reason])])
+            typer.echo(f"{len(found)} of {len(surveys)}: {each.place.folder}: {outcome}", err=as_json)
     finally:
         refresh_index(place)
     if as_json:

@@ -40,8 +40,8 @@ def align(source: Source, seconds: Seconds = None) -> None:
     if source.suffix.lower() != ".toml":
         view.show_last(head_record(source, ALIGN_S, stated_s=seconds))
         return
-    from stepdiag.daq.head.record import listen_to_head
     from stepdiag.daq.survey.file import load_survey
+    from stepdiag.fourdof.record import listen_to_head
 
     with view.live():
         listen_to_head(load_survey(source), source.name, seconds or ALIGN_S, view.take)
@@ -61,7 +61,7 @@ def signs(
     """
     import msgspec
 
-    from stepdiag.daq.head.commissioning import signs_of
+    from stepdiag.fourdof.commissioning import signs_of
     from stepdiag.head.view import signs_lines
 
     file = read_calibration(calibration)
@@ -118,7 +118,7 @@ def calibrate(
     """
     import msgspec
 
-    from stepdiag.daq.head.commissioning import calibrate_axis, with_curve
+    from stepdiag.fourdof.commissioning import calibrate_axis, with_curve
     from stepdiag.head.view import calibration_charts, calibration_table
 
     file = read_calibration(base)
@@ -158,8 +158,8 @@ def stability(
     from dataclasses import asdict
 
     from stepdiag.base.files import write_new
-    from stepdiag.daq.head.commissioning import stability_of
-    from stepdiag.daq.head.record import render_head_csv
+    from stepdiag.fourdof.commissioning import stability_of
+    from stepdiag.fourdof.record import render_head_csv
     from stepdiag.head.view import allan_charts, stability_table
 
     heard = head_record(source, STABILITY_S, stated_s=seconds)
@@ -190,7 +190,7 @@ def compare(
     Range and rms of the residuals, function by function.
     """
     from stepdiag.base.files import read_text
-    from stepdiag.daq.head.commissioning import compare_curves, parse_curves
+    from stepdiag.fourdof.commissioning import compare_curves, parse_curves
     from stepdiag.head.view import comparison_charts, comparison_table
 
     ours = parse_curves(read_text(measured[0]), measured[0].name) if measured[0].suffix.lower() == ".csv" else curves_of_logs(measured)
@@ -217,7 +217,7 @@ def show(
     Straightness by three reference lines, pitch and yaw.
     """
     from stepdiag.base.files import refuse_file_name, write_together
-    from stepdiag.daq.head.runs import over_passes
+    from stepdiag.fourdof.runs import over_passes
     from stepdiag.head.view import head_table
     from stepdiag.solver.model.angles import render_angles
     from stepdiag.solver.model.straightness_file import render_straightness

@@ -6,22 +6,22 @@ from typing import TYPE_CHECKING
 import typer
 
 if TYPE_CHECKING:
-    from stepdiag.solver.result.members import Assumed
-    from stepdiag.solver.result.result import Result
+    from stepdiag.base.result.members import Assumed
+    from stepdiag.base.result.result import Result
 
 
 def say_granted(results: "Sequence[Result]") -> None:
     """Print the sizes on which the uncertainties of results rest: once where they are the same, else each under its file's name."""
-    from stepdiag.solver.result.basis import basis_of
+    from stepdiag.base.result.basis import basis_of
     from stepdiag.terminal.printable import printable
 
-    told = [_words(basis_of(result).assumed) for result in results]
-    if len(set(told)) == 1:
-        say = [told[0]]
+    granted = [_words(basis_of(result).assumed) for result in results]
+    if len(set(granted)) == 1:
+        say = [granted[0]]
     else:
         say = [
             f"{printable(result.source)}: {words or 'does not say what its U takes for granted'}"
-            for result, words in zip(results, told, strict=True)
+            for result, words in zip(results, granted, strict=True)
         ]
     for line in filter(None, say):
         typer.echo(line)
@@ -29,7 +29,7 @@ def say_granted(results: "Sequence[Result]") -> None:
 
 def say_assumed(assumed: "Assumed") -> None:
     """Print the sizes of a survey that was not driven yet."""
-    from stepdiag.solver.result.basis import sizes_of
+    from stepdiag.base.result.basis import sizes_of
 
     typer.echo(_words(sizes_of(assumed)))
 

@@ -11,11 +11,11 @@ from stepdiag.base.errors import UsageError
 from stepdiag.cli.granted import say_assumed
 
 if TYPE_CHECKING:
+    from stepdiag.base.readings.runs import Plan
     from stepdiag.daq.survey.models import Plan as PlanSection
     from stepdiag.daq.survey.models import Survey
     from stepdiag.solver.planning.foresight import Foresight
     from stepdiag.solver.planning.planner import Addition, Advice, Circumstances, Forecast
-    from stepdiag.solver.planning.runs import Plan
 
 
 def register(app: typer.Typer) -> None:
@@ -38,8 +38,8 @@ def plan(
 
     Before the machine moves; ranks what to add to it.
     """
+    from stepdiag.completion.foreseen import circumstances, planned
     from stepdiag.daq.survey.file import load_survey
-    from stepdiag.daq.survey.foreseen import circumstances, planned
 
     for name, value in (("--minutes", minutes), ("--target-um", target_um)):
         if value is not None and not 0 < value < float("inf"):
@@ -58,8 +58,8 @@ def plan(
 
 def _print_foreseen(survey: "Survey") -> None:
     """Print what the survey cannot tell apart without signals of the machine, and the axes whose targets hide the pitch of the screw."""
+    from stepdiag.completion.foreseen import hidden_waves
     from stepdiag.daq.capture.remarks.unchecked import unchecked
-    from stepdiag.daq.survey.foreseen import hidden_waves
     from stepdiag.terminal.tables import finding_lines
 
     for line in finding_lines([*(unchecked(survey) if survey.plc.silent else ()), *hidden_waves(survey)]):
@@ -124,7 +124,7 @@ def _advice_json(advice: "Advice") -> dict[str, Any]:
 
 
 def _forecast_json(forecast: "Forecast") -> dict[str, Any]:
-    from stepdiag.solver.result.typed import written
+    from stepdiag.base.result.typed import written
 
     return {
         "increments": forecast.plan.volume.increments,

@@ -49,8 +49,8 @@ def asked(option: str, question: str, given: str | None, understood: Callable[[s
 
 def machine_class_asked(name: str | None, feedback: str | None, pitch_mm: str | None) -> "MachineClass":
     """Return the class of the machine, its feedback and the pitch of its screws, which is not asked for scales."""
+    from stepdiag.base.conditions.assumptions import CLASSES, FEEDBACKS
     from stepdiag.daq.survey.composed import MachineClass
-    from stepdiag.solver.model.assumptions import CLASSES, FEEDBACKS
 
     if name is None and on_terminal():
         for each, sizes in CLASSES.items():

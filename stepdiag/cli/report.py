@@ -13,10 +13,10 @@ from stepdiag.cli.completion import languages
 from stepdiag.cli.granted import say_granted
 
 if TYPE_CHECKING:
+    from stepdiag.base.result.result import Result
     from stepdiag.conclusion import Conclusion
     from stepdiag.report.certificate import AsLeft
     from stepdiag.report.exported import Exported
-    from stepdiag.solver.result.result import Result
     from stepdiag.texts.texts import Language
 
 
@@ -47,12 +47,12 @@ def report(
     One HTML file with every figure, and each figure as CSV.
     """
     from stepdiag.base.files import read_text
+    from stepdiag.base.readings.readings import parse_readings
     from stepdiag.report.certificate import read_letterhead
     from stepdiag.report.document import build_report
     from stepdiag.report.exported import exported_in
     from stepdiag.report.logs import logs_beside
     from stepdiag.report.output import write_report
-    from stepdiag.solver.readings.readings import parse_readings
 
     chosen = _language(language)
     if profile is not None and not files:
@@ -99,8 +99,8 @@ def read_result(path: Path, name: str = "") -> "Result":
     Raises ``UsageError`` where there is none or it cannot be read, ``DataError`` where it is none.
     """
     from stepdiag.base.files import read_text
+    from stepdiag.base.result.result import parse_result
     from stepdiag.daq.records.survey_folder import RESULT
-    from stepdiag.solver.result.result import parse_result
 
     file = path / RESULT if path.is_dir() else path
     if path.is_dir() and not file.exists():
@@ -112,7 +112,7 @@ def read_result(path: Path, name: str = "") -> "Result":
     return parse_result(read_text(file), name or file.name)
 
 
-def _told_apart(paths: list[Path]) -> list[str]:
+def _distinct(paths: list[Path]) -> list[str]:
     """Return the files' names, and as they were given where two have one name: every survey's result is called result.json."""
     return [path.name if len({other.name for other in paths}) == len(paths) else str(path) for path in paths]
 
@@ -134,10 +134,10 @@ def compare(
 
     Whether it is more than the uncertainty, and with --loaded whether the prediction came true; from three results on, the trend.
     """
+    from stepdiag.base.result.typed import written
     from stepdiag.comparing import compare as comparing
     from stepdiag.comparing.tables import which
     from stepdiag.report.exported import exported_in
-    from stepdiag.solver.result.typed import written
 
     if len(results) < 2:
         raise UsageError("compare", expected="at least two results", found=str(len(results)))
@@ -146,7 +146,7 @@ def compare(
     page = {"--letterhead": letterhead, "--pdf": pdf, "--language": _language(language) != "en"}
     if out is None and any(page.values()):
         raise UsageError(next(name for name, given in page.items() if given), expected="--out FILE.html with it", found="no page")
-    read = [read_result(path, name) for path, name in zip(results, _told_apart(results), strict=True)]
+    read = [read_result(path, name) for path, name in zip(results, _distinct(results), strict=True)]
     comparison = comparing.compare(read[0], read[-1])
     trends = comparing.trend(read) if len(read) > 2 else ()
     exported = [exported_in(read[0], loaded, profile)] if loaded else []
@@ -161,13 +161,13 @@ def compare(
             "before": written(comparison.before),
             "after": written(comparison.after),
         }
-        told = {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
+        beside = {} if left is None else {"as_left": _left_json(left, _concluded(read[0], exported))}
         document = {
             "results": [{"file": one.source, **which(one)} for one in read],
             "changes": changes,
             "volumetric_rms": volumetric,
             "trend": [asdict(one) for one in trends],
-            **told,
+            **beside,
         }
         typer.echo(json.dumps(document, indent=2))
         return
@@ -235,8 +235,8 @@ def _print(comparison: Any, trends: Any, read: "list[Result]") -> None:
     console.print(sources(read), soft_wrap=True)
     console.print(comparison_table(comparison, names[0], names[-1]))
     what = "volumetric error" if comparison.common.solid else "error where the axes travelled"
-    told = f"{what} (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um"
-    console.print(told)
+    line = f"{what} (rms, k = 2): {comparison.before.words()} um, then {comparison.after.words()} um"
+    console.print(line)
     if trends:
         console.print(trend_table(trends, names))
     say_granted(read)

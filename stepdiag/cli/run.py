@@ -30,8 +30,8 @@ def complete(folder: Path, readings: Annotated[bool, typer.Option("--readings", 
     from stepdiag.daq.service.priority import lower_priority
 
     lower_priority()
-    from stepdiag.daq.service.completion import complete as finish
-    from stepdiag.daq.service.completion import leave_readings
+    from stepdiag.completion.completion import complete as finish
+    from stepdiag.completion.completion import leave_readings
 
     if readings:
         leave_readings([folder], folder)

@@ -9,8 +9,8 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 
 if TYPE_CHECKING:
-    from stepdiag.solver.readings.readings import Readings
-    from stepdiag.solver.result.result import Result
+    from stepdiag.base.readings.readings import Readings
+    from stepdiag.base.result.result import Result
 
 Runs = Annotated[
     list[str] | None,
@@ -52,8 +52,8 @@ def rtl(
     """
     from stepdiag.base.files import read_text, refuse_file_name, write_together
     from stepdiag.base.names import LINEAR_RUNS
-    from stepdiag.solver.readings.readings import parse_readings
-    from stepdiag.solver.readings.rtl import render_rtl
+    from stepdiag.base.readings.readings import parse_readings
+    from stepdiag.base.readings.rtl import render_rtl
 
     taken = parse_readings(read_text(readings), readings.name)
     setups = [setup for setup in LINEAR_RUNS if setup in taken.setup]
@@ -70,11 +70,11 @@ def rtl(
 def with_files(readings: "Readings", runs: Sequence[str], source: str) -> "Readings":
     """Return readings with the runs of these files added. Raises DataError or UsageError for a file that is wrong or has no place."""
     from stepdiag.base.files import read_text
-    from stepdiag.solver.readings.rtl import parse_rtl, rtl_readings, with_runs
+    from stepdiag.base.readings.rtl import parse_rtl, rtl_readings, with_runs
 
     found = []
-    for said in runs:
-        setup, path, at_mm = _placed(said)
+    for option in runs:
+        setup, path, at_mm = _placed(option)
         rows, name = rtl_readings(parse_rtl(read_text(path), path.name), setup, at_mm or readings.position_mm.min(axis=0), path.name)
         found.append((name, rows))
     return with_runs(readings, found, source)
@@ -85,14 +85,14 @@ def compared(result: "Result", diagonals: Sequence[str]) -> list[Compared]:
     import numpy as np
 
     from stepdiag.base.files import read_text
-    from stepdiag.solver.readings.rtl import parse_rtl
-    from stepdiag.solver.result.field import along_diagonal_um
+    from stepdiag.base.readings.rtl import parse_rtl
+    from stepdiag.base.result.field import along_diagonal_um
 
     found = []
-    for said in diagonals:
-        diagonal, separator, name = said.partition("=")
+    for option in diagonals:
+        diagonal, separator, name = option.partition("=")
         if not separator:
-            raise UsageError("--diagonal", expected="DIAGONAL=FILE.rtl, such as ppp=d1.rtl", found=repr(said))
+            raise UsageError("--diagonal", expected="DIAGONAL=FILE.rtl, such as ppp=d1.rtl", found=repr(option))
         file = parse_rtl(read_text(Path(name)), name)
         order = np.argsort(file.targets_mm)
         target, measured = file.targets_mm[order], file.deviations_um.mean(axis=0)[order]
@@ -109,13 +109,13 @@ def print_compared(each: Compared) -> None:
         typer.echo(f"  {target:9.3f}  {predicted:12.2f}  {measured:11.2f}")
 
 
-def _placed(said: str) -> tuple[str, Path, list[float]]:
-    """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where not said. Raises UsageError."""
+def _placed(option: str) -> tuple[str, Path, list[float]]:
+    """Return setup, file and a point of the line of ``[linear-x=]FILE.rtl[@X,Y,Z]``; empty where absent. Raises UsageError."""
     from stepdiag.base.names import LINEAR_RUNS
 
-    rest, at, place = said.rpartition("@")
+    rest, at, place = option.rpartition("@")
     if not at:
-        rest, place = said, ""
+        rest, place = option, ""
     setup, separator, name = rest.partition("=")
     if not separator:
         setup, name = "", rest

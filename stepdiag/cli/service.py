@@ -51,7 +51,7 @@ def publish(
     """Write a unit of its own for `stepdiag publish`, with few rights.
 
     User, password and key are files of mode 600 beside the survey file: NAME.mqtt-user, NAME.mqtt-password, NAME.opcua-user and so on.
-    Which of them were found is said; user and password go together.
+    The command shows which of them were found; user and password go together.
     """
     from stepdiag.base.errors import UsageError
     from stepdiag.cli.publish import OPCUA_PORT, PORT, SECURE_PORT

@@ -39,7 +39,7 @@ def setup(
     origin: Annotated[str | None, typer.Option(help="Its low corner in machine coordinates, mm.")] = None,
     increments: Annotated[str | None, typer.Option(help="Increments per axis.")] = None,
     chain: Annotated[str | None, typer.Option(help="From workpiece to tool, F the foundation: FXYZ.")] = None,
-    compensation: Annotated[str | None, typer.Option(help="off while measuring; ? where it is to be said later.")] = None,
+    compensation: Annotated[str | None, typer.Option(help="off while measuring; ? where it is stated later.")] = None,
     machine_class: MachineClassName = None,
     feedback: Feedback = None,
     pitch_mm: Pitch = None,
@@ -65,7 +65,7 @@ def setup(
         origin_mm=asked("origin", "Its low corner in machine coordinates, mm", origin, _three, "0 0 0"),
         increments=asked("increments", "Increments per axis", increments, _whole, "10"),
         chain=asked("chain", "Chain from workpiece to tool, F the foundation", chain, _chain, "FXYZ"),
-        compensation=asked("compensation", "Its compensation while measuring (off, or ?: said later)", compensation, _switched, "?"),
+        compensation=asked("compensation", "Its compensation while measuring (off, or ?: stated later)", compensation, _switched, "?"),
         laser_port=line,
         laser_format=form,
         baud=rate,
@@ -145,14 +145,14 @@ def _probed(control: str | None, host: str, port: int) -> "tuple[list[Answered],
 
 
 def _while_saying(words: str, work: Callable[[], Coroutine[Any, Any, T]]) -> T:
-    """Return what the work gives. The words are said once the loop runs: who answers them with Ctrl-C ends it in good order."""
+    """Return what the work gives. The questions come once the loop runs: who answers them with Ctrl-C ends it in good order."""
     import asyncio
 
-    async def said_and_done() -> T:
+    async def asked_and_done() -> T:
         typer.echo(words)
         return await work()
 
-    return asyncio.run(said_and_done())
+    return asyncio.run(asked_and_done())
 
 
 def _likely(answered: "list[Answered]") -> str | None:
@@ -164,13 +164,13 @@ def _shown(text: str, source: str, seconds: float) -> bool:
     """Show the signals of the survey as it is going to be; return whether it can be recorded as things stand."""
     from stepdiag.checking.check import Observation
     from stepdiag.checking.diagnosis import diagnose
-    from stepdiag.cli.check import said, watched
+    from stepdiag.cli.check import show_findings, watched
     from stepdiag.daq.survey.file import parse_survey
 
     seen = Observation(parse_survey(text, source))
     watched(seen, seconds, quiet=False)
     found = diagnose(seen)
-    said(found)
+    show_findings(found)
     return not any(each.severity == "error" for each in found)
 
 

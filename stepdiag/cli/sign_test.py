@@ -106,9 +106,9 @@ def _steps(test: "Bump", controller: str, profile: Path, result: Path | None) ->
 
 def _run(test: "Bump", off: Path | None, on: Path | None, run: Path | None) -> "SignRun":
     from stepdiag.base.files import read_text
+    from stepdiag.base.readings.readings import parse_readings
     from stepdiag.exporters.files.sets import read_given
     from stepdiag.exporters.safety.sign_run import from_readings, read_sign_run
-    from stepdiag.solver.readings.readings import parse_readings
 
     if run is not None and off is None and on is None:
         return read_sign_run(read_given([run])[0])

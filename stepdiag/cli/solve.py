@@ -13,7 +13,7 @@ from stepdiag.cli.runs import Runs, with_files
 from stepdiag.cli.stated import Active, ActiveDate, ActiveSource, Compensation, active_files, with_compensation
 
 if TYPE_CHECKING:
-    from stepdiag.solver.result.result import Result
+    from stepdiag.base.result.result import Result
 
 Sources = Annotated[list[Path], typer.Argument(help="A readings CSV, or the logs of one survey (files or their folder).")]
 AsJson = Annotated[bool, typer.Option("--json", help="Print for programs.")]
@@ -112,11 +112,11 @@ class Beside:
 
 def _solve_csv(path: Path, method: str, chain: str, beside: Beside, monte_carlo: int, runs: Sequence[str]) -> "Result":
     from stepdiag.base.files import read_text
+    from stepdiag.base.readings.readings import in_mm, parse_readings
     from stepdiag.daq.survey.assumed import parse_uncertainty
     from stepdiag.solver.methods.solve import solve as solve_readings
     from stepdiag.solver.model.angles import parse_angles
     from stepdiag.solver.model.straightness_file import parse_straightness
-    from stepdiag.solver.readings.readings import in_mm, parse_readings
 
     if monte_carlo and not 1000 <= monte_carlo <= MOST_TRIALS:
         raise UsageError("--monte-carlo", expected=f"1000 to {MOST_TRIALS} surveys", found=str(monte_carlo))
@@ -150,7 +150,7 @@ def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:
 def _solve_logs(paths: list[Path], method: str, environment: Path | None) -> "Result":
     """Return the result of logs. Raises UsageError for a file that is named like none: readings are one file, named *.csv."""
     from stepdiag.base.files import read_text
-    from stepdiag.daq.service.completion import replay_judged, solve_logs
+    from stepdiag.completion.completion import replay_judged, solve_logs
     from stepdiag.daq.survey.environment import parse_environment
 
     for path in paths:
@@ -177,7 +177,7 @@ def replay(
 ) -> None:
     """Make result and files again from the logs.
 
-    And compare them with what the live run wrote, byte for byte; another processor may write a last digit otherwise, which is said.
+    And compare them with what the live run wrote, byte for byte; another processor may write a last digit otherwise, which is reported.
     """
     from stepdiag.daemon.replay import replay_and_compare
 

@@ -9,7 +9,7 @@ import typer
 from stepdiag.base.errors import UsageError
 
 if TYPE_CHECKING:
-    from stepdiag.solver.result.result import Result
+    from stepdiag.base.result.result import Result
 
 Compensation = Annotated[
     str | None, typer.Option(help="off or on: whether a compensation was active while measuring, where the survey does not say it.")
@@ -29,11 +29,11 @@ def active_files(active: list[Path] | None) -> dict[str, bytes]:
 def with_compensation(result: "Result", state: str | None, files: dict[str, bytes], day: datetime | None, source: str) -> "Result":
     """Return the result with what a person says was active, and the hashes of the files that he hands over.
 
-    Raises UsageError where the survey has said it already, and where the answer is not whole.
+    Raises UsageError where the survey states it already, and where the answer is not whole.
     """
     from dataclasses import replace
 
-    from stepdiag.exporters.safety.compensation import stated, stated_in
+    from stepdiag.base.compensation import stated, stated_in
 
     if state is None:
         given = {"--active": ", ".join(files), "--active-date": "" if day is None else f"{day:%Y-%m-%d}", "--active-source": source}
@@ -43,9 +43,9 @@ def with_compensation(result: "Result", state: str | None, files: dict[str, byte
         return result
     if state not in ("off", "on"):
         raise UsageError("--compensation", expected="off or on", found=state)
-    said = stated_in(result).state
-    if said in ("off", "on"):
-        raise UsageError("--compensation", expected=f'nothing: the survey of {result.source} says "{said}"', found=state)
+    state_there = stated_in(result).state
+    if state_there in ("off", "on"):
+        raise UsageError("--compensation", expected=f'nothing: the survey of {result.source} says "{state_there}"', found=state)
     if (state == "on") != bool(files):
         raise UsageError("--active", expected="the files that were active, exactly with --compensation on", found=f"{len(files)} files")
     if state == "off" and (day is not None or source):

@@ -143,14 +143,14 @@ def _live(found: "Standing") -> list[str]:
     if found.live is None:
         return []
     links = {"laser": found.live.laser, "machine": found.live.plc, "head": found.live.head, "air": found.live.air}
-    told = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
+    lines = [f"{name}: {link.state} ({link.detail or link.address})" for name, link in links.items() if link is not None]
     air = ", ".join(f"{name} {value:g}" for name, value in found.live.told.items())
-    told += [f"told of air and material: {air}"] if air else []
-    return [*told, f"it waits for: {found.live.waits_for}", *([str(found.live.message)] if found.live.message else [])]
+    lines += [f"told of air and material: {air}"] if air else []
+    return [*lines, f"it waits for: {found.live.waits_for}", *([str(found.live.message)] if found.live.message else [])]
 
 
 def _doubted(found: "Standing") -> list[str]:
-    """Return every doubt in its words, unless a setup's line has said them, and after those of a place the command that accepts them."""
+    """Return every doubt in its words, unless a setup's line holds them, and after those of a place the command that accepts them."""
     from stepdiag.daq.passes.doubt import places_of
 
     where = shlex.quote(str(found.round or found.folder))

@@ -7,15 +7,15 @@ from statistics import NormalDist
 import numpy as np
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.result.basis import basis_of
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import Budget, Facts
+from stepdiag.base.result.prediction import predicted
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.conclusion.intervals import reach_of
 from stepdiag.solver.model.effects import TURNING
-from stepdiag.solver.result.basis import basis_of
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.members import Budget, Facts
-from stepdiag.solver.result.prediction import predicted
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 
 ALMOST = 0.01
 """Of the shortest side: ends of two volumes that differ by less are the same."""
@@ -166,8 +166,8 @@ def _u_of_difference(before: Vector, after: Vector, alike: Shares) -> Vector:
 
 
 def _number_change(name: str, unit: str, before: Known, after: Known, alike: Shares) -> Change:
-    told = None if before[1] is None or after[1] is None else (np.array(before[1]), np.array(after[1]))
-    u = None if told is None else float(_u_of_difference(*told, alike))
+    both = None if before[1] is None or after[1] is None else (np.array(before[1]), np.array(after[1]))
+    u = None if both is None else float(_u_of_difference(*both, alike))
     significant = None
     if before[0] is not None and after[0] is not None and u is not None:
         significant = abs(after[0] - before[0]) > coverage_factor(1) * u

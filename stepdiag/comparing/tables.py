@@ -5,8 +5,8 @@ from collections.abc import Sequence
 from rich.table import Table
 from rich.text import Text
 
+from stepdiag.base.result.result import Result
 from stepdiag.comparing.compare import Change, Comparison, Trend
-from stepdiag.solver.result.result import Result
 from stepdiag.terminal.printable import printable
 
 VERDICTS = {True: "yes", False: "no", None: "-"}

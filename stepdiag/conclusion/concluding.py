@@ -6,6 +6,10 @@ from pathlib import Path
 
 from stepdiag.base.findings import Finding
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.result.basis import ASSUMED, Basis, basis_of, scales_in_words
+from stepdiag.base.result.interval import Interval, decimals_of
+from stepdiag.base.result.members import UnseenSlip
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.base.setups import setup_of
 from stepdiag.conclusion.contributions import LEANS, Contribution, contributions_of
 from stepdiag.conclusion.intervals import Reach, reach_in, reach_of
@@ -13,10 +17,6 @@ from stepdiag.conclusion.sentences import Sentence
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.naming import UNTESTED
 from stepdiag.exporters.safety.verify import STRETCH
-from stepdiag.solver.result.basis import ASSUMED, Basis, basis_of, scales_in_words
-from stepdiag.solver.result.interval import Interval, decimals_of
-from stepdiag.solver.result.members import UnseenSlip
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
 
 MOST_WRONG = 5
 AIR = {"air_temperature_c": ("T", "°C"), "air_pressure_hpa": ("p", "hPa"), "relative_humidity_percent": ("RH", "%")}
@@ -62,18 +62,18 @@ def export_of(written: ExportReport) -> Export:
 
 
 def harmed_in(findings: Iterable[Finding]) -> tuple[str, ...]:
-    """Return what is said of stretches in which files harm, of the findings of an export or of `verify`."""
+    """Return the findings about stretches in which files harm, of the findings of an export or of `verify`."""
     return tuple(one.text for one in findings if one.code == STRETCH)
 
 
 def conclude(result: Result, exports: Sequence[Export] = ()) -> Conclusion:
     """Return the conclusion. What compensation reaches is the first export's prediction, else the result's own."""
     wrong = _wrong(contributions_of(result))
-    told = next((each.reach for each in exports if each.reach is not None), None)
-    reach = (told or reach_in(result)) if result.volume.solid else None
+    exported = next((each.reach for each in exports if each.reach is not None), None)
+    reach = (exported or reach_in(result)) if result.volume.solid else None
     counts = {severity: sum(one.severity == severity for one in result.findings) for severity in ("error", "warning", "info")}
     return Conclusion(
-        wrong=tuple((one, _told(one)) for one in wrong),
+        wrong=tuple((one, _wrong_sentence(one)) for one in wrong),
         unknown=(*_unknown(result), *_unseen([*(result.unseen_slip or ())])),
         reach=reach,
         reached=(*_reached(reach, result, refused=_all_refused(exports)), *_harmed(exports)),
@@ -89,7 +89,7 @@ def _wrong(contributions: Sequence[Contribution]) -> list[Contribution]:
     return [one for one in certain if one.effect_um >= LEAST_SHARE * certain[0].effect_um][:MOST_WRONG]
 
 
-def _told(one: Contribution) -> Sentence:
+def _wrong_sentence(one: Contribution) -> Sentence:
     """Return a contribution in words."""
     numbers = {"um": _um(one.effect_um), "length": f"{one.length_mm:.0f}", "value": _um(abs(one.value)), "axis": one.axis, "name": one.name}
     more = "positive" if one.value > 0 else "negative"
@@ -136,7 +136,7 @@ def _unknown(result: Result) -> Iterator[Sentence]:
 def _unseen(slips: Sequence[UnseenSlip]) -> Iterator[Sentence]:
     """Yield how large a slip of the count may have gone unnoticed: the worst one, and the passes where it matters beside the noise.
 
-    The stated uncertainty has the noise of the readings and not the slip. The worst one is said always: the noisier the readings, the
+    The stated uncertainty has the noise of the readings and not the slip. The worst one is always reported: the noisier the readings, the
     larger it is.
     """
     blind = next((one for one in slips if one.half_um is None), None)
@@ -178,15 +178,15 @@ def _all_refused(exports: Sequence[Export]) -> bool:
 
 
 def _basis(found: Basis) -> Iterator[Sentence]:
-    """Yield to which temperature the lengths belong, on which sizes U rests, and where the errors hold; nothing that is not said."""
+    """Yield to which temperature the lengths belong, on which sizes U rests, and where the errors hold; nothing that is not stated."""
     if found.tables is not None and found.material_c is None:
         yield Sentence(key=f"basis_{found.tables}_alone")
     elif found.tables is not None:
         arguments = {"warm": f"{found.material_c:.2f}", "scales": scales_in_words(found.scales), "other": scales_in_words(found.other)}
         yield Sentence(key=f"basis_{found.tables}" + ("" if found.other else "_only"), arguments=arguments)
     if found.air:
-        told = ", ".join(f"{letter} = {found.air[name]:g} {unit}" for name, (letter, unit) in AIR.items() if name in found.air)
-        yield Sentence(key="basis_air_assumed", arguments={"told": told})
+        values = ", ".join(f"{letter} = {found.air[name]:g} {unit}" for name, (letter, unit) in AIR.items() if name in found.air)
+        yield Sentence(key="basis_air_assumed", arguments={"values": values})
     if (taken := taken_for_granted(found.assumed)) is not None:
         yield taken
     if found.tool_um is not None:

@@ -7,8 +7,8 @@ from typing import Literal
 import numpy as np
 
 from stepdiag.base.kinematics import abbe_mask
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.base.volume import Vector, Volume
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 
 Kind = Literal["squareness", "scale", "positioning", "straightness", "angle", "reversal"]
 LEANS = {"C0Y": ("Y", "X"), "B0Z": ("Z", "X"), "A0Z": ("Z", "Y")}

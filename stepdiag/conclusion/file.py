@@ -6,10 +6,10 @@ from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
+from stepdiag.base.result.rounding import steady
 from stepdiag.conclusion.concluding import Conclusion
 from stepdiag.conclusion.sentences import SECTION, Sentence, render
 from stepdiag.daq.records.survey_folder import CONCLUSION
-from stepdiag.solver.result.rounding import steady
 from stepdiag.texts import LANGUAGES, Language, catalogue
 
 FORMAT, FORMAT_VERSION = "stepdiag-conclusion", 1
@@ -47,7 +47,7 @@ def titles_of(language: Language) -> dict[str, str]:
 
 def words_of(document: Mapping[str, Any], language: Language) -> dict[str, list[str]]:
     """Return section -> sentences of a conclusion's JSON."""
-    # an older program said nothing of the basis
+    # files of older programs hold no basis
     return {section: [sentence[language] for sentence in document.get(section, [])] for section in SECTIONS}
 
 

@@ -2,10 +2,10 @@
 
 from dataclasses import dataclass
 
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.interval import Interval, Predicted
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.safety.verify import Figures, grid_points_mm
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.interval import Interval, Predicted
-from stepdiag.solver.result.result import Result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

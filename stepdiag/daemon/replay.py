@@ -5,11 +5,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.base.result.result import same_result
+from stepdiag.completion.completion import complete
 from stepdiag.daq.records.survey_folder import CONCLUSION, EXPORTS, READINGS, RESULT
 from stepdiag.daq.replay import find_logs
-from stepdiag.daq.service.completion import complete
 from stepdiag.report.completed import write_completed_report
-from stepdiag.solver.result.result import same_result
 
 _FOLLOWS = re.compile(rb"\b[0-9a-f]{64}\b|base64,[A-Za-z0-9+/=]+")
 """Hashes of other files, and tables that a report carries in itself: they follow from numbers that stand elsewhere."""

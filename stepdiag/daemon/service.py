@@ -24,7 +24,7 @@ GIVE_WAY_S = 0.0005
 
 
 def record(survey_file: Path, *, verbose: bool = False) -> None:
-    """Record surveys, solve and export each when its last pass is in, until told to stop. Raises as `serve` does."""
+    """Record surveys, solve and export each when its last pass is in, until it is stopped. Raises as `serve` does."""
     gc.disable()  # a tenth of the start would be spent on looking for garbage in what is being imported
     sys.setswitchinterval(GIVE_WAY_S)
     import asyncio
@@ -37,7 +37,7 @@ def record(survey_file: Path, *, verbose: bool = False) -> None:
 
 
 async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequence[str] = ()) -> None:
-    """Run the daemon of a survey file until it is told to stop, with page and metrics in a process beside it, as that file says.
+    """Run the daemon of a survey file until it is stopped, with page and metrics in a process beside it, as that file says.
 
     Raises what refuses the survey file or the folder, and DeviceError where the page's address is taken.
     """
@@ -45,7 +45,7 @@ async def serve(survey_file: Path, *, completion: Sequence[str], archiving: Sequ
 
     from stepdiag.daq.service.daemon import Daemon
 
-    asyncio.get_running_loop().set_exception_handler(_said_seldom())
+    asyncio.get_running_loop().set_exception_handler(_seldom())
     daemon = Daemon(survey_file, completion, archiving, _programs(survey_file))
     daemon.take_folder()  # who is refused for it must not be sent after another port
     _say_what_hides(daemon.survey)
@@ -62,16 +62,16 @@ def _say_what_hides(survey: "Survey") -> None:
     """Say before anything is driven what nobody will see in this survey."""
     import structlog
 
-    from stepdiag.daq.survey.foreseen import hidden_slip
+    from stepdiag.completion.foreseen import hidden_slip
 
     for found in hidden_slip(survey):
         structlog.get_logger("service").info("finding", code=found.code, severity=found.severity, text=found.text)
 
 
-def _said_seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
+def _seldom() -> "Callable[[asyncio.AbstractEventLoop, dict[str, Any]], None]":
     """Return what says in one line that something went wrong aside of all tasks: a PLC that answers nonsense causes as much as it likes.
 
-    Each kind is said for the first, the tenth, the hundredth time.
+    Each kind is logged for the first, the tenth, the hundredth time.
     """
     import structlog
 

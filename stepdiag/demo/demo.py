@@ -9,6 +9,9 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.result.field import without_rigid_motion
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.result import Result, parse_result
 from stepdiag.base.volume import Vector, Volume, anywhere_mm
 from stepdiag.conclusion.intervals import reach_in
 from stepdiag.demo.files import INCREMENTS, PASSES, SETUPS, SIZE_MM, write_angles, write_bench, write_profiles, write_survey
@@ -16,9 +19,6 @@ from stepdiag.demo.operator import Operator, daemon, words
 from stepdiag.demo.operator import bench as running
 from stepdiag.demo.processes import Talker
 from stepdiag.demo.reach import WHOLE_FIELD, exported
-from stepdiag.solver.result.field import without_rigid_motion
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.result import Result, parse_result
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import CompensationPart, read_config
 from stepdiag.virtual.control.compensation import Control
@@ -61,7 +61,7 @@ class Demonstrated:
     """What the demo found: the machine as it is, and with the files of each control loaded; ``seconds`` it took to measure.
 
     ``after`` are the files that the daemon exported by itself, ``reach`` what other forms of compensation make of the same survey,
-    ``promises`` what the result had said of the volume before anybody looked at the truth.
+    ``promises`` the statement of the result about the volume before anybody looked at the truth.
     """
 
     folder: Path
@@ -160,14 +160,14 @@ def _survey(hall: Talker, survey: Path, recording: Talker, progress: Progress) -
     """Have the survey driven until it is complete; return the folder of its logs."""
     total = sum((3 * INCREMENTS + 1 if len(setup) == 3 else INCREMENTS + 1) for setup in SETUPS) * PASSES
     seen: set[tuple[str, str, str]] = set()
-    for said in words(Operator(hall, survey), recording):
-        if said["event"] == "stop":
-            seen.add((said["setup"], said["outward"], said["stop"]))
-            progress(f"{said['setup']} {'out' if said['outward'] else 'back'}", len(seen), total)
-        elif said["event"] == "survey-open" and "exit_code" in said:
-            raise DataError(said["folder"], expected="a survey that can be solved", found=said["reason"])
-        elif said["event"] == "survey-complete":
-            return Path(said["folder"])
-        elif said["event"] == "pass-ended" and len(seen) >= total:
+    for event in words(Operator(hall, survey), recording):
+        if event["event"] == "stop":
+            seen.add((event["setup"], event["outward"], event["stop"]))
+            progress(f"{event['setup']} {'out' if event['outward'] else 'back'}", len(seen), total)
+        elif event["event"] == "survey-open" and "exit_code" in event:
+            raise DataError(event["folder"], expected="a survey that can be solved", found=event["reason"])
+        elif event["event"] == "survey-complete":
+            return Path(event["folder"])
+        elif event["event"] == "pass-ended" and len(seen) >= total:
             progress("solving", len(seen), total)
     raise AssertionError("the daemon's words have no end")

@@ -60,7 +60,7 @@ class Person(Protocol):
     def opened(self, address: str, token: str) -> None:
         """Hear where the page is, and the token for its buttons."""
 
-    def told(self, line: str) -> None:
+    def show(self, line: str) -> None:
         """Hear what happens."""
 
     def pressed(self) -> str:
@@ -114,13 +114,13 @@ def _watched(hall: Talker, recording: Talker, operator: Operator, person: Person
         if key == GO:
             operator.hurry()
         elif key in KEYS:
-            _cause(KEYS[key], hall, operator.setup, person.told)
+            _cause(KEYS[key], hall, operator.setup, person.show)
         return not ended
 
-    for said in words(operator, recording, go_on=go_on, silence_s=float("inf")):
-        if line := _line(said):
-            person.told(line)
-        if said["event"] == "survey-complete":
+    for event in words(operator, recording, go_on=go_on, silence_s=float("inf")):
+        if line := _line(event):
+            person.show(line)
+        if event["event"] == "survey-complete":
             return True
     return False
 
@@ -133,14 +133,14 @@ def _cause(key: Key, hall: Talker, setup: str, tell: Callable[[str], None]) -> N
     tell(key.does)
 
 
-def _line(said: dict[str, str]) -> str:
+def _line(event: dict[str, str]) -> str:
     """Return what the terminal shows of the daemon's words; the page shows the rest."""
-    match said["event"]:
+    match event["event"]:
         case "waiting":
-            return f"waits: {said['what']}"
+            return f"waits: {event['what']}"
         case "survey-open":
-            return f"open: {said['reason']}"
+            return f"open: {event['reason']}"
         case "survey-complete":
-            return f"complete: {said['folder']}/report.html"
+            return f"complete: {event['folder']}/report.html"
         case _:
             return ""

@@ -19,7 +19,7 @@ SOLVING_S = 900.0
 HAND_S = 1.0
 """A person starts the program when everything is seen to run, not within the daemon's first milliseconds."""
 SETTLED_S = 2.0
-"""When the machine has ended its program, a daemon silent for so long has said what is still missing."""
+"""When the machine has ended its program, a daemon silent for so long has named what is still missing."""
 MOST_AGAIN = 20
 """On a quiet computer hardly anything is driven again; with fifteen busy processes a core six times were not enough."""
 LOOK_S = 0.02
@@ -100,13 +100,13 @@ def daemon(survey: Path) -> Iterator[Talker]:
     with talking((sys.executable, "-P", "-m", "stepdiag", "run", str(survey)), errors=True) as recording:
         connected: set[str] = set()
         while not {"laser", "machine"} <= connected:
-            said = recording.next(READY_S, "stepdiag run")
-            if said.get("event") == "link-connected":
-                connected.add(said["link"])
-            elif said.get("event") == "page":
-                recording.ready = said
-            elif said.get("event") == "text":
-                raise DeviceError("stepdiag run", expected="a daemon that records", found=said["text"])
+            event = recording.next(READY_S, "stepdiag run")
+            if event.get("event") == "link-connected":
+                connected.add(event["link"])
+            elif event.get("event") == "page":
+                recording.ready = event
+            elif event.get("event") == "text":
+                raise DeviceError("stepdiag run", expected="a daemon that records", found=event["text"])
         time.sleep(HAND_S)
         yield recording
 
@@ -122,11 +122,11 @@ def words(
     while go_on():
         operator.look()
         operator.start(time.monotonic() - heard)
-        if (said := recording.poll()) is not None:
+        if (event := recording.poll()) is not None:
             heard = time.monotonic()
             operator.heard()
-            waits_for = said["what"] if said["event"] == "waiting" else waits_for
-            yield said
+            waits_for = event["what"] if event["event"] == "waiting" else waits_for
+            yield event
         elif (silent_s := time.monotonic() - heard) > (max(silence_s, SOLVING_S) if waits_for == "solving" else silence_s):
             raise DeviceError(
                 "stepdiag run", expected="a complete survey", found=f"silence for {silent_s:.0f} s; it waits for: {waits_for}"

@@ -16,7 +16,7 @@ from stepdiag.base.errors import DeviceError
 END_S = 120.0
 """How long a process may take to end in good order."""
 REMEMBERED = 20
-"""How many of its last lines are told where a process fails."""
+"""How many of its last lines are shown where a process fails."""
 
 
 @dataclass(slots=True)
@@ -27,7 +27,7 @@ class Talker:
     lines: Queue[str | None]
     ready: dict[str, str]
     last: deque[str] = field(default_factory=lambda: deque(maxlen=REMEMBERED))
-    """What it said last, oldest first."""
+    """Its last lines, oldest first."""
 
     def next(self, timeout_s: float, what: str) -> dict[str, str]:
         """Return the next object. Raises DeviceError where the process ends or is silent."""
@@ -39,10 +39,10 @@ class Talker:
             raise DeviceError(what, expected="a process that runs", found=f"one that ended with {self.process.wait()}")
         self.last.append(line.strip())
         try:
-            said: dict[str, str] = json.loads(line)
+            event: dict[str, str] = json.loads(line)
         except json.JSONDecodeError:
             return {"event": "text", "text": line.strip()}
-        return said
+        return event
 
     def poll(self) -> dict[str, str] | None:
         """Return an object that is already there, or None."""

@@ -4,14 +4,14 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+from stepdiag.base.result.result import Result
 from stepdiag.demo.files import beckhoff_profile, fanuc_profile, heidenhain_profile, linuxcnc_profile, siemens_profile
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.compensation import Control
 
-ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", "column-widths-assumed")
+ACCEPTED = ("value-large", "slope-steep", "travel-not-covered", "change-large", "profile-assumed")
 """Warnings of a first export on a machine that is as bad as the demo's."""
 
 

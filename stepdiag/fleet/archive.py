@@ -14,13 +14,13 @@ import pyarrow.compute as pc
 
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_text
+from stepdiag.base.result.result import parse_result
 from stepdiag.daq.passes.survey_time import CODE
 from stepdiag.daq.recording.archive import digest, pack
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import INDEX, LISTED, Place, Store, sha256
 from stepdiag.fleet.tables import PLACE, points_of, read_index, read_table, table_of, to_parquet
-from stepdiag.solver.result.result import parse_result
 
 FORMAT, VERSION = "stepdiag-archived", 1
 MOST_LOOSE = 50
@@ -77,7 +77,7 @@ def add(folder: Path, store: Store) -> Added:
             return Added(source=folder, place=place, outcome="already there", size_bytes=0)
         size = 0
         for path, data in files():
-            there = store.write_checked(f"{place.folder}/{path}", data, _said_by if path.endswith(".mcap") else sha256)
+            there = store.write_checked(f"{place.folder}/{path}", data, _content_of if path.endswith(".mcap") else sha256)
             hashes[path] = sha256(there)
             size += len(there)
     manifest = {"format": FORMAT, "version": VERSION, "machine": facts.machine, "survey": name, "files": hashes}
@@ -87,7 +87,7 @@ def add(folder: Path, store: Store) -> Added:
     return Added(source=folder, place=place, outcome="archived", size_bytes=size + len(table))
 
 
-def _said_by(log: bytes) -> str:
+def _content_of(log: bytes) -> str:
     """Return the digest of what a log says: another computer's zstd packs the same log to other bytes."""
     with tempfile.TemporaryDirectory() as scratch:
         file = Path(scratch) / "there.mcap"

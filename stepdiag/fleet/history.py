@@ -81,17 +81,17 @@ def _grouped(columns: dict[str, Any]) -> Iterator[Series]:
     machine, quantity = columns["machine"], columns["quantity"]
     times = columns["time"].astype("datetime64[us]").astype("int64").tolist()
     moments = {time: datetime.fromtimestamp(time / 1e6, UTC) for time in set(times)}
-    told = {name: _filled(columns[name]).tolist() for name in ("survey", "value", "u", "event", "conditions", "software", "unit")}
-    known = {words: _active(words) for words in set(told["conditions"])}
+    cells = {name: _filled(columns[name]).tolist() for name in ("survey", "value", "u", "event", "conditions", "software", "unit")}
+    known = {words: _active(words) for words in set(cells["conditions"])}
     points = list(
         map(
-            Point, map(moments.__getitem__, times), told["survey"], told["value"], told["u"], told["event"],
-            map(known.__getitem__, told["conditions"]), told["software"],
+            Point, map(moments.__getitem__, times), cells["survey"], cells["value"], cells["u"], cells["event"],
+            map(known.__getitem__, cells["conditions"]), cells["software"],
         )
     )  # fmt: skip
     begins = np.flatnonzero((machine[1:] != machine[:-1]) | (quantity[1:] != quantity[:-1])) + 1
     for begin, end in pairwise([0, *begins.tolist(), len(points)]):
-        yield Series(machine=machine[begin], quantity=quantity[begin], unit=told["unit"][begin], points=tuple(points[begin:end]))
+        yield Series(machine=machine[begin], quantity=quantity[begin], unit=cells["unit"][begin], points=tuple(points[begin:end]))
 
 
 def _filled(column: Any) -> Any:

@@ -1,4 +1,4 @@
-"""The page of a fleet: the sheet of `report`, made anew at every visit, on this computer unless told otherwise."""
+"""The page of a fleet: the sheet of `report`, made anew at every visit, on this computer by default."""
 
 from collections.abc import Callable
 

@@ -24,7 +24,7 @@ h2{font-size:1rem;margin:0 0 .3rem;overflow-wrap:anywhere}ul{margin:.4rem 0 0;pa
 svg{width:100%;height:auto}text{font:9px system-ui,sans-serif;fill:#57606a}
 .band{stroke:#1f6feb;stroke-opacity:.45;stroke-width:4}.line{fill:none;stroke:#1f6feb;stroke-width:1.4}.dot{fill:#1f6feb}
 .limit{stroke:#b42318;stroke-dasharray:4 3}.step{stroke:#b54708;stroke-dasharray:2 2}.axis{stroke:#8c959f}
-.told{fill:none;pointer-events:all}article>a{color:#0550ae;font-size:.8rem}
+.titled{fill:none;pointer-events:all}article>a{color:#0550ae;font-size:.8rem}
 """
 
 
@@ -63,13 +63,13 @@ def _card(machine: str, trends: Sequence[Trend], span: tuple[datetime, datetime]
     shown = next((each for each in trends if each.series.quantity == RMS), trends[0])
     states = {each.outside for each in trends}
     state = next((each for each in ("yes", "perhaps") if each in states), "no")
-    told = [line for each in trends for line in _told(each, words)]
-    listed = "".join(f"<li>{escape(localised(line, language))}</li>" for line in told) or f"<li>{escape(words['unchanged'])}</li>"
+    changes = [line for each in trends for line in _changes(each, words)]
+    listed = "".join(f"<li>{escape(localised(line, language))}</li>" for line in changes) or f"<li>{escape(words['unchanged'])}</li>"
     table = f'<a download="trend.csv" href="{data_link(as_csv([shown]))}">CSV</a>'
     return f'<article class="{state}"><h2>{escape(machine)}</h2>{_chart(shown, span, words, language)}{table}<ul>{listed}</ul></article>'
 
 
-def _told(trend: Trend, words: Mapping[str, str]) -> list[str]:
+def _changes(trend: Trend, words: Mapping[str, str]) -> list[str]:
     """Return what stands below the picture: the last step, the line, the date."""
     name, unit, found = trend.series.quantity, trend.series.unit, []
     if trend.steps:
@@ -109,7 +109,7 @@ def _chart(trend: Trend, span: tuple[datetime, datetime], words: Mapping[str, st
     ]
     steps = [svg.element("line", x1=x(s.since), x2=x(s.since), y1=TOP, y2=HEIGHT - BOTTOM, class_="step") for s in trend.steps]
     dots = [svg.element("circle", cx=x(point.time), cy=y(point.value), r=1.8, class_="dot") for point in points]
-    values = [svg.told(_value(trend, point, language), "circle", cx=x(point.time), cy=y(point.value), r=NEAR_PX) for point in points]
+    values = [svg.titled(_value(trend, point, language), "circle", cx=x(point.time), cy=y(point.value), r=NEAR_PX) for point in points]
     line = svg.element("path", d=svg.path((x(point.time), y(point.value)) for point in points), class_="line")
     limit = [rule(y(trend.tolerance), "limit")] if trend.tolerance is not None and low <= trend.tolerance <= high else []
     ends = [svg.text(f"{span[0].date()}", LEFT, HEIGHT - 4), svg.text(f"{span[1].date()}", WIDTH - RIGHT, HEIGHT - 4, text_anchor="end")]

@@ -18,17 +18,17 @@ from distributed import Client, KilledWorker, LocalCluster, as_completed
 
 from stepdiag.base.errors import DataError, DeviceError, StepdiagError, UsageError
 from stepdiag.base.files import as_text
+from stepdiag.base.result.members import software
+from stepdiag.base.result.result import parse_result
 from stepdiag.comparing.compare import compare
+from stepdiag.completion.completion import complete
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.recording.verdicts import WORDS
 from stepdiag.daq.records.survey_folder import RESULT, logs_in
-from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.fleet.rows import about, rows_of
 from stepdiag.fleet.store import LARGEST_LOG_BYTES, Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet
-from stepdiag.solver.result.members import software
-from stepdiag.solver.result.result import parse_result
 
 IN_FLIGHT = 200
 """Surveys that the scheduler knows of at a time: its memory does not grow with the store."""
@@ -98,7 +98,7 @@ def _outcome(future: Any, place: Place) -> Solved:
 
 
 def solve_anew(address: str, at: tuple[str, str, str, str], survey: str = "") -> Solved:
-    """Solve one survey of a store anew and write what differs beside it; a survey that cannot be solved is said, not raised."""
+    """Solve one survey of a store anew and write what differs beside it; a survey that cannot be solved is reported, not raised."""
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     place, store = Place(*at), Store(address)
     with tempfile.TemporaryDirectory() as scratch:

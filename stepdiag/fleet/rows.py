@@ -7,11 +7,11 @@ from datetime import UTC, datetime
 from typing import Any
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import Conditions, Facts
+from stepdiag.base.result.result import Function, Result
+from stepdiag.base.result.typed import written
 from stepdiag.conclusion.intervals import reach_in
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.members import Conditions, Facts
-from stepdiag.solver.result.result import Function, Result
-from stepdiag.solver.result.typed import written
 
 RMS, LARGEST = "volumetric-rms", "volumetric-largest"
 """The volumetric error without rigid motion, over the survey's own volume (contract 4, ``predicted``)."""

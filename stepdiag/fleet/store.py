@@ -68,7 +68,7 @@ class Store:
     def __init__(self, address: str, *, create: bool = False) -> None:
         """Open a store: a folder, or an address that fsspec knows. Raises UsageError where there is none, or one of a newer version."""
         self.address = address
-        with said(address):
+        with refusing(address):
             self._files, root = fsspec.core.url_to_fs(address)
         self.root = str(root).rstrip("/")
         self.is_local = isinstance(self._files, LocalFileSystem)
@@ -82,12 +82,12 @@ class Store:
 
     def exists(self, name: str) -> bool:
         """Tell whether a file is there."""
-        with said(name):
+        with refusing(name):
             return bool(self._files.exists(self.path(name)))
 
     def read(self, name: str, *, largest: int = LARGEST_BYTES) -> bytes:
         """Return a file. Raises DataError, before it is read, where it holds more than ``largest`` bytes."""
-        with said(name):
+        with refusing(name):
             size = self._files.size(self.path(name))
             if size is not None and size > largest:
                 raise DataError(f"{self.address}: {name}", expected=f"at most {largest} bytes", found=str(size), remedy="see who wrote it")
@@ -96,7 +96,7 @@ class Store:
     def write(self, name: str, data: bytes, *, anew: bool = True) -> None:
         """Write a file whole or not at all, and on the disk when this returns; not ``anew``, one that came meanwhile stays."""
         target = self.path(name)
-        with said(name):
+        with refusing(name):
             if not self.is_local:
                 self._files.pipe_file(target, data)  # an object appears as a whole
                 return
@@ -107,7 +107,7 @@ class Store:
                 sync_folder(Path(target).parent)
 
     def write_checked(self, name: str, data: bytes, meaning: Callable[[bytes], str] = sha256) -> bytes:
-        """Write a file, read it back and return what is there; one that is there with this meaning stays, its bytes unless said otherwise.
+        """Write a file, read it back and return what is there; one that is there with this meaning stays, its bytes unless replaced.
 
         Raises DataError where another is there, or comes back.
         """
@@ -123,7 +123,7 @@ class Store:
 
     def tables(self) -> list[Place]:
         """Return every survey that is whole, by machine, year and name; what was solved anew behind what was archived."""
-        with said(self.address):
+        with refusing(self.address):
             known = _local_tables(Path(self.root)) if self.is_local else self._files.glob(f"{self.root}/machine=*/year=*/*{TABLE_SUFFIX}")
             found = list(known)  # a folder is read here, where its refusal is named
         return sorted(map(_place, map(str, found)))
@@ -165,15 +165,15 @@ class Store:
             raise UsageError(
                 self.address, expected=f"a store ({MARK})", found="none", remedy="`stepdiag archive add DIR --to STORE` makes one"
             )
-        said_of_itself = self.json(MARK)
-        version = said_of_itself.get("version") if isinstance(said_of_itself, dict) else None
-        if not isinstance(said_of_itself, dict) or said_of_itself.get("format") != FORMAT or version != VERSION:
+        mark = self.json(MARK)
+        version = mark.get("version") if isinstance(mark, dict) else None
+        if not isinstance(mark, dict) or mark.get("format") != FORMAT or version != VERSION:
             remedy = "a newer stepdiag reads it" if isinstance(version, int) and version > VERSION else ""
-            raise UsageError(f"{self.address}: {MARK}", expected=f"{FORMAT}, version {VERSION}", found=str(said_of_itself), remedy=remedy)
+            raise UsageError(f"{self.address}: {MARK}", expected=f"{FORMAT}, version {VERSION}", found=str(mark), remedy=remedy)
 
 
 @contextmanager
-def said(name: str) -> Iterator[None]:
+def refusing(name: str) -> Iterator[None]:
     """Say what the place of the store refuses: full, away, not allowed, or an address that nothing opens."""
     try:
         yield

@@ -108,7 +108,7 @@ def from_parquet(data: bytes, name: str, schema: pa.Schema, most_rows: int, larg
     Raises DataError for a file that is damaged, foreign, of a newer version, too large, or with a value that no survey has. A few
     hundred kilobytes can hold millions of rows, so the end of the file is judged before anything is unpacked.
     """
-    with _damage_said(name):
+    with _damage_named(name):
         metadata = pq.read_metadata(io.BytesIO(data))
         _require_ours(metadata, name, schema)
         _require_small(metadata, name, most_rows, largest)
@@ -157,7 +157,7 @@ def _described(schema: pa.Schema) -> str:
 
 
 @contextmanager
-def _damage_said(name: str) -> Iterator[None]:
+def _damage_named(name: str) -> Iterator[None]:
     try:
         yield
     except (pa.ArrowException, OSError) as error:

@@ -29,7 +29,7 @@ _IMPROBABLE = 2.326
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Step:
-    """A change between two surveys that is more than its uncertainty; ``after`` says what happened in between, empty where nobody said."""
+    """A change between two surveys that is more than its uncertainty; ``after`` is what happened in between, empty where unknown."""
 
     since: datetime
     survey: str

@@ -8,10 +8,10 @@ import typer
 from stepdiag.base.errors import DataError, UsageError
 
 if TYPE_CHECKING:
-    from stepdiag.daq.head.commissioning import Curves, StageRun
-    from stepdiag.daq.head.record import HeadRecord
-    from stepdiag.daq.head.runs import HeadMeasured
     from stepdiag.daq.survey.head_file import AxisName, DetectorName, HeadFile
+    from stepdiag.fourdof.commissioning import Curves, StageRun
+    from stepdiag.fourdof.record import HeadRecord
+    from stepdiag.fourdof.runs import HeadMeasured
 
 STAGE_S = 1.0
 """How long the head is averaged at each place of a live calibration."""
@@ -19,8 +19,8 @@ STAGE_S = 1.0
 
 def head_of_logs(logs: list[Path]) -> "HeadMeasured":
     """Return what the head measured in these logs. Raises DataError where no pass of it is whole."""
+    from stepdiag.completion import completion
     from stepdiag.daq.replay import find_logs, replay
-    from stepdiag.daq.service import completion
 
     measured = completion.head_of_logs(replay(find_logs(logs)))
     if not measured.straightness:
@@ -34,8 +34,8 @@ def head_record(source: Path, default_s: float, ask: str = "", *, stated_s: floa
     A live head is recorded for ``stated_s`` seconds, or ``default_s``. Raises ``UsageError`` for a recording with a stated time.
     """
     from stepdiag.base.files import read_text
-    from stepdiag.daq.head.record import head_of_log, listen_to_head, read_head_csv
     from stepdiag.daq.survey.file import load_survey
+    from stepdiag.fourdof.record import head_of_log, listen_to_head, read_head_csv
     from stepdiag.terminal.progress import working
 
     suffix, seconds = source.suffix.lower(), stated_s or default_s
@@ -73,7 +73,7 @@ def write_calibration(path: Path, file: "HeadFile") -> None:
 def stage_run(source: Path, detector: "DetectorName", axis: "AxisName") -> "StageRun":
     """Return readings of one detector axis against the stage's: of a two-column CSV, or live, the person moving the stage."""
     from stepdiag.base.files import read_text
-    from stepdiag.daq.head.commissioning import parse_stage_run
+    from stepdiag.fourdof.commissioning import parse_stage_run
 
     if source.suffix.lower() != ".toml":
         return parse_stage_run(read_text(source), source.name)
@@ -84,17 +84,17 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
     """Ask for the stage's reading at every place, and average the head there."""
     import numpy as np
 
-    from stepdiag.daq.head.commissioning import StageRun
+    from stepdiag.fourdof.commissioning import StageRun
 
     first = 3 * ("qd", "psd1", "psd2").index(detector)
     rows = []
     unit = "um" if detector == "qd" else "arcsec"
     while True:
-        said = typer.prompt(f"{detector}.{axis}: reference in {unit}, empty when done", default="", show_default=False)
-        if not said.strip():
+        typed = typer.prompt(f"{detector}.{axis}: reference in {unit}, empty when done", default="", show_default=False)
+        if not typed.strip():
             break
         try:
-            reference = float(said)
+            reference = float(typed)
         except ValueError:
             typer.echo("a number, such as -650 or 12.5", err=True)
             continue
@@ -106,7 +106,7 @@ def _stage_live(source: Path, detector: "DetectorName", axis: "AxisName") -> "St
 
 def curves_of_logs(paths: list[Path]) -> "Curves":
     """Return the head's functions in these logs as they are compared: straightness in um, angles in arc-seconds."""
-    from stepdiag.daq.head.runs import mean_straightness
+    from stepdiag.fourdof.runs import mean_straightness
     from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
 
     measured = head_of_logs(paths)

@@ -9,15 +9,15 @@ from rich.console import Console
 from rich.live import Live
 from rich.table import Table
 
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Vector
-from stepdiag.daq.head.commissioning import Calibrated, Signed
-from stepdiag.daq.head.record import HeadRecord
 from stepdiag.daq.timing.samples import Flag, Samples
+from stepdiag.fourdof.commissioning import Calibrated, Signed
+from stepdiag.fourdof.record import HeadRecord
 from stepdiag.report.drawings.charts import Series, line_chart
 from stepdiag.solver.fourdof.statistics import Comparison, Stability
 from stepdiag.solver.model.angles import Angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
-from stepdiag.solver.result.result import DISPLACEMENTS
 from stepdiag.solver.standards.straightness import LineMethod, straightness_um
 from stepdiag.terminal.tables import finding_lines
 
@@ -59,8 +59,8 @@ class AlignView:
 
     def table(self, channels: Vector, flags: int) -> Table:
         """Return one row a detector: place of the spot from -1 to 1 by number and bar, sum, sum against the highest seen."""
-        said = ", ".join(name.lower().replace("_", " ") for flag, name in ((flag, str(flag.name)) for flag in Flag) if flags & flag)
-        table = Table(title=f"4-DOF head: {said or 'all samples good'}", box=SIMPLE)
+        flagged = ", ".join(name.lower().replace("_", " ") for flag, name in ((flag, str(flag.name)) for flag in Flag) if flags & flag)
+        table = Table(title=f"4-DOF head: {flagged or 'all samples good'}", box=SIMPLE)
         for heading in ("detector", "x", "", "y", "", "sum", "of highest"):
             table.add_column(heading, justify="left" if heading in ("detector", "") else "right", no_wrap=True)
         for index in range(len(channels) // 3):
@@ -82,7 +82,7 @@ def _bar(value: float) -> str:
 
 
 def signs_lines(found: Signed) -> Iterator[str]:
-    """Yield what the wobble told, line by line."""
+    """Yield the results of the wobble, line by line."""
     for axis, each in found.axes.items():
         turned = [name for name, sign in (("PSD1", each.psd1_sign), ("PSD2", each.psd2_sign)) if sign < 0]
         yield f"{axis}: {'sign turned of ' + ' and '.join(turned) if turned else 'signs right'}; gain PSD2/PSD1 {each.angle_gain:.3f}"
@@ -154,8 +154,8 @@ def head_table(straight: Sequence[MeasuredStraightness], angles: Angles) -> None
         lines = (f"{straightness_um(one.position_mm, one.value_um, line):.2f}" for line in LINES)
         table.add_row(one.name, *lines, "-", f"{2 * float(np.max(one.u_um)):.2f}", "um")
     for name, known in angles.items():
-        said = f"{float(np.ptp(known.value_urad)):.2f}"
-        table.add_row(name, *("-" for _ in LINES), said, f"{2 * float(np.max(known.u_urad)):.2f}", "urad")
+        spread = f"{float(np.ptp(known.value_urad)):.2f}"
+        table.add_row(name, *("-" for _ in LINES), spread, f"{2 * float(np.max(known.u_urad)):.2f}", "urad")
     Console().print(table)
 
 

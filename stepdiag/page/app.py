@@ -25,9 +25,9 @@ from starlette.types import Receive, Scope, Send
 from stepdiag.base.errors import DeviceError, StepdiagError
 from stepdiag.daq.records.status import CommandName, Download
 from stepdiag.daq.records.survey_folder import CONCLUSION
-from stepdiag.daq.service.downloads import downloads_of
 from stepdiag.exporters.files.sets import zip_of
 from stepdiag.page.broadcast import Broadcaster
+from stepdiag.page.downloads import downloads_of
 from stepdiag.page.messages import PageSettings, Picture
 from stepdiag.page.security import REPORT_POLICY, SEND_S, Access, Guard, address_of, refused
 from stepdiag.texts.texts import LANGUAGES, catalogue

@@ -1,7 +1,7 @@
 """What the page's process gives up before it hears the first stranger: writing, most of the disk, calling anybody, outliving the daemon.
 
 Landlock (landlock(7)) and prctl(2) are called by number, as the C library has no functions for the former. Where the kernel is older than
-an ability, that one is left out and said.
+an ability, that one is left out and reported.
 """
 
 import ctypes

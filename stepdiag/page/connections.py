@@ -53,7 +53,7 @@ class PunctualLoop(asyncio.SelectorEventLoop):
 
 
 class PunctualProtocol(H11Protocol):
-    """HTTP whose requests must be said within `HEAD_S`: from the beginning of the connection, or from the end of the answer before."""
+    """HTTP whose requests must arrive within `HEAD_S`: from the beginning of the connection, or from the end of the answer before."""
 
     _patience: asyncio.TimerHandle | None = None
 

@@ -154,8 +154,8 @@ class PageKeeper:
             await asyncio.sleep(wait_s)
 
     async def _one_life(self) -> str:
-        """Run the process to its end; return what it said last. Whatever goes wrong here ends it, and nothing else."""
-        hears, told = os.pipe()
+        """Run the process to its end; return its last words. Whatever goes wrong here ends it, and nothing else."""
+        hears, writes = os.pipe()
         asked, asks = os.pipe()
         try:
             child = await asyncio.create_subprocess_exec(
@@ -164,16 +164,16 @@ class PageKeeper:
                 env={name: os.environ[name] for name in _ENVIRONMENT if name in os.environ},
             )  # fmt: skip
         except OSError as error:
-            os.close(told)
+            os.close(writes)
             os.close(asked)
             return str(error)
         finally:
             os.close(hears)
             os.close(asks)
-        return await self._serve(child, told, asked)
+        return await self._serve(child, writes, asked)
 
-    async def _serve(self, child: asyncio.subprocess.Process, told: int, asked: int) -> str:
-        line = await _Line.over(told)
+    async def _serve(self, child: asyncio.subprocess.Process, writes: int, asked: int) -> str:
+        line = await _Line.over(writes)
         words = asyncio.create_task(_last_words(child), name="page's last words")
         visit = _Visit(self._source, line, self._figures)
         serving = asyncio.create_task(visit.hear(asked), name="page's requests")

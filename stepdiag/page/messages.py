@@ -17,7 +17,7 @@ LENGTH_BYTES = 4
 LONGEST_REQUEST = 16_384
 """Bytes of anything that the page may say."""
 LONGEST_MESSAGE = 16_000_000
-"""Bytes of anything that the page is told."""
+"""Bytes of a message to the page."""
 
 
 class PageSettings(msgspec.Struct, frozen=True, kw_only=True, tag=True):
@@ -94,10 +94,10 @@ class Ready(msgspec.Struct, frozen=True, kw_only=True, tag=True):
     open: tuple[str, ...]
 
 
-Told = Picture | Answer | Counted
+Incoming = Picture | Answer | Counted
 Request = Watch | Order | Count | Guesses | Fault | Ready
 _encoder = msgspec.msgpack.Encoder(enc_hook=lambda value: str(value) if isinstance(value, Path) else value)
-told_decoder = msgspec.msgpack.Decoder(Told)
+incoming_decoder = msgspec.msgpack.Decoder(Incoming)
 request_decoder = msgspec.msgpack.Decoder(Request)
 settings_decoder = msgspec.msgpack.Decoder(PageSettings)
 

@@ -13,7 +13,7 @@ from starlette.routing import Route
 from stepdiag.base.errors import DeviceError
 from stepdiag.daq.service.metrics import Figures
 from stepdiag.terminal.exits import EXIT_CODES
-from stepdiag.texts.texts import catalogue
+from stepdiag.texts.explained import explanations
 
 LINK_STATES = ("connecting", "connected", "silent", "lost")
 
@@ -48,7 +48,7 @@ def _counted(now: Figures) -> Iterator[Metric]:
     yield CounterMetricFamily("stepdiag_samples", "Laser samples recorded.", value=now.samples)
     yield CounterMetricFamily("stepdiag_stops", "Stops captured.", value=now.tally.stops)
     yield CounterMetricFamily("stepdiag_lost_events", "Events that could not be recorded.", value=now.lost_events)
-    yield _labelled("findings", "Findings while recording, by code.", "code", catalogue("finding", "en"), now.tally.findings)
+    yield _labelled("findings", "Findings while recording, by code.", "code", explanations(), now.tally.findings)
     known = map(str, (0, *EXIT_CODES.values()))
     ended = {str(exit_code): count for exit_code, count in now.tally.surveys.items()}
     yield _labelled("surveys", "Surveys handed to the solver, by its exit code.", "exit_code", known, ended)

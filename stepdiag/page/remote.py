@@ -26,7 +26,7 @@ from stepdiag.page.messages import (
     Request,
     Watch,
     framed,
-    told_decoder,
+    incoming_decoder,
 )
 
 ANSWER_S = 3.0
@@ -59,7 +59,7 @@ class RemoteDaemon:
                 length = int.from_bytes(await reader.readexactly(LENGTH_BYTES), "big")
                 if length > LONGEST_MESSAGE:
                     raise ConnectionError(f"a message of {length} bytes")
-                await self._take(told_decoder.decode(await reader.readexactly(length)))
+                await self._take(incoming_decoder.decode(await reader.readexactly(length)))
         except asyncio.IncompleteReadError:
             return
 
@@ -131,14 +131,14 @@ class RemoteDaemon:
         except (BlockingIOError, BrokenPipeError) as why:
             raise _silent() from why
 
-    async def _take(self, told: Picture | Answer | Counted) -> None:
-        if not isinstance(told, Picture):
-            awaited = self._awaited.get(told.number)
+    async def _take(self, incoming: Picture | Answer | Counted) -> None:
+        if not isinstance(incoming, Picture):
+            awaited = self._awaited.get(incoming.number)
             if awaited is not None and not awaited.done():
-                awaited.set_result(told)
+                awaited.set_result(incoming)
             return
-        self._picture, self._picture_s = told, time.monotonic()
-        self.on_picture(told)
+        self._picture, self._picture_s = incoming, time.monotonic()
+        self.on_picture(incoming)
         async with self._new_picture:
             self._new_picture.notify_all()
 

@@ -39,7 +39,7 @@ MOST_SESSIONS = 100
 MOST_ADDRESSES = 1000
 """Whose failures are remembered; the oldest go first."""
 GUESSES = 10
-"""So many wrong tokens from one address are said to the people at the machine, and again each time they are ten times as many."""
+"""So many wrong tokens from one address are shown to the people at the machine, and again each time they are ten times as many."""
 DELAY_S, LONGEST_DELAY_S = 0.5, 5.0
 """A wrong token is answered late, and later each time."""
 
@@ -100,7 +100,7 @@ def is_known_host(host: str, called: str, names: Collection[str]) -> bool:
 
 
 class Guesses:
-    """Wrong secrets by the address that they came from. ``on_guesses`` is told of an address and its count at ten and at each ten times."""
+    """Wrong secrets by the address that they came from. ``on_guesses`` gets an address and its count at ten and at each ten times."""
 
     def __init__(self, on_guesses: Callable[[str, int], None]) -> None:
         self._on_guesses = on_guesses

@@ -34,14 +34,14 @@ SLOW_FIELDS = (
 )
 """What changes with a stop or a setup; all the rest goes out with every picture."""
 SEVERITIES = ("info", "warning", "error")
-TOLD = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
+SHAPED = frozenset({"setups", "stops", "findings", "origin_mm", "size_mm", "increments"})
 """What the browser gets in another form than the daemon's."""
-FAST_FIELDS = tuple(name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in TOLD)
+FAST_FIELDS = tuple(name for name in Snapshot.__struct_fields__ if name not in SLOW_FIELDS and name not in SHAPED)
 
 
 def survey_view(now: Snapshot) -> dict[str, Any]:
     """Return what changes with a stop or a setup."""
-    plain = {name: getattr(now, name) for name in SLOW_FIELDS if name not in TOLD}
+    plain = {name: getattr(now, name) for name in SLOW_FIELDS if name not in SHAPED}
     return {
         **plain,
         "setups": [_setup(one) for one in now.setups],
@@ -79,13 +79,14 @@ def _link(one: LinkStatus | None) -> dict[str, Any] | None:
 
 
 def grouped(findings: Sequence[FindingStatus]) -> list[dict[str, Any]]:
-    """Return one entry a cause: code, severity, how often, open or past, and per language where it was, what was said and what to do.
+    """Return one entry a cause: code, severity, how often, open or past, and per language its sentence and what to do.
 
     Findings are given in the order in which they arose. Errors come before warnings, open ones before past ones, new ones before old ones.
     """
-    groups: dict[tuple[str, str, str], list[FindingStatus]] = {}
+    groups: dict[tuple[str, ...], list[FindingStatus]] = {}
     for one in findings:
-        key = (one.state, one.code, _place(one)[0])
+        stream = "" if one.message is None else str(one.message.arguments.get("stream", ""))
+        key = (one.state, one.code, stream, _place(one)[0])
         groups[key] = [*groups.pop(key, []), one]
     entries = [_entry(members) for members in reversed(groups.values())]
     return sorted(entries, key=lambda entry: (-SEVERITIES.index(entry["severity"]), entry["state"] != "open"))
@@ -103,8 +104,8 @@ def _entry(members: Sequence[FindingStatus]) -> dict[str, Any]:
     last = members[-1]
     stops = sorted({stop for one in members if (stop := _place(one)[1]) is not None})
     severity = max((one.severity for one in members), key=SEVERITIES.index)
-    said = {language: in_words(last.finding, language, stops) for language in LANGUAGES}
+    sentence = {language: in_words(last.finding, language, stops) for language in LANGUAGES}
     todo = {language: advice_of(last.code, language) for language in LANGUAGES}
     places = sorted({one.place for one in members if one.place})
     about = {"state": last.state, "places": places, "word": last.word}
-    return {"code": last.code, "severity": severity, "times": len(members), "said": said, "advice": todo, **about}
+    return {"code": last.code, "severity": severity, "times": len(members), "said": sentence, "advice": todo, **about}

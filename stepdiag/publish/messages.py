@@ -12,13 +12,13 @@ import msgspec
 
 from stepdiag.base.errors import StepdiagError
 from stepdiag.base.files import as_text, read_bytes
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import Result, parse_result
 from stepdiag.daq.recording.rounds import round_folders
 from stepdiag.daq.records.survey_folder import RESULT
 from stepdiag.daq.service.live import LiveStatus, live_in
 from stepdiag.daq.survey.models import Survey
 from stepdiag.fleet.rows import rows_of
-from stepdiag.solver.result.members import Facts
-from stepdiag.solver.result.result import Result, parse_result
 
 VERSION = 1
 SCHEMA = "schema"
@@ -65,7 +65,7 @@ class Finding(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class Findings(_About, frozen=True, kw_only=True, tag_field=SCHEMA, tag="stepdiag-findings"):
-    """What is to be said of the data of the last result."""
+    """The findings about the data of the last result."""
 
     round: str
     findings: tuple[Finding, ...]
@@ -111,7 +111,7 @@ def topic_of(message: Message | type[Message], survey: Survey, prefix: str) -> s
 
 
 class Watched:
-    """The folder of one survey: what is to be said of it now, a result read anew only where its file has changed."""
+    """The folder of one survey: its messages now, a result read anew only where its file has changed."""
 
     def __init__(self, survey: Survey, folder: Path) -> None:
         self._survey, self._folder = survey, folder
@@ -129,16 +129,16 @@ class Watched:
 
     def now(self) -> tuple[Message, ...]:
         """Return the state, findings and result where they can be read; the state names what is wrong with one that cannot."""
-        last, told, damage, complete, live = None, None, "", False, None
+        last, published, damage, complete, live = None, None, "", False, None
         try:
             live = live_in(self._folder)  # not the lock: to ask for it could keep a daemon that starts right now from getting it
             rounds = round_folders(self._folder)
             last = rounds[-1] if rounds else None
             complete = last is not None and (last / RESULT).is_file()  # a result that comes right now is one of the next look
-            told = self._told_of(last) if last is not None and complete else None
+            published = self._published_of(last) if last is not None and complete else None
         except (StepdiagError, OSError) as error:  # a file cut off by somebody's copy, a share that is away
             damage = str(error)
-        return (self._state(last, live, damage, complete=complete), *(told or ()))
+        return (self._state(last, live, damage, complete=complete), *(published or ()))
 
     def history(self) -> Iterator[tuple[Findings, ResultMessage]]:
         """Yield findings and result of every round, oldest first; what cannot be read is left out."""
@@ -147,8 +147,8 @@ class Watched:
             rounds = round_folders(self._folder)
         for each in rounds:
             with suppress(StepdiagError, OSError):
-                if (told := self._told_of(each)) is not None:
-                    yield told
+                if (published := self._published_of(each)) is not None:
+                    yield published
 
     def _state(self, last: Path | None, live: LiveStatus | None, damage: str, *, complete: bool) -> State:
         return State(
@@ -164,7 +164,7 @@ class Watched:
             damage=damage,
         )
 
-    def _told_of(self, round_: Path) -> tuple[Findings, ResultMessage] | None:
+    def _published_of(self, round_: Path) -> tuple[Findings, ResultMessage] | None:
         path = round_ / RESULT
         if not path.is_file():
             return None
@@ -182,7 +182,7 @@ class Watched:
         facts = result.survey or Facts()
         findings = tuple(msgspec.convert(asdict(each), Finding) for each in result.findings)
         rows = tuple(msgspec.convert(asdict(row), Row) for row in rows_of(result))
-        said = ResultMessage(
+        published = ResultMessage(
             machine=self._machine,
             survey=self._name,
             round=round_,
@@ -193,7 +193,7 @@ class Watched:
             sha256=digest,
             rows=rows,
         )
-        return Findings(machine=self._machine, survey=self._name, round=round_, findings=findings), said
+        return Findings(machine=self._machine, survey=self._name, round=round_, findings=findings), published
 
 
 def _name_of(kind: type[Message]) -> str:

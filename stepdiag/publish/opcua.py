@@ -1,6 +1,6 @@
 """A server of OPC UA: results, state and findings of one survey, to be read by anybody who may connect, and changed by nobody.
 
-Results are offered as OPC 40001-101 says: as variables below ``Results``, by ``GetLatestResult`` and ``GetResultById``, and told by an
+Results are offered as OPC 40001-101 says: as variables below ``Results``, by ``GetLatestResult`` and ``GetResultById``, and announced by an
 event when they are new. The recording runs in a process of its own and knows nothing of this one.
 """
 
@@ -79,8 +79,8 @@ async def _serve(watched: Watched, survey: Survey, endpoint: Endpoint, every_s: 
     stop = stopped_by_signal()
     server = await _prepared(endpoint, doors)
     station = await Station.made(server, survey)
-    for told in watched.history():
-        await station.offer(*told, new=False)
+    for each in watched.history():
+        await station.offer(*each, new=False)
     await station.say(watched)
     stand_back()
     try:
@@ -101,7 +101,7 @@ async def _prepared(endpoint: Endpoint, doors: Doors) -> Server:
     """Return a server that is not started, with its security. Raises UsageError for certificate and key."""
     secure = endpoint.certificate is not None and endpoint.key is not None
     server = bounded(_Users(endpoint.user, endpoint.password, secure=secure), doors)
-    # before the address space is built, which takes most of the start: a file that is wrong is said at once
+    # before the address space is built, which takes most of the start: a file that is wrong is refused at once
     for path, load in ((endpoint.certificate, server.load_certificate), (endpoint.key, server.load_private_key)):
         if path is not None:
             await _loaded(path, load)
@@ -201,8 +201,8 @@ class Station:
         for name, answer in ((GET_LATEST, self._latest), (GET_BY_ID, self._by_id), (RELEASE, self._release)):
             self._server.link_method(await self._nodes.method(name, management.nodeid, own=own), answer)
         # the model's own type of event is abstract: what is sent is of a type below it
-        told = await self._server.get_node(model.id(EVENT_TYPE)).add_object_type(own, "StepdiagResultReadyEventType")
-        self._event = await self._server.get_event_generator(told, management)
+        event = await self._server.get_node(model.id(EVENT_TYPE)).add_object_type(own, "StepdiagResultReadyEventType")
+        self._event = await self._server.get_event_generator(event, management)
 
     async def say(self, watched: Watched) -> None:
         """Write state and findings as they are now, at one moment and of one round, and offer a result that is new."""
@@ -210,29 +210,29 @@ class Station:
         values = {name: getattr(state, name) for name in self._values if name != "findings"}
         offered: list[tuple[Findings, ResultMessage]] = []
         if result:
-            findings, said = result
+            findings, published = result
             assert isinstance(findings, Findings)
-            assert isinstance(said, ResultMessage)
-            offered = [(findings, said)]
+            assert isinstance(published, ResultMessage)
+            offered = [(findings, published)]
             values["findings"] = [msgspec.json.encode(each).decode() for each in findings.findings]
         elif not values["complete"] or values["round"] != self._round:
             values["findings"] = []  # those of another round, or of a result that is gone, are no findings of this one
         self._round, now = values["round"], datetime.now(UTC)
         for name, value in values.items():
             kind = ua.VariantType.Boolean if isinstance(value, bool) else ua.VariantType.String
-            told = ua.Variant(value, kind, is_array=isinstance(value, list))
-            await self._values[name].write_value(ua.DataValue(told, SourceTimestamp=now, ServerTimestamp=now))
-        for findings, said in offered:
-            await self.offer(findings, said, new=True)
+            variant = ua.Variant(value, kind, is_array=isinstance(value, list))
+            await self._values[name].write_value(ua.DataValue(variant, SourceTimestamp=now, ServerTimestamp=now))
+        for findings, published in offered:
+            await self.offer(findings, published, new=True)
 
-    async def offer(self, findings: Findings, said: ResultMessage, *, new: bool) -> None:
+    async def offer(self, findings: Findings, published: ResultMessage, *, new: bool) -> None:
         """Add a result that is not there yet; say so where it is ``new``."""
-        name = result_id(said)
+        name = result_id(published)
         if name in self._results:
             self._results[name] = self._results.pop(name) if new else self._results[name]  # put back as it was: the latest once more
             return
-        meta = self._meta(name, findings, said)
-        content = [ua.Variant(msgspec.json.encode(each).decode(), ua.VariantType.String) for each in (said, findings)]
+        meta = self._meta(name, findings, published)
+        content = [ua.Variant(msgspec.json.encode(each).decode(), ua.VariantType.String) for each in (published, findings)]
         result = self._model.result(ResultMetaData=meta, ResultContent=content)
         self._results[name] = result
         await self._variable(name, result)
@@ -247,16 +247,16 @@ class Station:
             await self._event.trigger(message=f"result {name}")
             _log.info("opcua-result", result=name)
 
-    def _meta(self, name: str, findings: Findings, said: ResultMessage) -> Any:
+    def _meta(self, name: str, findings: Findings, published: ResultMessage) -> Any:
         """Return the meta data: the part is the machine, the job the survey. A calibration has no tolerance: it is not judged OK or not."""
         wrong = sorted({each.code for each in findings.findings if each.severity == "error"})
         evaluation = self._model.evaluation.NotDecidable if wrong else self._model.evaluation.Undefined
-        begun, ended = _moment(said.begun), _moment(said.ended)
+        begun, ended = _moment(published.begun), _moment(published.ended)
         times = self._model.times(StartTime=begun, EndTime=ended) if begun and ended else None
         details = ua.LocalizedText(", ".join(wrong)) if wrong else None
         return self._model.meta(
-            ResultId=name, HasTransferableDataOnFile=False, IsPartial=False, PartId=said.machine, JobId=said.survey, CreationTime=ended,
-            ProcessingTimes=times, ResultEvaluation=evaluation, ResultEvaluationDetails=details,
+            ResultId=name, HasTransferableDataOnFile=False, IsPartial=False, PartId=published.machine, JobId=published.survey,
+            CreationTime=ended, ProcessingTimes=times, ResultEvaluation=evaluation, ResultEvaluationDetails=details,
         )  # fmt: skip
 
     async def _variable(self, name: str, result: Any) -> None:
@@ -301,9 +301,9 @@ class Station:
         ]
 
 
-def result_id(said: ResultMessage) -> str:
+def result_id(published: ResultMessage) -> str:
     """Return the name of a result, another one for another file: MACHINE/SURVEY/ROUND/HASH."""
-    return "/".join((said.machine, said.survey, said.round, said.sha256[:16]))
+    return "/".join((published.machine, published.survey, published.round, published.sha256[:16]))
 
 
 def _members(meta: Any) -> list[tuple[str, Any]]:

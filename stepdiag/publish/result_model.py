@@ -189,10 +189,10 @@ class Nodes:
         for at, what, arguments in ((number_in, "InputArguments", given), (number_out, "OutputArguments", returned)):
             place, named = ua.NodeId(0, own) if own else self._model.id(at), ua.QualifiedName(what, 0)
             of_type = MANDATORY if rule else 0
-            told = await self.add(
+            method = await self.add(
                 ua.NodeClass.Variable, place, named, node.nodeid, 46, ua.NodeId(296), kind=ua.NodeId(68), rule=of_type, array=True
             )  # fmt: skip
-            await told.write_value([self._argument(*each) for each in arguments])
+            await method.write_value([self._argument(*each) for each in arguments])
         return node
 
     def _argument(self, name: str, kind: int) -> ua.Argument:
@@ -255,8 +255,8 @@ async def _let_subtypes_in(server: Server, index: int) -> None:
     await server.get_node(ua.NodeId(_RESULT, index)).write_data_type_definition(defined)
 
 
-async def _structure(server: Server, index: int, told: tuple[int, int, str], fields: list[ua.StructureField]) -> None:
-    number, encoding, name = told
+async def _structure(server: Server, index: int, identity: tuple[int, int, str], fields: list[ua.StructureField]) -> None:
+    number, encoding, name = identity
     node = await create_data_type(server.nodes.base_structure_type, ua.NodeId(number, index), ua.QualifiedName(name, index))
     binary = await create_encoding(node, ua.NodeId(encoding, index), ua.QualifiedName("Default Binary", 0))
     defined = ua.StructureDefinition()

@@ -212,7 +212,7 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
         raise ServiceError(ua.StatusCodes.BadHistoryOperationUnsupported)
 
     async def create_subscription(self, params: Any, callback: Callable[..., Any], request_callback: Any = None) -> Any:
-        """Subscribe, not too often and not to be told too often."""
+        """Subscribe, not too often and not to be informed too often."""
         if len(self._own()) >= MOST_OF_A_SESSION:
             raise ServiceError(ua.StatusCodes.BadTooManySubscriptions)
         asked = params.RequestedPublishingInterval
@@ -260,7 +260,7 @@ class BoundedSession(InternalSession):  # type: ignore[misc]
         return await super().set_monitoring_mode(params)
 
     async def set_publishing_mode(self, params: Any) -> Any:
-        """Be told, or not for a while."""
+        """Take an answer, or none for a while."""
         params.SubscriptionIds = self._own_of(params.SubscriptionIds)
         return await super().set_publishing_mode(params)
 
@@ -331,7 +331,7 @@ _unpacked = ua_binary.unpack_uatype_array
 
 
 def _array(kind: Any, data: Any) -> Any:
-    """Unpack an array as the library does, but none of nothing: two billion elements of it would be said in five bytes."""
+    """Unpack an array as the library does, but none of nothing: two billion elements of it would fit five bytes."""
     if kind is ua.VariantType.Null:
         raise ua.UaError("an array of nothing")
     return _unpacked(kind, data)

@@ -2,13 +2,13 @@
 
 from collections.abc import Mapping, Sequence
 
+from stepdiag.base.result.result import Quantity, Result
 from stepdiag.conclusion import Conclusion
 from stepdiag.report import certificate
 from stepdiag.report.certificate import AsLeft, Letterhead
 from stepdiag.report.document import Report, localised_document, page_parts, template
 from stepdiag.report.exported import Exported
 from stepdiag.report.sections import Table, shown
-from stepdiag.solver.result.result import Quantity, Result
 from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language, catalogue
 
@@ -23,13 +23,13 @@ def build_as_left(
     letterhead: Letterhead | None = None,
     language: Language = "en",
 ) -> Report:
-    """Return the page; ``concluded`` is what was said of the machine before, ``exported`` are the files that were loaded."""
+    """Return the page; ``concluded`` is the conclusion about the machine before, ``exported`` are the files that were loaded."""
     words = {**catalogue("common", language), **catalogue("report", language)}
     html = template("as_left.html").render(
         **page_parts(), language=language, words=words, source=before.source, result=after, left=left, exported=exported,
         facts=certificate.facts_table(after, words), effect=certificate.effect_table(concluded, left, words),
         changes=_changes(before, after, words), letterhead=letterhead or Letterhead(),
-        said=lambda text: translated(text, language) if language != "en" else text,
+        shown=lambda text: translated(text, language) if language != "en" else text,
     )  # fmt: skip
     return Report(html=localised_document(html, language), figures=())
 

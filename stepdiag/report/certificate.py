@@ -6,15 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
+from stepdiag.base.compensation import stated_in
 from stepdiag.base.errors import UsageError
 from stepdiag.base.files import read_bytes, read_text
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import Result
 from stepdiag.base.settings import read_toml
 from stepdiag.conclusion import Conclusion, Reach
-from stepdiag.exporters.safety.compensation import stated_in
 from stepdiag.report.sections import Table, shown
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.members import Facts
-from stepdiag.solver.result.result import Result
 
 FACTS = (
     "customer", "machine", "machine_serial", "survey", "begun", "ended", "date", "operator", "workpiece",
@@ -37,16 +37,16 @@ class Letterhead:
 
 def read_letterhead(path: Path) -> Letterhead:
     """Return the letterhead in a settings file: ``company``, ``address``, ``logo`` (a picture beside it). Raises UsageError."""
-    said = read_toml(read_text(path), str(path))
-    unknown = sorted(said.keys() - {"company", "address", "logo"})
-    if unknown or not all(isinstance(said.get(name, ""), str) for name in ("company", "address", "logo")):
+    fields = read_toml(read_text(path), str(path))
+    unknown = sorted(fields.keys() - {"company", "address", "logo"})
+    if unknown or not all(isinstance(fields.get(name, ""), str) for name in ("company", "address", "logo")):
         raise UsageError(
             str(path), expected='texts "company", "address" and "logo"', found=", ".join(unknown) or "something else than text"
         )
-    logo = said.get("logo", "")
+    logo = fields.get("logo", "")
     return Letterhead(
-        company=said.get("company", ""),
-        address=tuple(said.get("address", "").splitlines()),
+        company=fields.get("company", ""),
+        address=tuple(fields.get("address", "").splitlines()),
         logo=_picture(path.parent / logo) if logo else "",
     )
 

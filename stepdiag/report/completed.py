@@ -3,15 +3,15 @@
 from pathlib import Path
 
 from stepdiag.base.files import write_once
+from stepdiag.base.readings.readings import parse_readings
+from stepdiag.completion.completion import Completed
 from stepdiag.conclusion import Conclusion, Export, conclude, conclusion_json, export_of
 from stepdiag.daq.records.survey_folder import CONCLUSION, READINGS, RESULT
-from stepdiag.daq.service.completion import Completed
 from stepdiag.report.document import build_report
 from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.exported import exported_of
 from stepdiag.report.logs import logs_beside
 from stepdiag.report.output import write_report
-from stepdiag.solver.readings.readings import parse_readings
 
 
 def write_completed_report(done: Completed) -> Path:

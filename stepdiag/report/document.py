@@ -10,6 +10,9 @@ from importlib.resources import files
 
 import jinja2
 
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.members import StandardFigures
+from stepdiag.base.result.result import Result
 from stepdiag.conclusion import Conclusion, conclude, conclusion_document, titles_of, words_of
 from stepdiag.report import certificate, measured, sections
 from stepdiag.report.certificate import AsLeft, Letterhead
@@ -26,9 +29,6 @@ from stepdiag.solver.methods import standard_figures
 from stepdiag.solver.methods.lengths import at_their_temperature
 from stepdiag.solver.model.layout import Layout
 from stepdiag.solver.model.reported import SCALE_SUM
-from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.members import StandardFigures
-from stepdiag.solver.result.result import Result
 from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language, catalogue, localised
 
@@ -96,7 +96,7 @@ def build_report(  # noqa: PLR0913  # what a report is made of
         **page_parts(), **tables, **figures, language=language, words=words, source=source, result=result, exported=exported,
         unidentified=sections.unidentified(result, words), remarks=sections.remarks(result, words, language),
         concluded=words_of(conclusion_document(known), language), titles=titles_of(language), predicted=correction is not None,
-        letterhead=letterhead or Letterhead(), left=left, said=lambda text: translated(text, language) if language != "en" else text,
+        letterhead=letterhead or Letterhead(), left=left, shown=lambda text: translated(text, language) if language != "en" else text,
     )  # fmt: skip
     return Report(html=localised_document(html, language), figures=tuple(figure for group in figures.values() for figure in group))
 

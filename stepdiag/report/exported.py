@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 
+from stepdiag.base.result.result import Result
 from stepdiag.conclusion import Export, export_of, harmed_in, reach_of
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
@@ -17,7 +18,6 @@ from stepdiag.exporters.safety.verify import controller_for, verify_files
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
 from stepdiag.report.drawings.figures import Correction
-from stepdiag.solver.result.result import Result
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

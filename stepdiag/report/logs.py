@@ -21,4 +21,4 @@ def logs_beside(folder: Path) -> tuple[Recorded, ...]:
 
 def logs_table(logs: Sequence[Recorded], words: Mapping[str, str]) -> Table | None:
     """Return the logs as a table; None where there are none."""
-    return Table(header=(words["file"], "SHA-256"), rows=[(name, said or words["damaged"]) for name, said in logs]) if logs else None
+    return Table(header=(words["file"], "SHA-256"), rows=[(name, digest or words["damaged"]) for name, digest in logs]) if logs else None

@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.result import Result
 from stepdiag.report.drawings import charts
 from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table
 from stepdiag.solver.methods.standard_figures import way_mm
 from stepdiag.solver.model.layout import Layout, lay_out
-from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.result import Result
 
 
 def layout_of(readings: Readings, result: Result) -> Layout:

@@ -67,8 +67,8 @@ def print_pdf(document: Path) -> Path:
                 program, expected=f"a PDF within {PRINT_TIMEOUT_S:.0f} s", found="none", remedy="print the HTML from any browser"
             ) from why
         if not draft.is_file():
-            said = done.stderr.decode(errors="replace").strip().splitlines()
-            found = said[-1] if said else f"exit code {done.returncode}"
+            lines = done.stderr.decode(errors="replace").strip().splitlines()
+            found = lines[-1] if lines else f"exit code {done.returncode}"
             raise DeviceError(program, expected="a PDF", found=found, remedy="print the HTML from any browser")
         write_atomically(target, draft.read_bytes())
     return target

@@ -7,14 +7,15 @@ from typing import Any
 import numpy as np
 
 from stepdiag.base.findings import in_words
-from stepdiag.solver.readings.readings import Readings
-from stepdiag.solver.result.basis import basis_of
-from stepdiag.solver.result.interval import decimals_of
-from stepdiag.solver.result.members import Drift, Lengths, StandardFigures
-from stepdiag.solver.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
-from stepdiag.solver.result.typed import written
+from stepdiag.base.readings.readings import Readings
+from stepdiag.base.result.basis import basis_of
+from stepdiag.base.result.interval import decimals_of
+from stepdiag.base.result.members import Drift, Lengths, StandardFigures
+from stepdiag.base.result.result import AXIS_LETTERS, DISPLACEMENTS, ROTATIONS, Result
+from stepdiag.base.result.typed import written
 from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
-from stepdiag.texts.texts import Language, finding_advice
+from stepdiag.texts.explained import finding_advice
+from stepdiag.texts.texts import Language
 
 Standards = Mapping[str, Sequence[StandardFigures]]
 SETUP_COLUMNS = ("kind", "passes", "stops", "tilt_mrad", "drift", "repeatability_um", "residual_um", "noise_um")
@@ -75,8 +76,8 @@ def conditions_table(result: Result, readings: Readings | None, words: Mapping[s
     """Return the conditions of the survey: what the result carries under ``conditions``, and what the readings say."""
     flat = [] if result.conditions is None else _leaves(written(result.conditions))
     rows = [(_readable(name), _from_to(value)) for name, value in flat[:MOST_ROWS]]
-    told = "material_temperature_c" in dict(flat)
-    if readings is not None and not told and np.isfinite(readings.temperature_c).any():
+    measured = "material_temperature_c" in dict(flat)
+    if readings is not None and not measured and np.isfinite(readings.temperature_c).any():
         low, high = float(np.nanmin(readings.temperature_c)), float(np.nanmax(readings.temperature_c))
         rows.append((f"{words['material_temperature']} / °C", _from_to([low, high])))
     if readings is not None and np.isfinite(readings.time_s).any():
@@ -160,11 +161,11 @@ def lengths_table(result: Result, words: Mapping[str, str]) -> Table | None:
     return Table(header=header, rows=[(axis, *(cells[name].get(axis, shown(None)) for name in names)) for axis in AXIS_LETTERS])
 
 
-def positioning_table(standards: Standards, words: Mapping[str, str], said: Callable[[str], str] = str) -> Table | None:
+def positioning_table(standards: Standards, words: Mapping[str, str], in_words: Callable[[str], str] = str) -> Table | None:
     """Return the figures along the axes and along the diagonals, one row a setup, each with its U where that is known (k = 2).
 
     ``standards`` is the entry of the result; columns that nothing is known of are left out. Of which lengths a
-    figure is stands in its row only where they differ (`positioning_lengths`); ``said`` puts the name of a
+    figure is stands in its row only where they differ (`positioning_lengths`); ``in_words`` puts the name of a
     standard into the words' language.
     """
     first = {name: found[0] for name, found in standards.items() if found}
@@ -175,7 +176,7 @@ def positioning_table(standards: Standards, words: Mapping[str, str], said: Call
     rows = [
         (
             name,
-            ", ".join(filter(None, (said(facts.standard), "" if once else _lengths(facts, words)))),
+            ", ".join(filter(None, (in_words(facts.standard), "" if once else _lengths(facts, words)))),
             shown(facts.runs),
             *(_with_u(facts, figure) for figure in known),
         )
@@ -190,8 +191,8 @@ def positioning_table(standards: Standards, words: Mapping[str, str], said: Call
 
 def positioning_lengths(standards: Standards, words: Mapping[str, str]) -> str:
     """Return of which lengths all figures along axes and diagonals are; empty where that is not said, or not the same of all."""
-    said = {text for found in standards.values() if found and (text := _lengths(found[0], words))}
-    return said.pop() if len(said) == 1 else ""
+    lengths = {text for found in standards.values() if found and (text := _lengths(found[0], words))}
+    return lengths.pop() if len(lengths) == 1 else ""
 
 
 def _lengths(facts: StandardFigures, words: Mapping[str, str]) -> str:

@@ -13,7 +13,7 @@ INTERRUPTED = 130
 
 
 @contextmanager
-def refusals_said() -> Iterator[None]:
+def refusals_shown() -> Iterator[None]:
     """Say a refusal on standard error and leave with the exit code of its cause."""
     try:
         yield
@@ -26,7 +26,7 @@ def refusals_said() -> Iterator[None]:
 
 
 @contextmanager
-def failed_writing_said() -> Iterator[None]:
+def failed_writing_shown() -> Iterator[None]:
     """Make a refusal of what the system does not let a command write or read: a full disk, no right, a terminal without the letter.
 
     Not around the daemon: what the system refuses it for a while is no wrong usage.

@@ -9,8 +9,8 @@ from rich.table import Table
 from rich.text import Text
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.exporters.safety.verify import Prediction
-from stepdiag.solver.result.result import DISPLACEMENTS, Function, Result
 from stepdiag.solver.standards.iso230_uncertainty import COVERAGE
 from stepdiag.terminal.printable import printable
 

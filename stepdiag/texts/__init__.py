@@ -3,6 +3,7 @@
 In: a key, a code. Out: patterns and sentences. Imported by every floor; imports none.
 """
 
-from stepdiag.texts.texts import LANGUAGES, Language, catalogue, finding_advice, localised
+from stepdiag.texts.explained import finding_advice
+from stepdiag.texts.texts import LANGUAGES, Language, catalogue, localised
 
 __all__ = ["LANGUAGES", "Language", "catalogue", "finding_advice", "localised"]

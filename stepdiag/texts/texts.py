@@ -1,16 +1,14 @@
-"""Every word that the page and the report show, in English and German, from one catalogue."""
+"""Every word that the page and the report show, in English and German, from one catalogue; findings stand in `texts.explained`."""
 
 import re
 import tomllib
 from functools import cache
 from importlib.resources import files
-from typing import Literal, cast, get_args
+from typing import Literal, get_args
 
 Language = Literal["en", "de"]
-Action = Literal["repeat", "accept", "mend-wiring", "mend-file", "choose", "know"]
-"""What a person does about a finding."""
 LANGUAGES: tuple[Language, ...] = get_args(Language)
-SECTIONS = ("common", "conclusion", "report", "page", "fleet", "finding", "finding_place", "sentence")
+SECTIONS = ("common", "conclusion", "report", "page", "fleet", "finding_place", "sentence")
 _POINT = re.compile(r"(?<![\w.])(\d+)\.(\d+)(?!\.?\w)")
 
 
@@ -24,18 +22,6 @@ def _entries() -> dict[str, dict[str, dict[str, str]]]:
 def catalogue(section: str, language: Language) -> dict[str, str]:
     """Return key -> words of one section (one of `SECTIONS`)."""
     return {key: words[language] for key, words in _entries()[section].items()}
-
-
-def finding_advice(code: str, language: Language) -> str:
-    """Return what a finding means and what to do about it; empty for a code that the catalogue does not know."""
-    words = _entries()["finding"].get(code)
-    return words[language] if words else ""
-
-
-def finding_action(code: str) -> Action | None:
-    """Return what a person does about a finding; None for a code of an export, which is not in the catalogue."""
-    words = _entries()["finding"].get(code)
-    return cast("Action", words["action"]) if words else None
 
 
 def localised(text: str, language: Language) -> str:

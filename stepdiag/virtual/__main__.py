@@ -21,7 +21,7 @@ from stepdiag.virtual.bench.config import BenchConfig, read_config
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """Run a bench until it is told to quit; return the exit code (2: wrong configuration)."""
+    """Run a bench until it receives quit; return the exit code (2: wrong configuration)."""
     options = _parse(arguments)
     options.directory.mkdir(parents=True, exist_ok=True)
     done = threading.Event()
@@ -33,7 +33,7 @@ def main(arguments: list[str] | None = None) -> int:
     except ValueError as error:
         sys.stderr.write(f"{options.config}: {error}\n")
         return 2
-    # the devices can be reached from here on, and what the program does from here on is told after this line
+    # the devices can be reached from here on, and every line about the program stands after this one
     _print({"event": "ready", **bench.addresses})
     with bench:
         threading.Thread(target=_listen, args=(bench, done), name="commands", daemon=True).start()

@@ -13,15 +13,16 @@ import pytest
 from stepdiag.base.csv_table import read_table
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.files import read_bytes
+from stepdiag.base.readings.readings import parse_readings
+from stepdiag.base.readings.runs import Plan, Run
+from stepdiag.base.result.result import parse_result
 from stepdiag.base.settings import read_toml
-from stepdiag.daq.head.commissioning import compare_curves, parse_curves
-from stepdiag.daq.head.record import read_head_csv
+from stepdiag.completion.completion import complete
 from stepdiag.daq.links.ports.address import host_and_port, network_line
 from stepdiag.daq.log.codec import decode
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.topics import BLOCK_TOPIC, RAW_TOPICS
 from stepdiag.daq.recording.rounds import latest_round, noted_stops, round_folders
-from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.assumed import parse_uncertainty
 from stepdiag.daq.survey.bundle import bundle_from_run, read_bundle
 from stepdiag.daq.survey.file import load_survey, parse_survey
@@ -31,13 +32,12 @@ from stepdiag.exporters.profiles.file import load_profile, parse_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS
 from stepdiag.exporters.programs.signals import LONGEST_TEXT, Signals
 from stepdiag.exporters.tables import lattice
+from stepdiag.fourdof.commissioning import compare_curves, parse_curves
+from stepdiag.fourdof.record import read_head_csv
 from stepdiag.solver.fourdof.commissioning import Standstill, signs_and_lever
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.solver.planning.planner import Circumstances, forecast
-from stepdiag.solver.planning.runs import Plan, Run
-from stepdiag.solver.readings.readings import parse_readings
-from stepdiag.solver.result.result import parse_result
 from testkit.exact.machines import EOB, MACHINES, profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
 from testkit.exact.surveys import Bench
@@ -444,4 +444,4 @@ def test_positions_that_no_control_knows_apart_do_not_rise(tmp_path):
     assert changed != door.files[door.wrong]
     (tmp_path / "here").mkdir()
     told = door.with_text(changed).go_through(tmp_path / "here")
-    assert (told.code, "grid-not-ascending" in told.refusal + told.out) == (5, True), told
+    assert (told.code, "grid-unfit" in told.refusal + told.out) == (5, True), told

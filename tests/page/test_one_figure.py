@@ -8,11 +8,11 @@ from pathlib import Path
 import pytest
 from playwright.sync_api import Browser, expect
 
-from stepdiag.daq.service.completion import Completed
+from stepdiag.base.readings.readings import render_readings
+from stepdiag.completion.completion import Completed
 from stepdiag.exporters.export.export import export
 from stepdiag.report.completed import write_completed_report
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import render_readings
 from testkit.browser import Watched
 from testkit.cli import stepdiag
 from testkit.exact.surveys import Bench

@@ -9,6 +9,7 @@ import numpy as np
 import pypdfium2 as pdfium
 import pytest
 
+from stepdiag.base.result.result import Result
 from stepdiag.conclusion import conclude
 from stepdiag.exporters.export.export import export
 from stepdiag.report.as_left import build_as_left
@@ -17,7 +18,6 @@ from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_of
 from stepdiag.report.output import print_pdf, write_report
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.result.result import Result
 from stepdiag.texts.texts import LANGUAGES, Language, catalogue
 from testkit.exact.madeup import made_up_result
 from testkit.exact.members import members

@@ -17,7 +17,7 @@ from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.records.status import DriveStatus, FindingStatus, LinkStatus, SetupStatus, Snapshot
 from stepdiag.daq.service.geometry import geometry
 from stepdiag.page.stage import Say, headline
-from stepdiag.page.view import FAST_FIELDS, SLOW_FIELDS, TOLD, grouped, now_view, survey_view
+from stepdiag.page.view import FAST_FIELDS, SHAPED, SLOW_FIELDS, grouped, now_view, survey_view
 from stepdiag.texts import LANGUAGES, catalogue
 from testkit.browser import Watched, violations
 from testkit.exact.madeup import VOLUME
@@ -131,7 +131,7 @@ def test_the_set_up_names_the_next_hand(tmp_path: Path, setup: str, program: str
 def test_every_field_of_a_snapshot_is_told_once() -> None:
     """The two events together hold the whole snapshot, but for what they tell in another form."""
     assert not set(FAST_FIELDS) & set(SLOW_FIELDS)
-    assert set(FAST_FIELDS) | set(SLOW_FIELDS) | TOLD == set(Snapshot.__struct_fields__)
+    assert set(FAST_FIELDS) | set(SLOW_FIELDS) | SHAPED == set(Snapshot.__struct_fields__)
 
 
 @pytest.mark.parametrize("order", ["xyz", "zyx", "yxz"])

@@ -4,11 +4,11 @@ from dataclasses import asdict, replace
 
 import numpy as np
 
+from stepdiag.base.readings.readings import Readings, make_readings, parse_readings, render_readings
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings
 from stepdiag.base.setups import setup_of
 from stepdiag.base.volume import Volume
 from stepdiag.solver.model.angles import render_angles
-from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
-from stepdiag.solver.readings.readings import Readings, make_readings, parse_readings, render_readings
 from testkit.exact.straightness import STRAIGHT, straightness
 from testkit.exact.surveys import DATA, DIAGONALS, LINEAR, Bench
 

@@ -111,7 +111,7 @@ def judge_step(route: Route, from_stop: int, to_stop: int, measured_mm: float, a
     if agrees(measured_mm, 0.0):
         return message("no-move", moved_mm=measured_mm, wanted_mm=nominal)
     if to_stop + 1 < len(route) and agrees(measured_mm, route.step_mm(from_stop, to_stop + 1)):
-        return message("missing-stop", moved_mm=measured_mm, wanted_mm=nominal, after_mm=route.step_mm(from_stop, to_stop + 1))
+        return message("stop-missing.sequence", moved_mm=measured_mm, wanted_mm=nominal, after_mm=route.step_mm(from_stop, to_stop + 1))
     if other := _other_axis(route, to_stop, measured_mm):
         axes = {"other": other.upper(), "axis": route.axis_to(to_stop).upper()}
         return message("wrong-axis-order", moved_mm=measured_mm, wanted_mm=nominal, **axes)

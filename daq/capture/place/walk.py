@@ -250,7 +250,7 @@ class Walk:
             index = self.expected + steps - 1
             missed = message("stop-missed", before=self._last_count, now=count, missed=steps - 1)
             return index, [self.finding("warning", self.expected, missed)]
-        back = message("count-reset", before=self._last_count, now=count, most=COUNT_MODULUS - 1)
+        back = message("count-disagrees.anew", before=self._last_count, now=count, most=COUNT_MODULUS - 1)
         return self.expected, [self.finding("warning", self.expected, back)]
 
 

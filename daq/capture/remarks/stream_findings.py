@@ -4,7 +4,7 @@ import re
 from collections.abc import Sequence
 
 from stepdiag.base.findings import Severity, finding
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.capture.outcome import Outcome
 from stepdiag.daq.records.events import Link, Stream
 from stepdiag.daq.timing.samples import Notice
@@ -20,6 +20,10 @@ STREAMS: dict[Link, Message] = {
     "machine": message("stream-machine"),
 }
 KINDS: dict[str, Severity] = {"garbage": "warning", "gap": "warning", "restart": "warning", "device": "info"}
+
+
+CODES = {"garbage": "bytes-garbled", "gap": "samples-missing", "restart": "instrument-restart", "device": "instrument-reports"}
+"""The code of each kind of notice, whatever the instrument."""
 
 
 class StreamRemarks:
@@ -42,18 +46,18 @@ class StreamRemarks:
             for notice in buffer.heard():
                 self._say(stream, notice, outcomes)
 
-    def lost(self, link: Link, causes: Sequence[Said], outcomes: list[Outcome]) -> None:
+    def lost(self, link: Link, causes: Sequence[Words], outcomes: list[Outcome]) -> None:
         """Report where bytes were lost on the way, each cause once a log: how often it came is the link's own matter."""
         for cause in causes:
             kind = f"{link} lost: {cause.key if isinstance(cause, Message) else _FIGURES.sub('', cause)}"
             if kind not in self._said:
                 self._said.add(kind)
                 lost = message("bytes-were-lost", stream=STREAMS[link], cause=cause)
-                outcomes.append(finding("warning", lost, code=f"{link}-bytes-lost"))
+                outcomes.append(finding("warning", lost, code="bytes-lost"))
 
     def _say(self, stream: Stream, notice: Notice, outcomes: list[Outcome]) -> None:
         said = f"{stream}: {notice.why if notice.code == 'device' else notice.code}"
         if notice.code in KINDS and said not in self._said:
             self._said.add(said)
             what = message("of-stream", stream=STREAMS[stream], what=notice.why)
-            outcomes.append(finding(KINDS[notice.code], what, code=f"{stream}-{notice.code}"))
+            outcomes.append(finding(KINDS[notice.code], what, code=CODES[notice.code]))

@@ -48,10 +48,10 @@ def unchecked(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, .
     if survey.plc.silent:
         return (finding("warning", message("no-signals", whys=list(_without_signals(survey)))), *assumed(survey, without))
     texts = list(_without_position(survey)) if not places_known(survey) else []
-    missing = [said for name, said in OF_THE_STOPS.items() if name not in survey.plc.said]
-    findings = [finding("warning", message("position-unchecked", whys=texts))] if texts else []
-    if "setup" not in survey.plc.said and len(_diagonals(survey)) > 1:
-        text = message("setup-unchecked")
+    missing = [said for name, said in OF_THE_STOPS.items() if name not in survey.plc.signal_names]
+    findings = [finding("warning", message("signals-absent.position", whys=texts))] if texts else []
+    if "setup" not in survey.plc.signal_names and len(_diagonals(survey)) > 1:
+        text = message("signals-absent.setup")
         findings.append(finding("warning", text))
     if missing:
         findings.append(finding("info", message("signals-absent", whys=missing)))
@@ -62,13 +62,13 @@ def assumed(survey: Survey, without: Collection[str] = ()) -> tuple[Finding, ...
     """Return which conditions nobody measures although the readings depend on them; nothing where a person states them as fixed."""
     if survey.environment.source == "fixed":
         return ()
-    told = (*survey.plc.said, *promised(survey))
+    told = (*survey.plc.signal_names, *promised(survey))
     needed = needed_conditions(survey)
     unsaid = [name for name in needed if name not in told and name not in without]
     values = [message("condition-value", name=CONDITIONS[name], value=getattr(survey.environment, name)) for name in unsaid]
     if not values:
         return ()
-    text = message("air-assumed", values=values)
+    text = message("air-unknown.plan", values=values)
     return (finding("warning", text),)
 
 
@@ -87,7 +87,7 @@ def _without_signals(survey: Survey) -> Iterator[Message]:
 def _without_position(survey: Survey) -> Iterator[Message]:
     yield message("unseen-position")
     yield message("unseen-elsewhere")
-    if "setup" in survey.plc.said and len(_diagonals(survey)) > 1:
+    if "setup" in survey.plc.signal_names and len(_diagonals(survey)) > 1:
         yield message("unseen-diagonal")
     alike = _alike(survey)
     if alike:

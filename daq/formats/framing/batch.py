@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.messages import Said
+from stepdiag.base.messages import Words
 from stepdiag.daq.formats.framing.counter import Break
 from stepdiag.daq.timing.samples import Flag, Notice, NoticeCode, Samples
 
@@ -37,7 +37,7 @@ class Batch:
             self._channels.append(channels)
         self.count += len(counter)
 
-    def note(self, code: NoticeCode, why: Said = "", *, value: float | None = None, name: str = "", index: int | None = None) -> None:
+    def note(self, code: NoticeCode, why: Words = "", *, value: float | None = None, name: str = "", index: int | None = None) -> None:
         """Add a remark before the next sample, or before the one at ``index``; the rest as in `Notice`."""
         self.notices.append(Notice(code=code, index=self.count if index is None else index, why=why, value=value, name=name))
 

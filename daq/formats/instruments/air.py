@@ -56,7 +56,7 @@ class AirSettings:
 
 
 @cache
-def told_by(pattern: str) -> tuple[str, ...]:
+def quantities_in(pattern: str) -> tuple[str, ...]:
     """Return what a line of this pattern tells, in the order of `TOLD`."""
     groups = line_pattern(pattern, "survey: environment.sensor.pattern").groupindex
     return tuple(name for name in TOLD if name in groups)

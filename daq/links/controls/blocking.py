@@ -16,7 +16,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.links.controls.modbus_errors import LostConnectionError, RefusedRequestError, StaleAnswerError
 from stepdiag.daq.links.ports.lateness import Lateness
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
@@ -177,7 +177,7 @@ def hang_up(connection: socket.socket | None) -> None:
             connection.shutdown(socket.SHUT_RDWR)
 
 
-def unreachable(error: OSError, waited_s: float, protocol: Said, firewall: Message) -> tuple[Said, Message]:
+def unreachable(error: OSError, waited_s: float, protocol: Words, firewall: Message) -> tuple[Words, Message]:
     """Return what was found instead of a connection, and what to do about it."""
     if isinstance(error, socket.gaierror):
         return message("found-no-name"), message("do-plc-host")

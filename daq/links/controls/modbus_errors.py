@@ -9,7 +9,7 @@ DeviceError
 """
 
 from stepdiag.base.errors import DeviceError
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 
 
 class LostConnectionError(DeviceError):
@@ -54,7 +54,7 @@ def refusal(device: str, what: Message, code: int) -> RefusedRequestError:
     )
 
 
-def silence(device: str, timeout_s: float, *, serial: bool, late: Said = "") -> SilentDeviceError:
+def silence(device: str, timeout_s: float, *, serial: bool, late: Words = "") -> SilentDeviceError:
     """Return the error for an answer that did not come; ``late`` says that answers do come, after that time."""
     if late:
         return SilentDeviceError(device, expected=message("expects-answer", seconds_s=timeout_s), found=message("none-yet"), remedy=late)
@@ -81,7 +81,7 @@ def lost(device: str) -> LostConnectionError:
     return LostConnectionError(device, expected=message("expects-lasting"), found=message("found-ended"), remedy=message("do-itself"))
 
 
-def stale(device: str, late: Said = "") -> StaleAnswerError:
+def stale(device: str, late: Words = "") -> StaleAnswerError:
     """Return the error for an answer that belongs to another request; ``late`` says by how much answers are late."""
     remedy = late or message("do-timeout")
     return StaleAnswerError(device, expected=message("expects-this-answer"), found=message("found-earlier"), remedy=remedy)

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 import structlog
 
-from stepdiag.base.messages import Said, joined
+from stepdiag.base.messages import Words, joined
 from stepdiag.daq.links.controls.machine import MachineLink, MachineSettings, open_machine
 from stepdiag.daq.links.controls.modbus_errors import RefusedRequestError, SilentDeviceError, StaleAnswerError
 from stepdiag.daq.links.reconnect import Report, raise_if_cancelled
@@ -32,7 +32,7 @@ class MachinePoller:
         ranges: Sequence[ReadRange],
         period_s: float,
         on_block: Callable[[ModbusBlock], None],
-        on_written: Callable[[Said], None] = lambda _: None,
+        on_written: Callable[[Words], None] = lambda _: None,
     ) -> None:
         self._settings = settings
         self._ranges = tuple(ranges)
@@ -105,7 +105,7 @@ class MachinePoller:
         pending = self._pending
         if pending is None:
             return
-        refused: Said = ""
+        refused: Words = ""
         try:
             await link.write_word(*pending)
         except RefusedRequestError as error:
@@ -121,7 +121,7 @@ def _end(rest: asyncio.Future[None] | None) -> None:
         rest.set_result(None)
 
 
-def _describe(link: MachineLink, settings: MachineSettings) -> Said:
+def _describe(link: MachineLink, settings: MachineSettings) -> Words:
     """Return the address, what is refused of the block, and how late it answers."""
     late = link.lateness.words
     return joined([settings.address, *(error.message for error in link.refusals.values()), *([late] if late else [])])

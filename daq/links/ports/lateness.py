@@ -3,7 +3,7 @@
 import time
 from collections.abc import Callable
 
-from stepdiag.base.messages import Said, message
+from stepdiag.base.messages import Words, message
 
 TRANSACTIONS_KEPT = 64
 
@@ -49,6 +49,6 @@ class Lateness:
             self.after_s = max(self.after_s, self._heard_s - self._missed_s)
 
     @property
-    def words(self) -> Said:
+    def words(self) -> Words:
         """Return what to do about late answers; empty while none was seen."""
         return message("answers-late", after_s=self.after_s) if self.after_s else ""

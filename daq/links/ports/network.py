@@ -13,7 +13,7 @@ import struct
 import time
 
 from stepdiag.base.errors import DeviceError
-from stepdiag.base.messages import Message, Said, message
+from stepdiag.base.messages import Message, Words, message
 from stepdiag.daq.links.ports.address import NetworkLine
 from stepdiag.daq.links.ports.device import BUSY_WAIT_S, LARGEST_READ, Device, LossKind, SerialSettings
 from stepdiag.daq.links.ports.rfc2217 import ComPort
@@ -157,7 +157,7 @@ def _heard(codec: ComPort, other: bytes) -> Message:
     return message("found-other-bytes", bytes=f"{other.hex(' ')} ...") if other else message("found-silence-for", seconds_s=AGREE_S)
 
 
-def _no_rfc2217(name: str, found: Said) -> DeviceError:
+def _no_rfc2217(name: str, found: Words) -> DeviceError:
     remedy = message("do-socket")
     return DeviceError(message("where-port", name=name), expected=message("expects-rfc2217"), found=found, remedy=remedy)
 

@@ -84,11 +84,11 @@ class TableCase:
         moved = mean_correction_um(self.together, points) - mean_correction_um(self.before, points)
         return np.asarray(moved[:, axis].reshape(NODES, NODES, NODES))
 
-    def says(self, code: Code, said: Message, factor: float | None = None) -> Judgement:
+    def says(self, code: Code, words: Message, factor: float | None = None) -> Judgement:
         return Judgement(
             function=self.table.name,
             table=self.table,
             code=code,
-            said=message("of-table", label=self.table.label, said=said),
+            words=message("of-table", label=self.table.label, what=words),
             factor=factor,
         )

@@ -10,9 +10,9 @@ import numpy as np
 
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
-from stepdiag.base.volume import Vector, Volume
+from stepdiag.base.volume import Vector, Volume, rms
 from stepdiag.exporters.safety.verdicts.case import TableCase
-from stepdiag.exporters.safety.verdicts.measures import ALIKE, POINTS, SAME, SIZED, SPIKE, SURE_UM, centred, rms
+from stepdiag.exporters.safety.verdicts.measures import ALIKE, POINTS, SAME, SIZED, SPIKE, SURE_UM, centred
 from stepdiag.exporters.safety.verdicts.verdict import Code, Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve

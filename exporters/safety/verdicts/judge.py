@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.safety.standing import Standing, unchanged
 from stepdiag.exporters.safety.verdicts.case import TableCase
@@ -21,7 +22,6 @@ from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.safety.verdicts.wanted import Wanted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.result.result import Result
 
 
 def judge(result: Result, tables: Sequence[Table], standing: Standing, profile: Profile) -> tuple[Judgement, ...]:
@@ -88,7 +88,7 @@ def _measuring_system(table: Table, profile: Profile) -> Judgement | None:
     if profile.assumed or system is None or used is None or system == used:
         return None
     text = message("written-for-measuring-system", label=table.label, system=str(system), used=str(used))
-    return Judgement(function=table.name, table=table, code="wrong-measuring-system", said=text)
+    return Judgement(function=table.name, table=table, code="wrong-measuring-system", words=text)
 
 
 def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | None:
@@ -98,7 +98,7 @@ def _kept(table: Table, standing: Standing, profile: Profile) -> Judgement | Non
     then, now = ([each for each in some if each.name == table.name] for some in (standing.before, standing.after))
     if not then or not now or not unchanged(now, then):
         return None
-    return Judgement(function=table.name, table=table, code="kept", said=message("as-it-was-in", label=table.label))
+    return Judgement(function=table.name, table=table, code="kept", words=message("as-it-was-in", label=table.label))
 
 
 def _emptied(case: TableCase) -> Judgement | None:

@@ -12,18 +12,18 @@ import numpy as np
 from stepdiag.base.findings import Finding, finding
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
-from stepdiag.base.volume import Vector, Volume
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import Result
+from stepdiag.base.volume import Vector, Volume, rms
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.judge import judge
-from stepdiag.exporters.safety.verdicts.measures import ALIKE, NODES, SAME, SURE_UM, grid_mm, growing_um, rms
+from stepdiag.exporters.safety.verdicts.measures import ALIKE, NODES, SAME, SURE_UM, grid_mm, growing_um
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE
 from stepdiag.exporters.tables.lattice import NAME
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import Result
 
 _LAW = Law(sense="as-compensation")
 _QUANTUM_UM = 1e-3
@@ -57,7 +57,7 @@ def judge_field(result: Result, moved_um: Moved, axes_mm: Axes) -> Finding | Non
     if abs(common) <= ALIKE * size * size_moved:  # equal where the result asks for nothing at all
         return finding("error", message("lattice-unlike"))
     factor = common / size**2
-    text = message("lattice-scaled", factor=abs(factor)) if factor < 0 else message("lattice-scaled.x-lattice-times", factor=abs(factor))
+    text = message("lattice-unlike.turned", factor=abs(factor)) if factor < 0 else message("lattice-unlike.scaled", factor=abs(factor))
     return finding("error", text)
 
 

@@ -15,7 +15,7 @@ SPIKE = 3.0
 ALIKE = 0.9
 """Correlation from which a table counts as the right one in another size."""
 SURE_UM = 0.2
-"""Movements below this are not told from rounding and noise."""
+"""Movements below this are not separated from rounding and noise."""
 NODES = 9
 """Points along each axis at which two fields are compared."""
 
@@ -44,7 +44,3 @@ def _without_curves(values: Vector) -> Vector:
 
 def centred(values: Vector) -> Vector:
     return np.asarray(values - np.mean(values))
-
-
-def rms(values: Vector) -> float:
-    return float(np.sqrt(np.mean(np.square(values))))

@@ -4,8 +4,10 @@ from collections.abc import Iterator, Mapping, Sequence
 
 from stepdiag.base.errors import SafetyError, UsageError
 from stepdiag.base.messages import message
+from stepdiag.base.result.result import Result
+from stepdiag.base.volume import rms
 from stepdiag.exporters.safety.verdicts.curve import typical_u
-from stepdiag.exporters.safety.verdicts.measures import SURE_UM, centred, rms
+from stepdiag.exporters.safety.verdicts.measures import SURE_UM, centred
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.safety.verdicts.wanted import is_known
 from stepdiag.exporters.tables.controller import Controller, Multiplying
@@ -13,7 +15,6 @@ from stepdiag.exporters.tables.curves import FOLD_DEFAULT, SQUARENESS_SLOPE, Cur
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.result.result import Result
 
 
 def judge_missing(result: Result, controller: Controller, new: Sequence[Table], profile: Profile) -> Iterator[Judgement]:
@@ -34,7 +35,7 @@ def judge_missing(result: Result, controller: Controller, new: Sequence[Table], 
             if profile.assumed
             else message("no-table-for-it-2", name=curve.name, size_um=size_um)
         )
-        yield Judgement(function=curve.name, table=None, code="missing", said=text)
+        yield Judgement(function=curve.name, table=None, code="missing", words=text)
 
 
 def _other_fold() -> Mapping[str, str]:

@@ -4,13 +4,13 @@ import numpy as np
 
 from stepdiag.base.messages import message
 from stepdiag.base.names import AXES
-from stepdiag.base.volume import Vector
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.result import Result
+from stepdiag.base.volume import Vector, rms
 from stepdiag.exporters.safety.verdicts.case import TableCase
-from stepdiag.exporters.safety.verdicts.measures import ALIKE, NODES, SAME, SURE_UM, grid_mm, growing_um, rms
+from stepdiag.exporters.safety.verdicts.measures import ALIKE, NODES, SAME, SURE_UM, grid_mm, growing_um
 from stepdiag.exporters.safety.verdicts.verdict import Judgement
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.result import Result
 
 
 def of_product(case: TableCase, result: Result) -> Judgement:

@@ -26,7 +26,7 @@ class Judgement:
     function: str
     table: Table | None
     code: Code
-    said: Message
+    words: Message
     factor: float | None = None
     rms_um: float | None = None
     largest_um: float | None = None
@@ -34,7 +34,7 @@ class Judgement:
     @property
     def text(self) -> str:
         """Return the English sentence."""
-        return str(self.said)
+        return str(self.words)
 
     @property
     def harmless(self) -> bool:

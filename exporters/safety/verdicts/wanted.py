@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import replace
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.tables.curves import FOLD_DEFAULT, FUNCTIONS, SQUARENESS_SLOPE, Curve, curves_of
 from stepdiag.exporters.tables.fit import fitted, straight_line_um_mm
-from stepdiag.solver.result.result import Result
 
 
 class Wanted:

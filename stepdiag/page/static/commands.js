@@ -1,7 +1,7 @@
 // What a person with the token may do. Without a token configured the page only shows.
 
 import { node, put } from "./draw.js";
-import { say, setupName, told } from "./words.js";
+import { say, setupName, wordsOf } from "./words.js";
 
 const CONFIRM_MS = 4000;
 
@@ -101,7 +101,7 @@ export async function order(name, given = {}) {
   if (answer.status === 403) return discardToken();
   if (answer.ok) return put("answer", say("done"));
   const { said } = await answer.json();
-  return put("answer", say("refused", { why: told(said) }));
+  return put("answer", say("refused", { why: wordsOf(said) }));
 }
 
 // Greasy hands press twice: the first press arms for four seconds.

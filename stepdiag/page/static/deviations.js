@@ -2,7 +2,7 @@
 
 import { Curves } from "./curves.js";
 import { put } from "./draw.js";
-import { say, setupName, shown, told } from "./words.js";
+import { say, setupName, shown, wordsOf } from "./words.js";
 
 let drawn = "";
 let curves = null;
@@ -18,7 +18,7 @@ export function update({ stops, stops_in_pass: count, setups, stage }) {
   if (!last || stage === "done") return;
   const of = stops.filter((one) => one.setup === last.setup);
   const places = frame(count, of, setups);
-  const key = `${places}|${of.map((one) => `${one.setup}${one.pass_number}.${one.place}:${one.deviation_um}${told(one.doubtful)}`).join()}`;
+  const key = `${places}|${of.map((one) => `${one.setup}${one.pass_number}.${one.place}:${one.deviation_um}${wordsOf(one.doubtful)}`).join()}`;
   if (key === drawn) return;
   drawn = key;
   curves ??= new Curves("deviations", { height: 230, counts: true });
@@ -36,7 +36,7 @@ function frame(count, stops, setups) {
 // Return what is said of a stop: its setup, number and deviation, and why it is doubtful.
 export function words({ setup, place, deviation_um: deviation, doubtful }) {
   const said = `${setupName(setup)}. ${say("last_stop", { stop: place, deviation: shown(deviation, 2) })}`;
-  return told(doubtful) ? `${said} (${say("doubtful", { reason: told(doubtful) })})` : said;
+  return wordsOf(doubtful) ? `${said} (${say("doubtful", { reason: wordsOf(doubtful) })})` : said;
 }
 
 const passNumbers = (stops) => [...new Set(stops.map((one) => one.pass_number))].sort((a, b) => a - b);
@@ -52,7 +52,7 @@ function passes(stops, count) {
     for (const one of stops.filter((stop) => stop.pass_number === number)) {
       y[one.place] = one.deviation_um;
       u[one.place] = Number.isFinite(one.u_um) ? one.u_um : 0;
-      odd[one.place] = Boolean(told(one.doubtful));
+      odd[one.place] = Boolean(wordsOf(one.doubtful));
     }
     return { label: say("pass_label", { number, way: say(number % 2 === 1 ? "outward" : "return") }), x, y, u, odd };
   });

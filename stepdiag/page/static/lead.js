@@ -3,7 +3,7 @@
 import { mayOrder } from "./commands.js";
 import { nextStep } from "./done.js";
 import { node, put } from "./draw.js";
-import { say, sentence, told } from "./words.js";
+import { say, sentence, wordsOf } from "./words.js";
 
 const STAGES = ["set-up", "align", "drive", "done"];
 const BEEP_S = 0.25;
@@ -57,7 +57,7 @@ export function update(snapshot) {
   put("lead", words);
   const next = stage === "done" ? nextStep() : "";
   put("advice", next ? `${say("conclusion_next_step")}: ${next}` : sentence(mayOrder() ? advice : watching));
-  put("message", told(message));
+  put("message", wordsOf(message));
   document.title = `${alarm ? `⚠ ${say("alarm_word")}: ` : ""}${words} – ${machine}`;
   stages(stage);
 }

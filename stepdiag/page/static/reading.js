@@ -1,7 +1,7 @@
 // The reading, the beam, the links and the air.
 
 import { node, put } from "./draw.js";
-import { say, shown, told } from "./words.js";
+import { say, shown, wordsOf } from "./words.js";
 
 const WEAK = 0.4; // as in stepdiag/page/stage.py
 const LINKS = ["laser", "plc", "head", "air"];
@@ -41,13 +41,13 @@ function beam({ beam: strength, beam_lost: lost }) {
 
 function links(snapshot) {
   const present = LINKS.filter((name) => snapshot[name]);
-  const key = present.map((name) => `${name}${snapshot[name].address}${told(snapshot[name].detail)}`).join("|");
+  const key = present.map((name) => `${name}${snapshot[name].address}${wordsOf(snapshot[name].detail)}`).join("|");
   if (key === linked) return;
   linked = key;
   const items = present.map((name) => {
     const { address, detail } = snapshot[name];
     const named = detail?.en?.startsWith(address); // in the daemon's own words
-    const where = (named ? [told(detail)] : [address, told(detail)]).filter(Boolean).join(", ");
+    const where = (named ? [wordsOf(detail)] : [address, wordsOf(detail)]).filter(Boolean).join(", ");
     return node("li", { "data-link": name, class: "chip" }, node("strong", {}, say(name)), " ", node("span", { class: "state" }), node("small", {}, where));
   });
   document.getElementById("links").replaceChildren(...items);

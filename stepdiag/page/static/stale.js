@@ -5,7 +5,7 @@ import { common, say, shown } from "./words.js";
 
 const STALE_S = STALE_MS / 1000;
 
-// Return the age of a source in seconds; null where it never said anything.
+// Return the age of a source in seconds; null where it never sent anything.
 export function age(source, snapshot, silence) {
   if (source === "daemon") return silence;
   const link = snapshot[source];
@@ -22,8 +22,8 @@ export function mark(snapshot, silence) {
     const seconds = age(place.dataset.source, snapshot, silence);
     const old = seconds === null || seconds > STALE_S;
     place.classList.toggle("stale", old);
-    const told = place.querySelector(".age");
-    if (told) told.textContent = old ? ageText(seconds) : "";
+    const label = place.querySelector(".age");
+    if (label) label.textContent = old ? ageText(seconds) : "";
   }
   for (const place of document.querySelectorAll("[data-link]")) {
     const seconds = age(place.dataset.link, snapshot, silence);
@@ -31,10 +31,10 @@ export function mark(snapshot, silence) {
     const live = state === "connected" && seconds !== null && seconds <= STALE_S;
     place.classList.toggle("good", live);
     place.classList.toggle("bad", !live);
-    const said = state === "connected" && !live ? "silent" : state;
-    const words = silence > STALE_S ? common("unknown") : say(`link_${said}`);
+    const shownState = state === "connected" && !live ? "silent" : state;
+    const words = silence > STALE_S ? common("unknown") : say(`link_${shownState}`);
     const text = live || seconds === null ? words : `${words}, ${ageText(seconds)}`;
-    const told = place.querySelector(".state");
-    if (told.textContent !== text) told.textContent = text;
+    const label = place.querySelector(".state");
+    if (label.textContent !== text) label.textContent = text;
   }
 }

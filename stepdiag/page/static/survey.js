@@ -4,7 +4,7 @@ import { words } from "./deviations.js";
 import { node, put } from "./draw.js";
 import { Space } from "./space.js";
 import { stopsTable, volume } from "./volume.js";
-import { say, setupName, shown, told } from "./words.js";
+import { say, setupName, shown, wordsOf } from "./words.js";
 
 let latest = null;
 let drawn = "";
@@ -44,7 +44,7 @@ function left({ phase, seconds_left: seconds }) {
 }
 
 function item({ name, state, reason, passes_done: done, passes_wanted: wanted, stops_done: stops, stops_wanted: all }) {
-  const why = told(reason);
+  const why = wordsOf(reason);
   return node(
     "li",
     { class: `setup ${state}`, title: why },

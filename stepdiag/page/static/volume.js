@@ -2,7 +2,7 @@
 
 import { line, shape } from "./draw.js";
 import { box, placeWords, sheet } from "./space.js";
-import { told } from "./words.js";
+import { wordsOf } from "./words.js";
 
 const COLUMNS = ["setup", "pass", "stop", "x_mm", "y_mm", "z_mm", "deviation_um", "u_um", "doubtful"];
 
@@ -18,7 +18,7 @@ export function volume(snapshot, say) {
   if (driven.length) parts.push(shape("path", { class: "route", d: line(driven) }), ...arrow(driven));
   const stops = shownStops(snapshot);
   const marks = stops.map((stop) => ({ at: place(stop.position_mm), words: `${say(stop)}, ${placeWords(stop.position_mm)}` }));
-  stops.forEach((stop, index) => parts.push(mark(marks[index].at, Boolean(told(stop.doubtful)))));
+  stops.forEach((stop, index) => parts.push(mark(marks[index].at, Boolean(wordsOf(stop.doubtful)))));
   if (commanded) {
     const [cx, cy] = place(commanded);
     parts.push(shape("circle", { class: "tool", cx, cy, r: 7 }));
@@ -28,7 +28,7 @@ export function volume(snapshot, say) {
 
 // Return the columns and rows behind the drawing.
 export function stopsTable(snapshot) {
-  const rows = shownStops(snapshot).map((one) => [one.setup, one.pass_number, one.place, ...one.position_mm, one.deviation_um, one.u_um, told(one.doubtful)]);
+  const rows = shownStops(snapshot).map((one) => [one.setup, one.pass_number, one.place, ...one.position_mm, one.deviation_um, one.u_um, wordsOf(one.doubtful)]);
   return [COLUMNS, rows];
 }
 

@@ -29,7 +29,7 @@ function filled(name, value) {
 }
 
 // Return what the daemon said in the language chosen.
-export const told = (both) => both?.[language] ?? "";
+export const wordsOf = (both) => both?.[language] ?? "";
 
 export const common = (key) => texts.common[key] ?? key;
 

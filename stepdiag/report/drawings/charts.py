@@ -136,8 +136,8 @@ def _values(series: Series, horizontal: Scale, vertical: Scale, x_label: str, y_
         x, y = float(series.x[index]), float(series.y[index])
         u = float("nan") if series.u is None else float(series.u[index])
         expanded = f" ± {svg.fixed(COVERAGE * u)}" if math.isfinite(u) else ""
-        said = f"{series.label}: {x_name} = {x:.5g} {x_unit}, {y_name} = {svg.fixed(y)}{expanded} {y_unit}"
-        parts.append(svg.told(" ".join(said.split()), "circle", cx=horizontal(x), cy=vertical(y), r=NEAR_PX))
+        label = f"{series.label}: {x_name} = {x:.5g} {x_unit}, {y_name} = {svg.fixed(y)}{expanded} {y_unit}"
+        parts.append(svg.titled(" ".join(label.split()), "circle", cx=horizontal(x), cy=vertical(y), r=NEAR_PX))
     return parts
 
 
@@ -183,5 +183,5 @@ def bar_chart(bars: Sequence[tuple[str, float]], *, label: str, unit: str) -> st
         content.append(svg.text(name, left - 8, top + 11, class_="axis", text_anchor="end"))
         content.append(svg.element("rect", x=left, y=top, width=length, height=row - 7, class_="bar s0"))
         content.append(svg.text(f"{value:.3g} {unit}", left + length + 5, top + 11, class_="tick"))
-        content.append(svg.told(f"{name}: {value:.4g} {unit}", "rect", x=0.0, y=top, width=WIDTH, height=row - 4))
+        content.append(svg.titled(f"{name}: {value:.4g} {unit}", "rect", x=0.0, y=top, width=WIDTH, height=row - 4))
     return svg.drawing(WIDTH, row * len(drawn) + 6, label, *content)

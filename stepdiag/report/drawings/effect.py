@@ -26,8 +26,8 @@ def effect_drawing(prediction: Prediction, reach: Reach) -> str:
     fields = [np.array(shown["before_um"]), np.array(shown["after_um"])]
     longest = max(float(np.linalg.norm(field, axis=1).max()) for field in fields)
     parts = [svg.element("rect", width="100%", height="100%", style="fill: var(--paper); stroke: none")]
-    told = (("before", reach.rms_before, reach.largest_before), ("after, predicted", reach.rms_after, reach.largest_after))
-    for place, ((name, rms, largest), field) in enumerate(zip(told, fields, strict=True)):
+    figures = (("before", reach.rms_before, reach.largest_before), ("after, predicted", reach.rms_after, reach.largest_after))
+    for place, ((name, rms, largest), field) in enumerate(zip(figures, fields, strict=True)):
         left = place * (space.WIDTH + _GAP)
         words = name if rms is None or largest is None else f"{name}: rms {rms.words()} µm, largest {largest.bound()} µm (k = 2)"
         drawn = space.field_drawing(prediction.volume, field, longest_um=longest, label=words)

@@ -7,7 +7,7 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from stepdiag.solver.result.rounding import steady
+from stepdiag.base.result.rounding import steady
 
 DECIMALS = 9
 """Less than any instrument can tell; the last bits of a sum, which differ from processor to processor, do not show."""

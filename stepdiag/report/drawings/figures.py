@@ -6,13 +6,13 @@ from typing import Any
 import numpy as np
 
 from stepdiag.base.names import AXES
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.members import Budget
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.base.volume import Vector
 from stepdiag.report.drawings import charts, slices, space
 from stepdiag.report.drawings.charts import Series
 from stepdiag.report.drawings.figure import Figure, csv_table
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.members import Budget
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Function, Result
 from stepdiag.texts.sentences import translated
 from stepdiag.texts.texts import Language
 

@@ -43,7 +43,7 @@ def _plane(points_mm: Array, errors_um: Array, left: float, width: float, longes
             parts.append(svg.element("path", d=svg.path([begin, end]), class_="arrow"))
             parts.append(svg.element("circle", cx=begin[0], cy=begin[1], r=1.4, class_="tail"))
             words = vector_words(points_mm[x, y].tolist(), error.tolist())
-            parts.append(svg.told(words, "rect", x=low, y=top, width=cell, height=height))
+            parts.append(svg.titled(words, "rect", x=low, y=top, width=cell, height=height))
     return parts
 
 

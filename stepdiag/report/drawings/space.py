@@ -8,9 +8,9 @@ from itertools import pairwise, product
 import numpy as np
 from numpy.typing import NDArray
 
+from stepdiag.base.result.rounding import steady
 from stepdiag.base.volume import Volume
 from stepdiag.report.drawings import svg
-from stepdiag.solver.result.rounding import steady
 
 Array = NDArray[np.float64]
 
@@ -59,7 +59,7 @@ class WireFrame:
         flat = np.array(self.points) @ view_matrix().T
         at = [(WIDTH / 2 + x, HEIGHT / 2 - y) for x, y in flat.tolist()]
         parts = [svg.element("path", d=svg.path([at[a], at[b]]), class_=kind, data_ends=f"{a} {b}") for a, b, kind in self.lines]
-        parts += [svg.told(words, "path", d=svg.path([at[a], at[b]]), data_ends=f"{a} {b}") for a, b, words in self.values]
+        parts += [svg.titled(words, "path", d=svg.path([at[a], at[b]]), data_ends=f"{a} {b}") for a, b, words in self.values]
         for index, name in self.names:
             x, y = at[index]
             parts.append(svg.text(name, x, y + 4, class_="axis strong", text_anchor="middle", data_at=str(index)))

@@ -3,7 +3,7 @@
 from collections.abc import Iterable
 from html import escape
 
-from stepdiag.solver.result.rounding import steady
+from stepdiag.base.result.rounding import steady
 
 
 def number(value: float) -> str:
@@ -34,9 +34,9 @@ def text(words: str, x: float, y: float, **attributes: str | float) -> str:
     return element("text", escape(words), x=x, y=y, **attributes)
 
 
-def told(words: str, tag: str, **attributes: str | float) -> str:
+def titled(words: str, tag: str, **attributes: str | float) -> str:
     """Return an element that is not seen but says ``words`` under the pointer."""
-    return element(tag, element("title", escape(words)), class_="told", **attributes)
+    return element(tag, element("title", escape(words)), class_="titled", **attributes)
 
 
 def path(points: Iterable[tuple[float, float]], *, closed: bool = False) -> str:

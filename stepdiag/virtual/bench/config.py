@@ -37,7 +37,7 @@ class OffsetPart(_Part, frozen=True):
 
 
 class ProgramPart(_Part, frozen=True):
-    """What is driven and how; machine seconds. ``start`` is when a setup begins: after ``pause_s``, or when told.
+    """What is driven and how; machine seconds. ``start`` is when a setup begins: after ``pause_s``, or on command.
 
     ``decimals`` are the places to which a hand-written program rounds its positions; an ``incremental`` one (G91) rounds its steps.
     ``overrun_mm`` 0 turns round at the last stop; without ``first_overrun`` the first pass of a setup alone begins without overrun.

@@ -24,7 +24,7 @@ def load_files(control: Control, files: Sequence[Path], chain: str = "FXYZ") -> 
     """Return the tables that act after all ``files`` have been loaded into a control of that make.
 
     A LinuxCNC screw file belongs to the axis that its name tells (``screw_x.comp``, ``compX.dat``); a ``.hal`` file sets the
-    matrix kinematics, a ``.csv`` is the lattice of the kinematics component. A Beckhoff is told its ``chain``, a Heidenhain reads it in
+    matrix kinematics, a ``.csv`` is the lattice of the kinematics component. A Beckhoff gets its ``chain``, a Heidenhain reads it in
     the rows of the kinematics table (``.txt``). Options of a control (measuring system, detection unit) are arguments of `load_siemens`,
     `load_fanuc`.
     Raises ValueError for contents that the control would refuse.

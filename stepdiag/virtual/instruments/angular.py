@@ -53,7 +53,7 @@ class AngleView:
 
 
 class Autocollimator(Counting):
-    """An Elcomat: silent until it is told `A`, then 25 lines a second (`stepdiag.virtual.instruments.talker.Talking`, `Responding`)."""
+    """An Elcomat: silent until it receives `A`, then 25 lines a second (`stepdiag.virtual.instruments.talker.Talking`, `Responding`)."""
 
     def __init__(self, look: Look) -> None:
         super().__init__()

@@ -1,7 +1,7 @@
 """Lasers with a public interface, as their makers' papers have them: attocube IDS3010, Lasertex HPI-3D (uLine F1), quTools quDIS.
 
 Written from the public specifications named in docs/lasers.md, not from the decoders. The IDS answers single questions, the other
-two stream once they are told to.
+two stream on request.
 """
 
 import json
@@ -55,8 +55,8 @@ class Ids3010:
         """Return the answer to one request."""
         asked = json.loads(request)
         result = self._result(asked["method"], reading_mm, beam=beam)
-        said = {"result": result} if result is not None else {"error": {"code": -32601, "message": "Method not found"}}
-        return json.dumps({"jsonrpc": "2.0", "id": asked["id"], **said}).encode() + b"\r\n"
+        answer = {"result": result} if result is not None else {"error": {"code": -32601, "message": "Method not found"}}
+        return json.dumps({"jsonrpc": "2.0", "id": asked["id"], **answer}).encode() + b"\r\n"
 
     def _result(self, method: str, reading_mm: float, *, beam: bool) -> list[float] | None:
         name, climate = method.rpartition(".")[2], self._climate()
@@ -111,28 +111,28 @@ class Lasertex:
     def respond(self, received: bytes) -> bytes:
         """Take commands; return their acknowledgements."""
         self._received += received
-        said = b""
+        answer = b""
         while len(self._received) >= 8:
             frame, self._received = self._received[:8], self._received[8:]
             if frame[0] != 0xAA or lasertex_crc(frame[:7]) != frame[7]:
                 continue
             self._command(int.from_bytes(frame[1:3], "big"))
-            said += self._frame(int.from_bytes(frame[1:3], "big"), bytes(12))
-        return said
+            answer += self._frame(int.from_bytes(frame[1:3], "big"), bytes(12))
+        return answer
 
     def encode(self, reading_mm: Array, beam: Flags) -> bytes:
         """Return the frames of these samples."""
-        said = b""
+        answer = b""
         for position_mm, present in zip(reading_mm.tolist(), beam.tolist(), strict=True):
             self._held |= not present
             if self._distance:
                 state = 0x01 | (0x00 if self._held else 0x08)
                 data = round(position_mm * 1e7).to_bytes(7, "big", signed=True) + bytes((0, 0, 0, state, self._level if present else 2))
-                said += self._frame(0xB015, data)
+                answer += self._frame(0xB015, data)
             if self._weather and self._samples % 25 == 0:
-                said += b"".join(self._sensors())
+                answer += b"".join(self._sensors())
             self._samples += 1
-        return said
+        return answer
 
     def _command(self, code: int) -> None:
         match code:
@@ -187,7 +187,7 @@ class Qudis:
     def respond(self, received: bytes) -> bytes:
         """Take settings and questions; return the answers."""
         self._received += received
-        said = b""
+        answer = b""
         while len(self._received) >= 4:
             length = int.from_bytes(self._received[:4], "little")
             if len(self._received) < 4 + length:
@@ -199,8 +199,8 @@ class Qudis:
                 self._set(address, index, words[4])
             if correlation:
                 value = 1 if address == 0x0773 else self._values.get((address, index), 0)
-                said += struct.pack("<7i", 24, 3, address, index, correlation, 0, value)
-        return said
+                answer += struct.pack("<7i", 24, 3, address, index, correlation, 0, value)
+        return answer
 
     def watch(self, wall_s: Array) -> Integers:
         """Return the marker counter at these moments, shape (N,)."""
@@ -215,14 +215,14 @@ class Qudis:
         """Return the telegrams of these readings, at most 32 in one."""
         streams = self._values.get((0x0030, 0)) == 2 and self._values.get((0x0146, 0)) == 1
         wanted = self._values.get((0x0031, 0)) in (2 * self._axis - 1, 2 * self._axis)
-        said = b""
+        answer = b""
         for first in range(0, len(reading_mm), 32):
             part = slice(first, first + 32)
             words = [word for mm, edges in zip(reading_mm[part].tolist(), marker[part].tolist(), strict=True) for word in _pair(mm, edges)]
             if streams and wanted:
-                said += struct.pack(f"<iiiii{len(words)}I", 16 + 4 * len(words), 4, 0x0F00, _signed(self._index), 0, *words)
+                answer += struct.pack(f"<iiiii{len(words)}I", 16 + 4 * len(words), 4, 0x0F00, _signed(self._index), 0, *words)
             self._index += len(words) // 2
-        return said
+        return answer
 
     def _set(self, address: int, index: int, value: int) -> None:
         self._values[address, index] = value

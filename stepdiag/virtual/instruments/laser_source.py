@@ -143,7 +143,7 @@ class TalkingLaser(_Sampler):
 
 
 class CommandedLaser(TalkingLaser):
-    """A laser that sends once it is told to (`stepdiag.virtual.instruments.talker.Responding`)."""
+    """A laser that sends on request (`stepdiag.virtual.instruments.talker.Responding`)."""
 
     def __init__(self, device: Lasertex, read: Read, counter: Counter, *, clock: Clock, faults: FaultBoard, latency_s: float = 0.0) -> None:
         super().__init__(device, read, counter, clock=clock, faults=faults, latency_s=latency_s)

@@ -63,7 +63,7 @@ BOARDS: dict[str, Board] = {
     "umd1": Board(rate_hz=610.3515625, phase_steps=256, codes={1: (10, 6000)}),
     "umd2": Board(rate_hz=1000.0, phase_steps=65536, codes={1: (10, 7 << 16 | 264), 3: (112, 4)}),
 }
-"""uMD0 v09 (homodyne), uMD1 v60 (8-bit phase), uMD2 v264.07 (16-bit phase, told by code 112)."""
+"""uMD0 v09 (homodyne), uMD1 v60 (8-bit phase), uMD2 v264.07 (16-bit phase, named by code 112)."""
 
 _NO_MEASUREMENT_BEAM = 0x800
 

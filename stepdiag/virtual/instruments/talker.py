@@ -40,7 +40,7 @@ class Responding(Protocol):
     """An instrument that sends by itself, and takes commands."""
 
     def respond(self, received: bytes) -> bytes:
-        """Take what came; return what is to be said to it."""
+        """Take what came; return the answer to it."""
         ...
 
 

@@ -110,7 +110,7 @@ def checksum(frame: bytes) -> bytes:
 
 
 def frame_length(start: bytes) -> int | None:
-    """Return the length of the RTU request that begins with ``start``; None while that cannot be told."""
+    """Return the length of the RTU request that begins with ``start``; None while it is unknown."""
     if len(start) < 2:
         return None
     function = start[1]

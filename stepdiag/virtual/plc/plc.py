@@ -140,11 +140,11 @@ class Plc:
             "relative_humidity_percent": (hall.humidity_percent, 10.0),
         }
         broken = self._faults.active("plc-sensor", self._clock.wall_s())
-        said = {
+        values = {
             name: broken.value if broken and broken.text in ("", name) else float(course.at(now)[0])
             for name, (course, _) in courses.items()
         }
-        return [round(said[name] * scale) & 0xFFFF for name, (_, scale) in courses.items()]
+        return [round(values[name] * scale) & 0xFFFF for name, (_, scale) in courses.items()]
 
 
 def _slice(values: list[int], first: int, count: int) -> list[int]:

@@ -46,7 +46,7 @@ def test_one_wrong_value_is_held_and_named(name, value):
     assert getattr(wrong.signals, name) == GOOD[name]
     assert wrong.held == (name,)
     (said,) = wrong.said
-    assert said.code in ("sensor-implausible", "sensor-jump")
+    assert said.code in ("conditions-held", "sensor-jump")
     assert f"{GOOD[name]:g}" in str(said)
     assert "u = " in str(said)
     assert wrong.doubted == []
@@ -65,7 +65,7 @@ def test_a_plc_without_sensors_gives_none_and_a_doubt_where_the_reading_depends_
     zeros = dict.fromkeys(GOOD, 0.0)
     first, second = judge(zeros, zeros)
     assert first.signals == Signals(**dict.fromkeys(GOOD))
-    assert [each.code for each in first.said] == ["sensor-implausible"] * 4
+    assert [each.code for each in first.said] == ["conditions-held"] * 4
     assert [each.code for each in first.doubted] == ["air-unknown"] * 3
     assert (second.said, second.doubted) == ([], [])
     (compensated,) = judge(zeros, text=survey_text())
@@ -103,7 +103,7 @@ def test_a_sensor_that_falls_silent_is_held_within_a_minute_and_named_after_it()
     _, soon, late, again, back = judge({}, *[{"air_temperature_c": math.nan}] * 3, {}, text=SENSOR, every_s=35.0)
     assert (soon.signals.air_temperature_c, soon.held, soon.said) == (GOOD["air_temperature_c"], (), [])
     assert (late.signals.air_temperature_c, late.held) == (GOOD["air_temperature_c"], ("air_temperature_c",))
-    assert [each.code for each in late.said] == ["sensor-silent"]
+    assert [each.code for each in late.said] == ["conditions-held"]
     assert (again.held, again.said) == (("air_temperature_c",), [])
     assert (back.held, back.said) == ((), [])
 
@@ -164,7 +164,7 @@ def test_a_laser_without_the_sensors_that_its_kind_has_is_a_doubt_and_not_20_c(n
     felt = with_air(survey, Signals(stopped=True), stream, 1, silent=math.nan)
     judged = Conditions(survey, {}).judge(felt, 0.0)
     assert judged.signals.air_temperature_c is None
-    assert [each.code for each in judged.said] == ["sensor-silent"] * OWN_AIR[name]
+    assert [each.code for each in judged.said] == ["conditions-held"] * OWN_AIR[name]
     assert [each.code for each in judged.doubted] == ["air-unknown"] * 3
 
 
@@ -178,7 +178,7 @@ def test_what_the_control_tells_is_not_waited_for_from_the_laser():
 def test_conditions_that_nobody_measures_are_said():
     """Before, during and after the survey; a person who states them is believed, a compensated laser needs none."""
     ((code, text),) = [(each.code, each.text) for each in assumed(of_laser("umd", source="plc"))]
-    assert code == "air-assumed"
+    assert code == "air-unknown"
     assert "air_temperature_c 20, air_pressure_hpa 1013.25, relative_humidity_percent 50" in text
     (rest,) = assumed(of_laser("umd", source="plc"), ["air_pressure_hpa"])
     assert "pressure" not in rest.text
@@ -186,4 +186,4 @@ def test_conditions_that_nobody_measures_are_said():
     assert assumed(of_laser("umd", source="fixed")) == ()
     assert assumed(of_laser("umd", source="plc", compensated=True)) == ()
     assert assumed(of_laser("ids3010")) == ()
-    assert [each.code for each in unchecked(of_laser("umd", source="plc"))][-1] == "air-assumed"
+    assert [each.code for each in unchecked(of_laser("umd", source="plc"))][-1] == "air-unknown"

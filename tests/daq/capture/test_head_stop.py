@@ -93,7 +93,7 @@ def test_a_run_is_captured_without_any_laser(signals):
     timeline = Timeline(stands())
     stops, findings, ends = run([*HeadLine(timeline, LATERAL).chunks(), *timeline.polls()], text(signals=signals))
     assert_right(stops)
-    assert [each.code for each in findings] == (["position-unchecked", "signals-absent"] if signals else [])
+    assert [each.code for each in findings] == (["signals-absent", "signals-absent"] if signals else [])
     assert [end.kind for end in ends] == ["complete"]
     assert all(stop.reading_mm is None and not stop.broken and not stop.doubts for stop in stops)
 
@@ -145,7 +145,7 @@ def test_saturation_is_named():
     begin, _ = timeline.schedule()[1]
     stops, findings, _ = run([*HeadLine(timeline, LATERAL, saturated=[(begin, begin + 0.3)]).chunks(), *timeline.polls()], text())
     assert_right(stops)
-    assert [finding.code for finding in findings] == ["fourdof-saturated"]
+    assert [finding.code for finding in findings] == ["fourdof-out-of-range"]
 
 
 def test_a_target_that_will_not_come_to_rest_is_doubtful():
@@ -176,7 +176,7 @@ def test_garbage_from_the_head_is_named_once():
     noise = [Chunk("head", int(t * 1e9), b"\xf4\xd0 no frame" * 20) for t in (0.2, 0.4)]
     stops, findings, _ = run([*noise, *HeadLine(timeline, LATERAL).chunks(), *timeline.polls()], text())
     assert_right(stops)
-    assert [finding.code for finding in findings] == ["head-garbage"]
+    assert [finding.code for finding in findings] == ["bytes-garbled"]
 
 
 def test_with_the_handshake_a_stop_is_taken_while_the_machine_still_waits():

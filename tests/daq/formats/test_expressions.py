@@ -107,7 +107,7 @@ stop_count = "latch(mark)"
 
 def test_a_machine_without_a_stopped_bit_is_read_and_understood():
     plc = parse_survey(survey_text(signals=SIGNALS), "survey.toml").plc
-    assert plc.said == ("stopped", "stop_count")
+    assert plc.signal_names == ("stopped", "stop_count")
     reads = plan_reads(plc.signals, plc.standing)
     assert reads == (ReadRange("holding", 40, 1), ReadRange("holding", 50, 1), ReadRange("holding", 40, 1), ReadRange("holding", 50, 1))
     decoder = SignalDecoder(plc.signals, plc.parsed())

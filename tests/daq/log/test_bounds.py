@@ -8,10 +8,10 @@ import pytest
 import zstandard
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.readings.readings import MOST_READINGS, parse_readings
 from stepdiag.daq.log.codec import MOST_EVENTS, MOST_RANGES, LogClock, decode, encode
 from stepdiag.daq.log.reader import RecordReader
 from stepdiag.daq.records.events import ModbusBlock, ReadRange
-from stepdiag.solver.readings.readings import MOST_READINGS, parse_readings
 
 MAGIC = b"\x89MCAP0\r\n"
 

@@ -42,7 +42,7 @@ NOTES = [
     scene_note(VOLUME, [(0.0, 0.0, 0.0), (1.0, 2.0, 3.0)], [STOP]),
     phase_note(4, "dwelling", "stop 3"),
     finding_note(5, Finding(code="beam-lost", severity="error", text="words")),
-    finding_note(5, finding("warning", message("runs-not-used", others=["ppp+1"]), Place(setup="ppp", stop=3))),
+    finding_note(5, finding("warning", message("method-limited.runs", others=["ppp+1"]), Place(setup="ppp", stop=3))),
     log_note(6, "info", "words", "daq"),
 ]
 JSON_TYPES = {"number": int | float, "integer": int, "string": str, "boolean": bool, "array": list | tuple}

@@ -140,7 +140,7 @@ def test_the_journal_hears_reading_and_deviation_of_every_stop():
 
 @pytest.mark.parametrize("stop", [None, 4])
 def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_or_accepted(stop):
-    """Said in words wherever a doubt is, whether it names a stop or the pass as a whole."""
+    """Words in words wherever a doubt is, whether it names a stop or the pass as a whole."""
     passes = book()
     passes.add_all(stops_of())
     taken_ns = max(each.window_from_ns for each in stops_of()) if stop is None else stop
@@ -150,7 +150,7 @@ def test_what_the_solver_suspects_keeps_its_pass_open_until_it_is_driven_again_o
     assert passes.doubts() == (doubt,)
     assert not passes.complete()
     assert passes.whole()
-    assert str(only.why_incomplete()) == "contradicts the others, or accept it"
+    assert str(only.why_incomplete()) == "contradicts the others: drive the pass again, or accept it"
     passes.accept(acceptance_of(doubt, reason="known", name="Kim", time_s=1.0))
     assert passes.complete()
     assert [word.name for _, word in passes.accepted()] == ["Kim"]

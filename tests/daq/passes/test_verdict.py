@@ -3,6 +3,7 @@
 import msgspec
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding, in_words
 from stepdiag.base.messages import message
 from stepdiag.daq.capture.captured_stop import marked
@@ -13,8 +14,7 @@ from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.passes.verdict import assumed_findings, settled_findings, suspected
 from stepdiag.daq.recording.verdicts import Judgement, Verdicts
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.texts.patterns import findings, sentences
+from stepdiag.texts.patterns import sentences
 from testkit.exact.captured import stops_of
 from testkit.timeline import survey_text
 
@@ -123,7 +123,7 @@ def test_air_that_nobody_told_is_assumed_aloud():
     (one,) = assumed_conditions(passes, survey)
     assert (one.name, one.stops) == ("air_pressure_hpa", len(stops))
     (found,) = assumed_findings(survey, len(stops), [one])
-    assert (found.code, found.severity) == ("conditions-assumed", "warning")
+    assert (found.code, found.severity) == ("air-unknown", "warning")
     assert "nobody told it, 1013.25 hPa of [environment] is assumed, u = 4 hPa" in found.text
     assert in_words(found, "de").startswith("Luftdruck: an 10 von 10 Messpunkten nicht gemeldet")
     usual = Assumptions()
@@ -134,7 +134,6 @@ def test_air_that_nobody_told_is_assumed_aloud():
     assert assumed_conditions(passes, by_hand) == (), "a person said it"
 
 
-@pytest.mark.parametrize("key", sorted(key for key in findings() if key.partition(".")[0] in DRIVEN_AGAIN))
+@pytest.mark.parametrize("key", sorted(DRIVEN_AGAIN))
 def test_a_message_that_names_what_is_driven_again_is_not_given_the_words_twice(key):
-    """Only the variant of a pass that was driven again already is no remedy."""
     assert "again" in "".join(part for part, _ in sentences()[key]["en"])

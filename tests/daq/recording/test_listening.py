@@ -24,7 +24,7 @@ def test_nonsense_is_said_once_after_a_while():
     ears = listening()
     assert said(ears, NONSENSE, 0, PATIENCE_NS / S - 0.1) == []
     ((code, text),) = said(ears, NONSENSE, PATIENCE_NS / S, 60)
-    assert code == "laser-garbage"
+    assert code == "bytes-garbled"
     assert "it begins with f8 00 9c e0" in text
     assert "check its baud rate" in text
 
@@ -37,7 +37,7 @@ def test_who_was_understood_is_not_listened_to_until_the_line_was_lost():
     ears.take_link(LinkEvent(61 * S, "laser", "silent", ""))
     assert said(ears, NONSENSE, 62, 60) == []
     ears.take_link(LinkEvent(122 * S, "laser", "lost", ""))
-    assert [code for code, _ in said(ears, NONSENSE, 123, 60)] == ["laser-garbage"]
+    assert [code for code, _ in said(ears, NONSENSE, 123, 60)] == ["bytes-garbled"]
 
 
 def test_a_line_that_is_lost_again_and_again_is_said_once():
@@ -46,7 +46,7 @@ def test_a_line_that_is_lost_again_and_again_is_said_once():
     for at in range(60):
         found += said(ears, NONSENSE, at, 0.5)
         ears.take_link(LinkEvent(at * S, "laser", "lost", ""))
-    assert [code for code, _ in found] == ["laser-garbage"]
+    assert [code for code, _ in found] == ["bytes-garbled"]
 
 
 def test_after_who_was_named_the_next_wrong_one_is_named_too():
@@ -66,7 +66,7 @@ def test_noise_at_opening_does_not_accuse_the_instrument_that_gets_power_an_hour
 
 def test_nonsense_seldom_sent_is_named():
     ears = listening()
-    assert [code for at in range(0, 600, 60) for code, _ in said(ears, NONSENSE, at, 0.2)] == ["laser-garbage"]
+    assert [code for at in range(0, 600, 60) for code, _ in said(ears, NONSENSE, at, 0.2)] == ["bytes-garbled"]
 
 
 def test_a_senseless_flood_is_no_longer_decoded_whole_once_it_is_named(monkeypatch):
@@ -84,4 +84,4 @@ def test_a_senseless_flood_is_no_longer_decoded_whole_once_it_is_named(monkeypat
 
 def test_an_instrument_that_answers_with_errors_alone_is_said_in_its_own_words():
     ears = Listening(parse_survey(LINE_SURVEY.replace("[-+.0-9]+", ".+"), "s"))
-    assert [code for code, _ in said(ears, b"ERR 7 0.9\n", 0, 60)] == ["laser-device"]
+    assert [code for code, _ in said(ears, b"ERR 7 0.9\n", 0, 60)] == ["instrument-reports"]

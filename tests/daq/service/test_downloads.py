@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from stepdiag.daq.service.downloads import downloads_of
+from stepdiag.page.downloads import downloads_of
 
 
 def test_a_link_that_leads_out_of_the_folder_is_not_given_out(tmp_path: Path) -> None:

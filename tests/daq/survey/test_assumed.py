@@ -6,11 +6,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.conditions.assumptions import CLASSES, FEEDBACKS, Assumptions, usual_sizes
 from stepdiag.base.errors import UsageError
 from stepdiag.daq.survey.assumed import assumptions_of, parse_uncertainty
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.template import template
-from stepdiag.solver.model.assumptions import CLASSES, FEEDBACKS, Assumptions, usual_sizes
 
 STATED = st.dictionaries(st.sampled_from(sorted(usual_sizes())), st.floats(0.001, 1000.0))
 

@@ -4,11 +4,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.conditions.assumptions import CLASSES, FEEDBACKS
 from stepdiag.base.errors import UsageError
 from stepdiag.daq.survey.composed import Answers, MachineClass, begun, composed
 from stepdiag.daq.survey.controls import CONTROLS
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.model.assumptions import CLASSES, FEEDBACKS
 
 LENGTH = st.floats(20.0, 5000.0)
 

@@ -23,7 +23,7 @@ TNC = '[plc]\ntransport = "lsv2"\n'
 def test_a_shipped_section_is_accepted_and_tells_where_the_machine_stands(name):
     plc = parse_survey(f"{SMALLEST}\n[plc]\n{control_section(name, 'mill.example.org')}", "s").plc
     assert plc.host == "mill.example.org"
-    assert {"stopped", "stop_count", "setup"} <= set(plc.said)
+    assert {"stopped", "stop_count", "setup"} <= set(plc.signal_names)
     assert plc.tcp_port == {"tcp": 502, "s7": 102, "lsv2": 19000}[plc.transport]
     assert not plc.handshake.enabled
 

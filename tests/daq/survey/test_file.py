@@ -11,6 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.result.typed import written
 from stepdiag.base.settings import convert
 from stepdiag.daq.formats.instruments.line import LineSettings
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder
@@ -21,7 +22,6 @@ from stepdiag.daq.survey.formats import laser_settings
 from stepdiag.daq.survey.models import Survey
 from stepdiag.daq.survey.rules import rtu_poll_s
 from stepdiag.daq.survey.template import template
-from stepdiag.solver.result.typed import written
 from testkit.running.survey_files import SMALLEST
 
 STOPPED = '[plc.signals.stopped]\naddress = 2\ntype = "bit"\n'
@@ -68,7 +68,7 @@ def test_template_validates_with_everything_switched_on() -> None:
     assert survey.head is not None
     assert survey.plan.all_setups == ("ppp", "npp", "pnp", "ppn", "linear-x", "linear-y", "linear-z", "ppp+1")
     assert set(survey.plc.own_signals) == {"stopped", "x_mm"}
-    assert survey.plc.said == ("stopped", "running", "stop_count", "x_mm")
+    assert survey.plc.signal_names == ("stopped", "running", "stop_count", "x_mm")
 
 
 def test_template_documents_every_field() -> None:

@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.completion.foreseen import circumstances, hidden_slip, hidden_waves, planned
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.daq.survey.foreseen import circumstances, hidden_slip, hidden_waves, planned
 from stepdiag.solver.planning.planner import forecast
 from testkit.timeline import survey_text
 
@@ -41,7 +41,7 @@ def with_pitch(pitch_mm, size_mm, n, feedback="screw"):
 
 def test_targets_a_whole_number_of_turns_apart_are_named():
     (said,) = hidden_waves(with_pitch(10.0, (500.0, 430.0, 350.0), 10))
-    assert (said.code, said.severity) == ("pitch-hidden", "info")
+    assert (said.code, said.severity) == ("plan-hides", "info")
     assert "steps of x 50 mm, z 35 mm do not show waves of the screw's pitch of 10 mm; increments = 11 shows them" in said.text
 
 

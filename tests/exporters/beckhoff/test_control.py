@@ -132,7 +132,7 @@ def test_two_masters_for_one_slave_are_refused():
     """One list holds one master axis; the volumetric file holds all."""
     with pytest.raises(SafetyError, match="EXY and EXZ") as refused:
         files_of(profile(way="lists", cross_sense="as-error"), ["EXY", "EXZ"])
-    assert refused.value.code == "one-cross-table"
+    assert refused.value.code == "control-full.cross-table"
 
 
 def test_the_sense_of_the_cross_table_is_asked():

@@ -91,7 +91,7 @@ class TestIncrements:
         axes = {**profile.options.axes, "X": AxisPoints(number=1, reference_point=40, magnification=1)}
         with pytest.raises(SafetyError) as refusal:
             CONTROL.plan(curves_of(made_result({"EXX": [30, 13, 0, -9, -20]}), ["EXX"]), fanuc_profile(axes=axes))
-        assert refusal.value.code == "increment-beyond-limit"
+        assert refusal.value.code == "field-too-narrow.step"
 
     @settings(max_examples=40)
     @given(st.lists(st.floats(-6, 6), min_size=60, max_size=60))
@@ -109,7 +109,7 @@ class TestIncrements:
     def test_a_reference_between_two_points_is_refused(self):
         with pytest.raises(SafetyError) as refusal:
             CONTROL.plan(curves_of(made_result(), ["EXX"]), fanuc_profile(reference_mm=30.0))
-        assert refusal.value.code == "reference-off-grid"
+        assert refusal.value.code == "reference-unfit.between"
 
 
 class TestPunchFiles:
@@ -146,7 +146,7 @@ class TestPunchFiles:
     def test_a_master_without_the_points_is_refused(self):
         with pytest.raises(SafetyError) as refusal:
             written(fanuc_profile((punch("N10001Q0P0"),)), EXAMPLE)
-        assert refusal.value.code == "template-lacks-points"
+        assert refusal.value.code == "template-missing.points"
 
     @pytest.mark.parametrize(
         ("data", "found"),
@@ -169,7 +169,7 @@ class TestPunchFiles:
         axes = {letter: AxisPoints(number=n, reference_point=40) for n, letter in enumerate("XYZ", start=1)}
         plan = CONTROL.plan(curves_of(made_result(), ["EXX", "EYY"]), fanuc_profile(axes=axes))
         (found,) = plan.findings
-        assert (found.code, found.severity) == ("points-overlap", "error")
+        assert (found.key, found.severity) == ("points-overlap", "error")
         both = [set(numbers) for numbers in map(stored_in, plan.tables)]
         shared = both[0] & both[1]
         assert f"both use pitch points {min(shared)} to {max(shared)}: give the axes" in found.text
@@ -199,7 +199,7 @@ class TestDirections:
         profile = replace(profile, machine=msgspec.structs.replace(profile.machine, direction="both"))
         with pytest.raises(SafetyError) as refusal:
             CONTROL.plan(curves_of(made_result(reversal={"EXX": [0, 1, 1, 1, 1]}), ["EXX"]), profile)
-        assert refusal.value.code == "bidirectional-not-enabled"
+        assert refusal.value.code == "direction-unfit.unproven"
 
     def test_bidirectional_sets_its_bit_and_the_offset_at_the_reference(self):
         """3605#0, 3626 and 3627: the reversal of 6 um (in - the axis stands 6 um lower) is an offset of +6 for travel in -."""
@@ -220,7 +220,7 @@ class TestDirections:
             data = own.data.replace(b"N03605Q1A1P00000000A2P00000000", b"N03605Q1A1P00000000A2P00000001")
             profile = replace(profile, existing=(replace(own, data=data),))
         result = made_result({"EXX": EXAMPLE, "EYY": [0, 9, 14, 16, 12]}, reversal={"EXX": [6.0] * 5}, u_um=0.1)
-        accept = ["slope-steep", "reversal-unasked"]
+        accept = ["slope-steep", "profile-incomplete.reversal"]
         report = export(result, "fanuc", profile, accept=accept, out_dir=tmp_path / "out")
         assert {(table.name, table.direction) for table in report.tables} == {("EXX", 1), ("EXX", -1), ("EYY", 0), ("EZZ", 0)}
         assert b"N03605Q1A1P00000001A2P00000000" in (tmp_path / "out" / "PITCH_UNTESTED_SIGN.TXT").read_bytes()
@@ -244,7 +244,7 @@ class TestStraightLines:
         plan = CONTROL.plan(curves_of(made_result({"EYX": [0, 3, 5, 3, 0]}), ["EYX"]), fanuc_profile())
         assert not plan.tables
         assert [table.name for table in plan.listed] == ["EYX"]
-        assert [item.code for item in plan.findings] == ["straightness-report-only"]
+        assert [item.key for item in plan.findings] == ["function-left-out.report"]
 
     def test_straightness_of_three_straight_lines_is_met_to_half_a_unit(self):
         """Four points describe a curve of three straight lines exactly; values are absolute and as compensation."""
@@ -290,7 +290,7 @@ class TestStraightLines:
         axes = {**fanuc_profile().options.axes, "X": AxisPoints(number=1, reference_point=40, inclination=True)}
         with pytest.raises(SafetyError) as refusal:
             written(fanuc_profile((punch(*(f"N{10000 + n}Q0P0" for n in range(39, 43))),), axes=axes), [30, 16, 0, -14, -30])
-        assert refusal.value.code == "template-lacks-parameters"
+        assert refusal.value.code == "template-missing.parameters"
 
 
 def test_readable_table_has_parameters_and_data():
@@ -311,7 +311,7 @@ class TestIdentity:
     def codes(self, *lines: str, **options: object) -> set[str]:
         profile = fanuc_profile((punch(*self.WELL, *lines, *self.PITCH),), **options)
         plan = CONTROL.plan(curves_of(made_result({"EXX": EXAMPLE}), ["EXX"]), profile)
-        return {item.code for item in plan.findings if item.severity != "info"}
+        return {item.key for item in plan.findings if item.severity != "info"}
 
     def test_a_file_of_this_machine_passes(self):
         assert self.codes("N01006Q1A1P00000000", "N01013Q1A1P00000000", "N01001Q1L1P00000000", "N08135Q1P00000000") == set()
@@ -319,10 +319,10 @@ class TestIdentity:
     @pytest.mark.parametrize(
         ("line", "code"),
         [
-            ("N01006Q1A1P00001000", "axis-in-diameters"),
-            ("N01013Q1A1P00000010", "least-input-differs"),
-            ("N01001Q1P00000001", "machine-in-inches"),
-            ("N08135Q1P00000001", "compensation-disabled"),
+            ("N01006Q1A1P00001000", "machine-file-differs.diameters"),
+            ("N01013Q1A1P00000010", "machine-file-differs.increment"),
+            ("N01001Q1P00000001", "units-not-metric.machine"),
+            ("N08135Q1P00000001", "machine-file-differs.disabled"),
         ],
     )
     def test_a_unit_or_switch_that_contradicts(self, line, code):
@@ -333,16 +333,16 @@ class TestIdentity:
         """1013#0 is IS-A, #1 IS-C, neither IS-B."""
         for said_um in (10.0, 1.0, 0.1):
             found = self.codes(f"N01013Q1A1P000000{bits}", least_input_um=said_um)
-            assert ("least-input-differs" in found) == (said_um != own_um)
+            assert ("machine-file-differs.increment" in found) == (said_um != own_um)
 
     @pytest.mark.parametrize(
         ("old", "new", "code"),
         [
-            ("A1P88A2P89", "A1P89A2P88", "axis-number-differs"),
-            ("A1P40", "A1P41", "reference-point-differs"),
-            ("Q1A1P88", "Q1A4P88", "axis-number-differs"),
-            ("Q1A1P40", "Q1A4P40", "axis-number-differs"),
-            ("N03605Q1A1P00000000", "N03605Q1A1P00000001", "bidirectional-active"),
+            ("A1P88A2P89", "A1P89A2P88", "machine-file-differs.axis"),
+            ("A1P40", "A1P41", "machine-file-differs.reference"),
+            ("Q1A1P88", "Q1A4P88", "machine-file-differs.no-axis"),
+            ("Q1A1P40", "Q1A4P40", "machine-file-differs.no-axis"),
+            ("N03605Q1A1P00000000", "N03605Q1A1P00000001", "machine-file-differs.bidirectional"),
         ],
     )
     def test_another_machine_or_setting(self, old, new, code, monkeypatch):
@@ -353,7 +353,7 @@ class TestIdentity:
         profile = fanuc_profile((punch("N01020Q1A1P89", *self.PITCH),))
         with pytest.raises(SafetyError) as refusal:
             export(made_result({"EXX": EXAMPLE}), "fanuc", profile, out_dir=tmp_path / "out")
-        assert refusal.value.code == "axis-number-differs"
+        assert refusal.value.code == "machine-file-differs.axis"
 
 
 def test_merging_takes_the_steps_of_the_old_table_off_where_they_were_measured():

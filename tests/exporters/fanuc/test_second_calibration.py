@@ -12,6 +12,8 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.result.members import ActiveFile, Facts
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.fanuc.straightness import SETS
@@ -19,15 +21,13 @@ from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.safety.verify import Figures, verify_files
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table, mean_correction_um
-from stepdiag.solver.result.members import ActiveFile, Facts
-from stepdiag.solver.result.result import Result
 from testkit.exact.machines import EOB, new_punch_file, profile_of
 from testkit.exact.results import VOLUME, made_result
 
 FINE = replace(VOLUME, increments=20)
 NAMES = ("EXX", "EYY", "EZZ", "EXY", "EXZ", "EYZ")
 SQUARE = {"EXY": ("C0Y", -1e3), "EXZ": ("B0Z", 1e3), "EYZ": ("A0Z", -1e3)}
-ACCEPT = ("slope-steep", "change-large", "straightness-recalled", "straightness-report-only", "neighbour-beyond-limit")
+ACCEPT = ("slope-steep", "change-large", "sign-untested.recalled", "function-left-out.report", "slope-steep.neighbour")
 CONTROL = Fanuc()
 
 
@@ -97,4 +97,4 @@ def test_old_pitch_data_without_their_interval_are_refused():
     own = ControlFile(name="PITCH.TXT", data=EOB.join([b"%", *lines, b"%"]) + EOB)
     with pytest.raises(SafetyError, match=r"parameter 3624.*none for A1, A2, A3") as refusal:
         CONTROL.standing([own], (), profile(8, own, "on"))
-    assert refusal.value.code == "template-lacks-parameters"
+    assert refusal.value.code == "template-missing.parameters"

@@ -7,6 +7,8 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.fanuc.control import Fanuc
 from stepdiag.exporters.fanuc.straightness import SETS
@@ -16,8 +18,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.fanuc import load_fanuc
 from testkit.exact.machines import EOB, new_punch_file, profile_of
 from testkit.exact.results import made_result
@@ -106,30 +106,30 @@ def test_fewer_sets_hold_fewer_functions() -> None:
 def test_an_option_that_the_file_does_not_show_is_refused() -> None:
     with pytest.raises(SafetyError) as refused:
         written(profile(sets=0), drawn())
-    assert refused.value.code == "template-lacks-parameters"
+    assert refused.value.code == "template-missing.parameters"
 
 
 def codes(of: Profile, functions: list[str]) -> set[str]:
-    return {finding.code for finding in FANUC.plan(fitted(drawn(), functions).curves, of).findings}
+    return {finding.key for finding in FANUC.plan(fitted(drawn(), functions).curves, of).findings}
 
 
 def test_numbers_that_no_manual_stated_are_a_remark_of_every_export_that_rests_on_them() -> None:
     """Not where the profile brings the numbers from the machine's own manual, and not where nothing is written into them."""
     of = profile()
-    assert "straightness-recalled" in codes(of, FUNCTIONS)
-    assert "straightness-recalled" not in codes(of, ["EXX", "EYY", "EZZ"])
-    assert "straightness-recalled" not in codes(profile(option=False), FUNCTIONS)
+    assert "sign-untested.recalled" in codes(of, FUNCTIONS)
+    assert "sign-untested.recalled" not in codes(of, ["EXX", "EYY", "EZZ"])
+    assert "sign-untested.recalled" not in codes(profile(option=False), FUNCTIONS)
     stated = msgspec.structs.replace(of.options, straightness={"EXY": SETS[0], "EXZ": SETS[1], "EYZ": SETS[2]})
-    assert "straightness-recalled" not in codes(replace(of, options=stated), FUNCTIONS)
+    assert "sign-untested.recalled" not in codes(replace(of, options=stated), FUNCTIONS)
 
 
 def test_straightness_in_the_file_beside_a_profile_that_says_there_is_none() -> None:
     """Sets with values act beside whatever is written; sets that are all zero do nothing."""
-    assert "straightness-in-file" not in codes(profile(option=False), FUNCTIONS)
+    assert "machine-file-differs.straightness" not in codes(profile(option=False), FUNCTIONS)
     _, _, files = written(profile(), drawn())
     held = replace(profile(option=False), existing=files)
-    assert "straightness-in-file" in codes(held, FUNCTIONS)
-    assert "straightness-in-file" not in codes(replace(profile(), existing=files), FUNCTIONS)
+    assert "machine-file-differs.straightness" in codes(held, FUNCTIONS)
+    assert "machine-file-differs.straightness" not in codes(replace(profile(), existing=files), FUNCTIONS)
 
 
 @pytest.mark.parametrize("interval_mm", [b"30.0", b"25.4", b"24.999"])

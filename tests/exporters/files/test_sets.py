@@ -147,11 +147,11 @@ class TestReading:
     @pytest.mark.parametrize(
         ("harm", "code"),
         [
-            (lambda out: (out / "T1_RESTORE.INI").unlink(), "set-incomplete"),
+            (lambda out: (out / "T1_RESTORE.INI").unlink(), "set-altered.missing"),
             (lambda out: (out / "T0.INI").write_bytes(b"0"), "set-altered"),
-            (lambda out: (out / "T9.INI").write_bytes(b"9"), "set-foreign"),
+            (lambda out: (out / "T9.INI").write_bytes(b"9"), "set-altered.foreign"),
             (lambda out: (out / SUMS).write_bytes(b""), "set-altered"),
-            (lambda out: (out / SUMS).write_bytes((out / SUMS).read_bytes()[:-3]), "set-incomplete"),
+            (lambda out: (out / SUMS).write_bytes((out / SUMS).read_bytes()[:-3]), "set-altered.missing"),
         ],
     )
     def test_a_set_that_somebody_touched_is_refused(self, tmp_path, harm, code):
@@ -185,4 +185,4 @@ class TestReading:
         (tmp_path / "out" / "T4.INI").unlink()
         with pytest.raises(SafetyError) as refusal:
             read_given([tmp_path / "out" / "T0.INI", tmp_path / "out" / SUMS])
-        assert refusal.value.code == "set-incomplete"
+        assert refusal.value.code == "set-altered.missing"

@@ -102,8 +102,8 @@ def test_column_widths_are_those_of_the_control():
     lines = files["AXIS_AX1.COM"].data.decode().split("\r\n")
     assert lines[1] == own.rstrip()
     assert lines[2].index("+0.0040") == own.index("AX1")
-    assert "column-widths-assumed" not in {finding.code for finding in plan.findings}
-    assert "column-widths-assumed" in {finding.code for finding in files_of(profile())[1].findings}
+    assert "profile-assumed.columns" not in {finding.key for finding in plan.findings}
+    assert "profile-assumed.columns" in {finding.key for finding in files_of(profile())[1].findings}
 
 
 def test_columns_that_are_too_narrow_are_refused():
@@ -112,7 +112,7 @@ def test_columns_that_are_too_narrow_are_refused():
     template = ControlFile(name="AXIS_AX1.COM", data=f"BEGIN AXIS_AX1.COM MM\r\n{own}\r\n[END]\r\n".encode())
     with pytest.raises(SafetyError, match="columns wide enough") as refused:
         files_of(profile(existing=[template]))
-    assert refused.value.code == "column-too-narrow"
+    assert refused.value.code == "field-too-narrow.column"
 
 
 def test_the_spacing_of_old_controls_is_a_power_of_two():
@@ -132,7 +132,7 @@ def test_two_directions_become_their_mean_and_a_remark():
     result = made_result({"EXX": [4.0, 1.0, 0.0, -2.0, -5.0]}, reversal={"EXX": [-6.0] * 5})
     files, plan = files_of(profile(direction="both"), ("EXX",), result)
     assert "EXX: the mean of both directions is written, the reversal is left" in next(
-        f.text for f in plan.findings if f.code == "direction-averaged"
+        f.text for f in plan.findings if f.key == "direction-averaged.written"
     )
     assert cells(files["AXIS_AX1.COM"])[2][3] == "+0.0040"
 

@@ -7,11 +7,11 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.compensation import stated
 from stepdiag.base.errors import DataError, SafetyError, UsageError
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.linuxcnc.control import LinuxCnc
-from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
 from stepdiag.exporters.tables.fit import fitted
@@ -167,7 +167,7 @@ class TestBacklash:
     def test_an_export_is_refused_while_nobody_says_what_it_is(self, tmp_path):
         with pytest.raises(SafetyError) as refusal:
             export(made_result({"EXX": [0, 3, 8, 12, 20]}), "linuxcnc", self.with_backlash(None), out_dir=tmp_path / "out")
-        assert refusal.value.code == "backlash-unasked"
+        assert refusal.value.code == "profile-incomplete.backlash"
         assert not (tmp_path / "out").exists()
 
     def test_a_machine_that_errs_differently_each_way_keeps_both(self, tmp_path):
@@ -248,7 +248,7 @@ def test_a_squareness_is_judged_over_the_travel_of_the_machine():
     plan = LINUXCNC.plan(fitted(LEANING, profile.machine.functions, profile.machine.squareness_into).curves, profile)
     files = [file for file in LINUXCNC.render(plan.tables, profile) if file.role == "data"]
     found = verify_files(LEANING, files, profile)
-    assert "value-large" not in {finding.code for finding in found.findings}
+    assert "value-large" not in {finding.key for finding in found.findings}
     assert found.right
     (lean,) = (table for table in found.tables if table.name == "EXY")
     assert lean.position_mm.tolist() == [VOLUME.origin_mm[1], VOLUME.origin_mm[1] + VOLUME.size_mm[1]]
@@ -260,6 +260,6 @@ def test_no_squareness_file_where_the_control_has_no_matrixkins():
     profile = replace(profile, options=msgspec.structs.replace(profile.options, matrixkins=False))
     plan = LINUXCNC.plan(fitted(LEANING, profile.machine.functions, profile.machine.squareness_into).curves, profile)
     assert {table.kind for table in plan.tables} == {"comp"}
-    assert "tables-left-out" in {finding.code for finding in plan.findings}
+    assert "function-left-out.matrixkins" in {finding.key for finding in plan.findings}
     files = [file for file in LINUXCNC.render(plan.tables, profile) if file.role == "data"]
     assert verify_files(LEANING, files, profile).right

@@ -354,8 +354,8 @@ class TestExport:
             return
         with pytest.raises(SafetyError, match="EXX: the old correction holds a slope") as refused:
             export(result, "linuxcnc", of, out_dir=tmp_path / "files")
-        assert refused.value.code == "old-slope-lost"
-        export(result, "linuxcnc", of, accept=["old-slope-lost"], out_dir=tmp_path / "files")
+        assert refused.value.code == "old-table-lost.slope"
+        export(result, "linuxcnc", of, accept=["old-table-lost.slope"], out_dir=tmp_path / "files")
 
     def test_tables_that_were_active_do_not_merge_with_a_lattice(self, tmp_path: Path) -> None:
         on = replace(profile(), machine=replace_machine(profile(), measured_with="on"))
@@ -364,7 +364,11 @@ class TestExport:
 
     @pytest.mark.parametrize(
         ("limit", "code"),
-        [("value_um = 5.0", "value-beyond-limit"), ("slope_um_mm = 0.001", "slope-steep"), ("warn_value_um = 5.0", "value-large")],
+        [
+            ("value_um = 5.0", "value-large.lattice-limit"),
+            ("slope_um_mm = 0.001", "slope-steep.lattice"),
+            ("warn_value_um = 5.0", "value-large.lattice"),
+        ],
     )
     def test_limits_hold_for_a_lattice_too(self, tmp_path: Path, limit: str, code: str) -> None:
         text = profile_text("linuxcnc", steps_mm=(50.0, 50.0, 50.0), references_mm=(-200.0, 0.0, -100.0), direction="mean")
@@ -389,7 +393,7 @@ class TestExport:
             SafetyError, match=f"lattice, X: {start_mm:g} to {end_mm:g} mm, the measured travel is -200 to 200 mm"
         ) as refused:
             written(tmp_path / "out", of)
-        assert refused.value.code == "beside-volume"
+        assert refused.value.code == "beyond-travel.lattice"
         assert not (tmp_path / "out").exists()
 
     def test_more_vertices_than_it_has_room_for_are_refused(self, tmp_path: Path) -> None:

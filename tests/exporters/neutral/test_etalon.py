@@ -6,12 +6,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Result
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.safety.verify import grid_points_mm
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Result
 from testkit.exact.results import VOLUME, made_result
 
 POINTS = grid_points_mm(VOLUME, 5)

@@ -115,7 +115,7 @@ class TestGrid:
         profile = quick_profile(SIEMENS, VOLUME, 60.0)
         with pytest.raises(SafetyError, match=r"57\.14") as refusal:
             profile.grid_mm("X")
-        assert refusal.value.code == "grid-not-integral"
+        assert refusal.value.code == "grid-unfit.step"
 
     def test_a_decimal_step_fits_in_spite_of_binary_fractions(self):
         """400 mm in steps of 0.1 mm are 4000 sections, although 0.1 is no binary number."""
@@ -130,4 +130,4 @@ class TestActiveTables:
     def test_measured_with_a_table_that_is_not_given_is_refused(self):
         with pytest.raises(SafetyError) as refusal:
             parse_profile(siemens_text(measured_with='"on"'), "p.toml", SIEMENS, VOLUME)
-        assert refusal.value.code == "active-table-unknown"
+        assert refusal.value.code == "active-table-unfit.unknown"

@@ -8,17 +8,17 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.compensation import Statement, stated, stated_in
 from stepdiag.base.errors import DataError, SafetyError
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import ROTATIONS, Result, parse_result
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.compensation import Statement, stated, stated_in
 from stepdiag.exporters.safety.levers import left_out, without_levers
 from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.result.members import Facts
-from stepdiag.solver.result.result import ROTATIONS, Result, parse_result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import profile_of
 from testkit.exact.members import members
@@ -30,7 +30,7 @@ MACHINE = {"EXX": [0, 3, 8, 12, 20], "EYY": [0, -2, -5, -7, -9], "EYX": [0, 1.5,
 WORN = {"EXX": [0, 1, 3, 5, 8], "EYY": [0, -1, -1, -3, -4], "EYX": [0, 1, -1, 1, 0], "EXZ": [0, 0, 2, 1, 0]}
 """What wear has added since the tables were made."""
 POINTS = grid_points_mm(VOLUME, 5)
-ACCEPT = ("change-large", "correction-within-uncertainty")
+ACCEPT = ("change-large", "correction-small.uncertainty")
 
 
 def profile(state: str = "off", existing: tuple[ControlFile, ...] = ()) -> Profile:
@@ -64,7 +64,7 @@ STATEMENTS = {
 
 def errs_um(control: SiemensControl) -> float:
     """The largest error of the worn machine under this control, without the shift and turn of the workpiece, in um."""
-    from stepdiag.solver.result.field import error_field_um, without_rigid_motion
+    from stepdiag.base.result.field import error_field_um, without_rigid_motion
 
     moved = sum((1000.0 * table.correction_mm(POINTS, np.ones(POINTS.shape)) for table in control.tables()), np.zeros(POINTS.shape))
     left = error_field_um(made_result(summed(MACHINE, WORN)), POINTS) + moved
@@ -135,7 +135,7 @@ class TestStatement:
 class TestReadingsThatSayNothing:
     def test_the_profile_is_believed_aloud(self, tmp_path):
         report = export(made_result(MACHINE), "siemens", profile(), out_dir=tmp_path / "out", today=TODAY)
-        assert ("compensation-unstated", "warning") in {(item.code, item.severity) for item in report.findings}
+        assert ("compensation-unanswered.profile", "warning") in {(item.key, item.severity) for item in report.findings}
 
     @pytest.mark.parametrize("noted", [[], ["00"]])
     def test_active_files_need_a_hash_that_somebody_noted(self, noted, tmp_path):
@@ -144,7 +144,7 @@ class TestReadingsThatSayNothing:
         on = replace(on, machine=msgspec.structs.replace(on.machine, active_sha256=noted))
         with pytest.raises(SafetyError) as refusal:
             export(made_result(WORN), "siemens", on, out_dir=tmp_path / "out", accept=ACCEPT, today=TODAY)
-        assert refusal.value.code == "active-table-differs"
+        assert refusal.value.code == "active-table-unfit.other"
         assert STATEMENTS["on"].files[0].sha256 not in str(refusal.value)
 
 
@@ -174,7 +174,7 @@ class TestAnglesWhoseLeversAreGone:
 
     def test_a_solution_says_that_it_left_them_out(self):
         found = left_out({"lattice.csv": LATTICE})
-        assert (found.code, found.severity) == ("angles-left-out", "warning")
+        assert (found.key, found.severity) == ("angles-left-out", "warning")
         assert "lattice.csv was active while measuring" in found.text
         assert left_out(PLAIN) is None
 
@@ -184,7 +184,7 @@ class TestAnglesWhoseLeversAreGone:
         files = tuple(ControlFile(name=name, data=data) for name, data in given.items())
         with pytest.raises(SafetyError) as refusal:
             export(result, "siemens", profile("on", files), out_dir=tmp_path / "out", accept=ACCEPT, today=TODAY)
-        assert refusal.value.code == "angles-beside-lattice"
+        assert refusal.value.code == "active-table-unfit.angles"
         assert "solve without the angles file" in str(refusal.value)
 
     def test_with_tables_of_one_axis_the_levers_are_still_there(self, tmp_path):

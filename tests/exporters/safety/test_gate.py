@@ -36,7 +36,7 @@ def test_what_a_control_could_misread_is_refused_with_its_line(text):
     file = ControlFile(name="T.INI", data=f"0.0 0.0\n{text}\n".encode("latin-1"))
     with pytest.raises(SafetyError, match="line 2: ") as refusal:
         require_clean([file])
-    assert refusal.value.code == "text-not-clean"
+    assert refusal.value.code == "file-unsound.text"
     require_clean([replace(file, role="note")])
     require_clean([file], own=[file])
 

@@ -6,11 +6,11 @@ from pathlib import Path
 import pytest
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.safety.verify import verify_files
-from stepdiag.solver.result.result import Result
 from testkit.exact.machines import profile_of
 from testkit.exact.members import members
 from testkit.exact.results import made_result

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.compensation import stated
+from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
-from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.standing import Standing
 from stepdiag.exporters.safety.verdicts.case import TableCase
 from stepdiag.exporters.safety.verdicts.judge import judge
@@ -21,7 +22,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS, Curve
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table, correction_um, joined
-from stepdiag.solver.result.result import ROTATIONS, Result
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME, made_result
 
@@ -263,26 +263,27 @@ def test_limits_are_applied_to_files_from_anywhere():
     profile = replace(profile, options=msgspec.structs.replace(profile.options, cec_tables_held=5))
     files = [file for file in controller_named("siemens").render(tables, profile) if file.role == "data"]
     found = verify_files(RESULT, files, profile)
-    assert "tables-beyond-limit" in {finding.code for finding in found.findings}
+    assert "control-full.tables" in {finding.key for finding in found.findings}
     assert not found.right
 
 
 @pytest.mark.parametrize(
-    ("factor", "code"), [(1.0, None), (0.0, None), (-1.0, "lattice-scaled"), (10.0, "lattice-scaled"), (0.1, "lattice-scaled")]
+    ("factor", "code"),
+    [(1.0, None), (0.0, None), (-1.0, "lattice-unlike.turned"), (10.0, "lattice-unlike.scaled"), (0.1, "lattice-unlike.scaled")],
 )
 def test_a_lattice_is_judged_as_a_whole(factor, code):
     """It has no tables, but a size and a sign."""
     made = lattice.lattice_of(RESULT, 50.0)
     file = lattice.render(replace(made, vectors_um=factor * made.vectors_um))
     found = verify_files(RESULT, [file])
-    assert [finding.code for finding in found.findings] == ([code] if code else [])
+    assert [finding.key for finding in found.findings] == ([code] if code else [])
     assert found.right == (code is None)
 
 
 def test_the_lattice_of_another_machine():
     other = made_result({name: values[::-1] for name, values in ERRORS.items()}, u_um=0.1)
     found = verify_files(RESULT, [lattice.render(lattice.lattice_of(other, 50.0))])
-    assert [finding.code for finding in found.findings] == ["lattice-unlike"]
+    assert [finding.key for finding in found.findings] == ["lattice-unlike"]
 
 
 ANGLES = {name: list(np.linspace(0.0, 1.0, 5) ** 2 * (9.0 if name[2] == "X" else -11.0)) for name in ROTATIONS}

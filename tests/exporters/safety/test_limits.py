@@ -10,11 +10,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import SafetyError
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.tables.controller import plausible_slope_um_mm
 from stepdiag.exporters.tables.profile import LimitsSection
-from stepdiag.solver.result.result import DISPLACEMENTS
 from testkit.exact.results import made_result
 
 TODAY = date(2026, 6, 1)
@@ -57,7 +57,7 @@ class TestSizes:
     def test_a_long_machine_off_by_25_um_a_metre_is_exported(self, edge_mm):
         assert refused(machine_of(edge_mm, 10, {"EXX": np.linspace(0.0, 0.025 * edge_mm, 11)}), edge_mm / 10) is None
 
-    @pytest.mark.parametrize(("um_m", "code"), [(390.0, None), (410.0, "value-large"), (810.0, "value-beyond-limit")])
+    @pytest.mark.parametrize(("um_m", "code"), [(390.0, None), (410.0, "value-large"), (810.0, "value-large.limit")])
     @pytest.mark.parametrize("edge_mm", [500.0, 1000.0, 4000.0])
     def test_the_limit_is_the_same_slope_on_every_travel(self, edge_mm, um_m, code):
         assert refused(machine_of(edge_mm, 10, {"EXX": np.linspace(0.0, um_m * edge_mm / 1000.0, 11)}), edge_mm / 10) == code

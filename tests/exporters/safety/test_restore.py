@@ -113,7 +113,7 @@ class TestSiemens:
         tables, settled, _ = planned("siemens", SECOND, profile)
         with pytest.raises(SafetyError, match=f"siemens.{key}") as refusal:
             restore_files(controller_named("siemens"), tables, settled)
-        assert refusal.value.code == "switches-unasked"
+        assert refusal.value.code == "profile-incomplete.switches"
 
     def test_tables_that_acted_while_measuring_had_weight_one(self):
         """What they did is part of the measurement, and it is read at weight 1."""
@@ -206,7 +206,7 @@ class TestMitsubishi:
         tables, settled, _ = planned("mitsubishi", SECOND, self.later(profile, own, first_data=4101))
         with pytest.raises(SafetyError) as refusal:
             restore_files(controller_named("mitsubishi"), tables, settled)
-        assert (refusal.value.code, refusal.value.remedy) == ("restore-overlaps", "first_data = 4111")
+        assert (refusal.value.code, refusal.value.remedy) == ("points-overlap.restore", "first_data = 4111")
 
     def own_list(self, first_data: int) -> tuple[list[ControlFile], Profile]:
 

@@ -6,12 +6,12 @@ from datetime import date
 import msgspec
 import pytest
 
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case
 from stepdiag.exporters.safety.remarks import remarks
 from stepdiag.exporters.tables.curves import curves_of
-from stepdiag.solver.result.result import Result
 from testkit.exact.machines import profile_of
 from testkit.exact.members import members
 from testkit.exact.results import VOLUME, made_result
@@ -29,7 +29,7 @@ def said_of(result: Result, code: str, direction: str = "mean", name: str = "sie
     case = Case(
         controller=control, profile=profile, result=result, curves=curves, tables=tables, previous=(), today=date(2026, 6, 1)
     )  # fmt: skip
-    return [finding.text for finding in remarks(case) if finding.code == code]
+    return [finding.text for finding in remarks(case) if finding.key == code]
 
 
 def test_the_backlash_number_comes_with_its_uncertainty():
@@ -77,11 +77,11 @@ def test_the_kinematics_component_leaves_it_to_backlash_with_the_number(tmp_path
     profile = profile_of("linuxcnc", VOLUME)
     options = msgspec.structs.replace(profile.options, way="kinematics")
     report = export(KNOWN, "linuxcnc", replace(profile, options=options), out_dir=tmp_path / "out")
-    (text,) = (finding.text for finding in report.findings if finding.code == "reversal-value")
+    (text,) = (finding.text for finding in report.findings if finding.key == "reversal-value")
     assert text.endswith("to be added to what the backlash parameter held while measuring")
 
 
 def test_a_table_for_each_direction_is_not_written_for_chance():
-    (text,) = said_of(made_result(reversal={"EXX": [0.5] * 5}), "reversal-insignificant", "both")
+    (text,) = said_of(made_result(reversal={"EXX": [0.5] * 5}), "direction-averaged.chance", "both")
     assert text.startswith("EXX")
-    assert said_of(PLAYING, "reversal-insignificant", "both") == []
+    assert said_of(PLAYING, "direction-averaged.chance", "both") == []

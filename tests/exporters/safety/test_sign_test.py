@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.readings.readings import Readings, make_readings
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.sign_run import from_readings, read_sign_run
 from stepdiag.exporters.safety.sign_test import Bump, bump, verdict
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.readings.readings import Readings, make_readings
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME
 
@@ -56,7 +56,7 @@ class TestBump:
     def test_a_travel_that_is_too_short_is_refused(self):
         with pytest.raises(SafetyError) as refusal:
             bump(controller_named("siemens"), quick_profile(controller_named("siemens"), VOLUME, 200.0), "EXX")
-        assert refusal.value.code == "bump-does-not-fit"
+        assert refusal.value.code == "grid-unfit.bump"
 
 
 class TestSlope:

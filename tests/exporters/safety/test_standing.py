@@ -39,7 +39,9 @@ def test_a_new_table_that_reaches_less_far_than_the_old_one_says_what_is_lost(fr
     _, before, _ = loaded(-200.0, 200.0, old)
     profile, new, result = loaded(from_mm, to_mm, [0, 1, 2, 3, 4])
     found = [
-        each for each in standing_findings(Standing(before=before, after=new, new=new), result, profile) if each.code == "table-shrinks"
+        each
+        for each in standing_findings(Standing(before=before, after=new, new=new), result, profile)
+        if each.key == "old-table-lost.ends"
     ]
     assert len(found) == len(lost)
     assert all(part in each.text for part, each in zip(lost, found, strict=True))

@@ -52,13 +52,13 @@ class TestPrediction:
         files = control.render(control.plan(curves_of(spoiled), profile).tables, profile)
         found = verify_files(made, files)
         assert not found.prediction.clearly_worse
-        (one,) = [each for each in found.findings if each.code == "stretch-worse"]
+        (one,) = [each for each in found.findings if each.key == "stretch-worse"]
         axis, low, _, high = one.text.split()[:4]
         end = VOLUME.origin_mm[0] + VOLUME.size_mm[0]
         assert (axis, float(high)) == ("X", end)
         assert float(low) == end - VOLUME.step_mm[0]
         clean = verify_files(made, control.render(control.plan(curves_of(made), profile).tables, profile))
-        assert not [each for each in clean.findings if each.code == "stretch-worse"]
+        assert not [each for each in clean.findings if each.key == "stretch-worse"]
 
     def test_files_that_do_worse_than_the_tables_that_stand_in_the_control_are_named(self):
         """They were off while measuring, and everything is better than nothing: what counts is what the owner has."""
@@ -71,7 +71,7 @@ class TestPrediction:
         )
         result = made_result({"EXX": [0, 6, 16, 24, 40]})
         worse, better = (
-            [each.text for each in verify_files(result, new[:1], replace(profile, existing=old[:1])).findings if each.code == "worse-after"]
+            [each.text for each in verify_files(result, new[:1], replace(profile, existing=old[:1])).findings if each.key == "worse-after"]
             for new, old in ((half, whole), (whole, half))
         )
         assert [text.partition(", ")[2].partition(" by")[0] for text in worse] == ["with the tables that are in the control now"]
@@ -83,8 +83,8 @@ class TestPrediction:
         made = made_result({"EXX": (wave - wave[0]).tolist()}, volume=fine)
         control, profile = controller_named("siemens"), profile_of("siemens", fine)
         found = verify_files(made, control.render(control.plan(curves_of(made), profile).tables, profile))
-        assert [each.text.partition(":")[0] for each in found.findings if each.code == "between-unknown"] == ["EXX"]
-        assert not [each for each in verify_files(RESULT, siemens_files()).findings if each.code == "between-unknown"]
+        assert [each.text.partition(":")[0] for each in found.findings if each.key == "increments-coarse.verify"] == ["EXX"]
+        assert not [each for each in verify_files(RESULT, siemens_files()).findings if each.key == "increments-coarse.verify"]
 
     def test_without_rigid_motion_a_squareness_folded_the_other_way_is_no_error(self):
         control, profile = controller_named("siemens"), profile_of("siemens", VOLUME)

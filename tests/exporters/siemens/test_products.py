@@ -8,6 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError, SafetyError, UsageError
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
@@ -22,8 +24,6 @@ from stepdiag.exporters.siemens.products import chosen, taken_by
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.siemens import SiemensControl
 from testkit.exact.machines import profile_text
 from testkit.exact.results import made_result
@@ -130,7 +130,7 @@ class TestExport:
 
     def test_without_asking_they_are_offered_and_not_written(self, tmp_path) -> None:
         report = export(drawn(5), "siemens", profile(""), out_dir=tmp_path)
-        assert "products-possible" in {finding.code for finding in report.findings}
+        assert "products-possible" in {finding.key for finding in report.findings}
         assert {table.kind for table in report.tables} == {"eec", "cec"}
 
     def test_without_angles_there_is_nothing_to_multiply(self, tmp_path) -> None:
@@ -144,7 +144,7 @@ class TestExport:
 
         report = export(drawn(6), "siemens", profile(extra=tested), out_dir=tmp_path, today=date(2026, 11, 22))
         assert any("UNTESTED" in name for name in report.files)
-        assert "cec-product" in next(finding.text for finding in report.findings if finding.code == "sign-untested")
+        assert "cec-product" in next(finding.text for finding in report.findings if finding.key == "sign-untested")
 
     def test_a_second_survey_with_products_on_gives_the_same_tables(self, tmp_path) -> None:
         """Nothing left over, measured with the products active: the new export holds them again, to the rounding."""
@@ -188,11 +188,11 @@ class TestBudget:
     def test_fewer_tables_than_the_curves_take_refuse_the_export(self, tmp_path) -> None:
         with pytest.raises(SafetyError) as refused:
             export(drawn(13), "siemens", profile("cec_tables_held = 4"), out_dir=tmp_path)
-        assert refused.value.code == "tables-beyond-limit"
+        assert refused.value.code == "control-full.tables"
 
     def test_what_is_left_out_is_said(self, tmp_path) -> None:
         report = export(drawn(13), "siemens", profile("products = true\ncec_tables_held = 8"), out_dir=tmp_path)
-        assert "tables-left-out" in {finding.code for finding in report.findings}
+        assert "function-left-out.tables" in {finding.key for finding in report.findings}
         placed = {int(table.place["table"]) for table in report.tables if "table" in table.place}
         assert max(placed | {int(table.place["times table"]) for table in report.tables if "times table" in table.place}) < 8
 

@@ -7,20 +7,20 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.compensation import stated
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.files.sets import read_given
 from stepdiag.exporters.profiles.registry import controller_named
-from stepdiag.exporters.safety.compensation import stated
 from stepdiag.exporters.safety.sign_test import bump, verdict
 from stepdiag.exporters.safety.verify import grid_points_mm, verify_files
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import ROTATIONS, Result
 from stepdiag.virtual.control.beckhoff import load_volumetric
 from stepdiag.virtual.control.heidenhain import load_tables
 from testkit.exact.machines import profile_of
@@ -100,7 +100,7 @@ def test_verify_finds_every_table_right_far_from_the_zero_of_the_axes(
     result, of = drawn("FXYZ"), profile(name, "FXYZ")
     data = [file for file in written(name, result, of) if file.role == "data"]
     found = verify_files(result, data, of, nodes=5)
-    assert {each.code for each in found.judgements} == {"right"}
+    assert {each.key for each in found.judgements} == {"right"}
     assert found.right, found.findings
 
 
@@ -109,22 +109,22 @@ def test_verify_finds_every_table_right_and_a_turned_angle_wrong(name: str, chai
     result, of = drawn(chain), profile(name, chain)
     data = [file for file in written(name, result, of) if file.role == "data"]
     found = verify_files(result, data, of)
-    assert {each.code for each in found.judgements} == {"right"}
+    assert {each.key for each in found.judgements} == {"right"}
     assert found.right
     turned = drawn(chain)
     turned = replace(
         turned, errors={key: replace(each, value=-each.value) if key == "EAX" else each for key, each in turned.errors.items()}
     )
-    told = {each.function: each.code for each in verify_files(turned, data, of).judgements}
+    told = {each.function: each.key for each in verify_files(turned, data, of).judgements}
     assert told["EYX*Z"] == told["EZX*Y"] == "sign-turned"
 
 
-@pytest.mark.parametrize(("name", "code"), [("beckhoff", "chain-derived"), ("heidenhain", "kinematicscomp-recalled")])
+@pytest.mark.parametrize(("name", "code"), [("beckhoff", "sign-untested.chain"), ("heidenhain", "sign-untested.component")])
 def test_what_was_read_in_no_manual_is_said(name: str, code: str) -> None:
     """In the export's own words, on the terminal and in the report, beside the marks in the files; not where nothing of it is written."""
     fit, of = fitted(drawn()), profile(name)
     without = replace(of, options=msgspec.structs.replace(of.options, chain=None))
-    said = [{each.code for each in controller_named(name).plan_products(fit.curves, fit.products, one).findings} for one in (of, without)]
+    said = [{each.key for each in controller_named(name).plan_products(fit.curves, fit.products, one).findings} for one in (of, without)]
     assert code in said[0]
     assert code not in said[1]
     notes = [file.data for file in written(name, drawn(), of) if file.role == "note"]
@@ -177,7 +177,7 @@ def test_other_controls_of_heidenhain_have_no_public_columns() -> None:
 def test_an_export_restores_to_nothing_and_says_what_is_from_memory(name, tmp_path) -> None:
     """The restore files move nothing; what is not read in a manual is marked in the very file that needs it."""
     of = profile(name)
-    report = export(drawn(), name, of, accept=("slope-steep", "column-widths-assumed"), out_dir=tmp_path / "out")
+    report = export(drawn(), name, of, accept=("slope-steep", "profile-assumed.columns"), out_dir=tmp_path / "out")
     restore = [file for file in read_given([tmp_path / "out"]) if "_RESTORE" in file.name and file.role == "data"]
     tables = controller_named(name).parse([replace(file, name=file.name.replace("_RESTORE", "")) for file in restore], of)
     assert np.all(mean_correction_um(tables, POINTS) == 0.0)
@@ -211,7 +211,7 @@ def test_a_second_calibration_takes_the_place_of_the_first(name, tmp_path) -> No
     said = stated("on", {file.name: file.data for file in active}, date(2026, 1, 31), "read out")
     on = replace(of, machine=msgspec.structs.replace(of.machine, measured_with="on"), existing=active)
     told = replace(worn, survey=said.facts())
-    accept = ("slope-steep", "column-widths-assumed", "change-large")
+    accept = ("slope-steep", "profile-assumed.columns", "change-large")
     export(told, name, on, accept=accept, out_dir=tmp_path / "out", today=date(2026, 2, 1))
     new = [replace(file, name=file.name.replace("_UNTESTED_SIGN", "")) for file in read_given([tmp_path / "out"])]
     files = tuple(file for file in new if "_RESTORE" not in file.name)

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.result.result import POSITIONING
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.tables.controller import Plan
@@ -15,7 +16,6 @@ from stepdiag.exporters.tables.curves import FUNCTIONS, Curve, curves_of
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.sampling import sampled_um
 from stepdiag.exporters.tables.tables import Table, correction_um
-from stepdiag.solver.result.result import POSITIONING
 from testkit.exact.machines import MACHINES, profile_of
 from testkit.exact.results import VOLUME, made_result
 from testkit.examples import few

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.exporters.tables.curves import FUNCTIONS, curves_of
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from testkit.exact.results import VOLUME, made_result
 
 POINTS = np.array([[x, y, z] for x in (-200.0, -37.0, 200.0) for y in (0.0, 111.0, 400.0) for z in (-100.0, 20.0, 100.0)])

@@ -8,13 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import ROTATIONS, Result
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.safety.verify import grid_points_mm
 from stepdiag.exporters.tables.curves import FUNCTIONS, Curve, curves_of
 from stepdiag.exporters.tables.fit import Product, fitted
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table, mean_correction_um
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import ROTATIONS, Result
 from testkit.exact.results import made_result
 
 VOLUME = Volume(origin_mm=(-200.0, 50.0, -100.0), size_mm=(500.0, 400.0, 300.0), increments=6)

@@ -82,9 +82,9 @@ class TestMitsubishi:
         which = profile("mitsubishi")
         off = replace(which, axes={**which.axes, "X": msgspec.structs.replace(which.axes["X"], reference_mm=10.0)})
         for bad, values, code in (
-            (off, {"EXX": EXAMPLE}, "reference-off-grid"),
-            (profile("mitsubishi", first_data=5122), {"EXX": EXAMPLE}, "too-many-points"),
-            (which, {"EXX": [0.0, 90000.0, 0.0, 0.0, 0.0]}, "increment-too-large"),
+            (off, {"EXX": EXAMPLE}, "reference-unfit.between"),
+            (profile("mitsubishi", first_data=5122), {"EXX": EXAMPLE}, "control-full.numbers"),
+            (which, {"EXX": [0.0, 90000.0, 0.0, 0.0, 0.0]}, "field-too-narrow.value"),
         ):
             with pytest.raises(SafetyError) as refused:
                 listed(Mitsubishi(), bad, values)
@@ -136,13 +136,13 @@ class TestFagor:
         values, reversal = {"EXX": [5.0, 4.0, 0.0, 2.0, 1.0]}, {"EXX": [10.0, 8.0, 0.0, 4.0, 2.0]}
         with pytest.raises(SafetyError) as refused:
             listed(FAGOR, which, values, reversal=reversal)
-        assert refused.value.code == "reverse-column-zero"
+        assert refused.value.code == "direction-unfit.column"
 
     def test_straightness_is_said_to_stay(self):
         """No cross table is described: only positioning errors are listed."""
         plan, files = listed(FAGOR, profile("fagor"), {"EYX": [0.0, 3.0, 6.0, 3.0, 0.0]}, ("EXX", "EYX"))
         assert [file.name for file in files] == ["fagor_AX1.csv"]
-        assert "stays in the machine: EYX 6.0 um" in next(f.text for f in plan.findings if f.code == "straightness-not-written")
+        assert "stays in the machine: EYX 6.0 um" in next(f.text for f in plan.findings if f.key == "function-left-out.no-table")
 
     @pytest.mark.parametrize(
         ("change", "message"),

@@ -11,6 +11,8 @@ import msgspec
 import numpy as np
 import pytest
 
+from stepdiag.base.result.field import without_rigid_motion
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Vector, Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
@@ -21,8 +23,6 @@ from stepdiag.exporters.tables.fit import Fitted, fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import mean_correction_um
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.result.field import without_rigid_motion
-from stepdiag.solver.result.result import Result
 from stepdiag.virtual.control.beckhoff import load_volumetric
 from stepdiag.virtual.control.heidenhain import load_tables
 from stepdiag.virtual.control.siemens import SiemensControl

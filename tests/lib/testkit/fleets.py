@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from stepdiag.daq.service.completion import complete
+from stepdiag.completion.completion import complete
 from stepdiag.fleet.rows import RMS, About, Row
 from stepdiag.fleet.store import Place, Store
 from stepdiag.fleet.tables import table_of, to_parquet

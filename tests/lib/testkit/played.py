@@ -15,6 +15,7 @@ from structlog.contextvars import get_contextvars
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import AXES
+from stepdiag.base.result.interval import Interval
 from stepdiag.base.volume import diagonal_stops_mm
 from stepdiag.conclusion import Export, Reach, conclude, conclusion_json
 from stepdiag.daq.records.status import (
@@ -33,7 +34,6 @@ from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
 from stepdiag.report.drawings.figures import field_of
 from stepdiag.report.exported import exported_of
-from stepdiag.solver.result.interval import Interval
 from stepdiag.texts.texts import Language
 from testkit.exact.madeup import VOLUME, made_up_result
 

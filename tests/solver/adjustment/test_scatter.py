@@ -9,11 +9,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.readings.readings import make_readings
 from stepdiag.solver.adjustment.adjustment import adjust
 from stepdiag.solver.adjustment.diagnostics import scatter_findings
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.readings.readings import make_readings
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 FULL = (*DIAGONALS, *LINEAR)

@@ -147,13 +147,13 @@ def spoiled(row, column, value):
     [
         (spoiled(2, 2, 0.1), "fourdof-beam-blocked", "QD: no light in 1 of 4 samples, first in sample 2"),
         (spoiled(0, 5, float("nan")), "fourdof-beam-blocked", "PSD1: no light in 1 of 4 samples, first in sample 0"),
-        (spoiled(1, 8, 9.9), "fourdof-saturated", "PSD2: saturated in 1 of 4 samples, first in sample 1"),
-        (spoiled(3, 0, 3.5), "fourdof-saturated", "QD: saturated in 1 of 4 samples, first in sample 3"),
+        (spoiled(1, 8, 9.9), "fourdof-out-of-range.saturated", "PSD2: saturated in 1 of 4 samples, first in sample 1"),
+        (spoiled(3, 0, 3.5), "fourdof-out-of-range.saturated", "QD: saturated in 1 of 4 samples, first in sample 3"),
     ],
 )
 def test_sample_without_usable_light_is_named_and_empty(channels, code, words):
     found = motion(channels, np.zeros(4), head())
-    assert [(finding.code, finding.text) for finding in found.findings] == [(code, words)]
+    assert [(finding.key, finding.text) for finding in found.findings] == [(code, words)]
     bad = ~found.usable
     assert bad.sum() == 1
     assert np.isfinite(found.angle_urad[found.usable]).all()
@@ -167,7 +167,7 @@ def test_sample_without_usable_light_is_named_and_empty(channels, code, words):
 def test_motion_beyond_the_published_range_is_said(shifts, words):
     """Feng 2008, abstract: calibrated over +-650 um and +-600 arc-seconds."""
     found = motion(channels_of(shifts), [0.0], head())
-    assert [finding.code for finding in found.findings] == ["fourdof-out-of-range"]
+    assert [finding.key for finding in found.findings] == ["fourdof-out-of-range"]
     assert found.findings[0].text.startswith(words)
     assert not found.usable[0]
 
@@ -175,5 +175,5 @@ def test_motion_beyond_the_published_range_is_said(shifts, words):
 def test_reading_beyond_the_calibrated_curve_is_not_usable():
     axis = DetectorAxis(curve=Curve(coefficients_um=(0, 5000.0), low=-0.1, high=0.1))
     found = motion(channels_of([600.0, 0, 0, 0, 0, 0]), [0.0], head(qd=Detector(x=axis, y=axis)))
-    assert [finding.code for finding in found.findings] == ["fourdof-uncalibrated"]
+    assert [finding.key for finding in found.findings] == ["fourdof-out-of-range.uncalibrated"]
     assert not found.usable[0]

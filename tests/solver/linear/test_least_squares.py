@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings
 from stepdiag.base.volume import Volume
 from stepdiag.solver.linear.elimination import Normal, eliminate, order_blocks
 from stepdiag.solver.linear.fit import fit
@@ -16,7 +17,6 @@ from stepdiag.solver.linear.rows import Rows
 from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.reported import reported, variance
-from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
 from testkit.exact.surveys import DIAGONALS, Bench
 
 

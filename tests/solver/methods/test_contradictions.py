@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.conclusion.intervals import reach_in
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 
 def errors_of(readings):
     """Return (code, setup, pass, stop) of the errors of a result."""
     findings = solve(readings, chain="FXYZ", method="estimate").findings
-    return [(each.code, each.setup, each.pass_number, each.stop) for each in findings if each.severity == "error"]
+    return [(each.key, each.setup, each.pass_number, each.stop) for each in findings if each.severity == "error"]
 
 
 def survey(**options):
@@ -50,15 +50,15 @@ def test_a_count_that_slipped_once_is_repaired_and_named():
     clean = survey(angle_urad=10.0)
     rows = (np.array(clean.setup) == "npp") & (np.array(clean.pass_number) == 1) & (np.array(clean.stop) >= 7)
     findings = solve(shifted(clean, rows, 200.0), chain="FXYZ", method="estimate").findings
-    assert [(each.code, each.setup, each.pass_number, each.stop) for each in findings if each.code == "count-step"] == [
+    assert [(each.key, each.setup, each.pass_number, each.stop) for each in findings if each.key == "count-step"] == [
         ("count-step", "npp", 1, 7)
     ]
     assert not [each for each in findings if each.severity == "error"]
     # the null space keeps its precision while all scatter is first found a thousand times larger, then as it is
-    assert not {"squareness-unidentified", "function-unidentified"} & {each.code for each in findings}
+    assert not {"unidentified.squareness", "unidentified.function"} & {each.key for each in findings}
 
 
-@pytest.mark.parametrize(("u_um", "codes"), [(9.0, set()), (12.0, {"noise-far"})])
+@pytest.mark.parametrize(("u_um", "codes"), [(9.0, set()), (12.0, {"noise-high.far"})])
 def test_readings_ten_times_as_uncertain_as_usual_stop_the_export_with_their_setup(u_um, codes):
     """They contradict nothing: their scatter is as they say themselves, and nothing can be concluded from them."""
     clean = survey()
@@ -75,7 +75,7 @@ def test_a_setup_that_drifts_far_more_than_usual_is_named_and_harms_nothing(um):
     mine = np.array(clean.setup) == "npp"
     since = np.array(clean.time_s) - np.min(np.array(clean.time_s)[mine])
     result, without = solve(shifted(clean, mine, um * since[mine] / np.ptp(since[mine]))), solve(clean)
-    assert [each.text.split()[1] for each in result.findings if each.code == "drift-large"] == ["npp:"]
+    assert [each.text.split()[1] for each in result.findings if each.key == "drift-large"] == ["npp:"]
     assert result.setups["npp"].drift[0].total_um == pytest.approx(um, rel=0.2)
     for name, function in result.errors.items():
         assert np.max(np.abs(function.value - without.errors[name].value)) < 0.1 + 0.01 * um, name

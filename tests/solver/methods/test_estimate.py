@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.readings.readings import make_readings, parse_readings
+from stepdiag.base.readings.runs import Plan, Run
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.base.setups import CONTINUOUS_DIAGONALS, FACE_DIAGONALS
 from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import KnownAngle
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.planning.runs import Plan, Run
-from stepdiag.solver.readings.readings import make_readings, parse_readings
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS
 from stepdiag.virtual.physics.error_functions import Smooth
 from testkit.exact.rigid import Hall, RandomMachine, drive
 from testkit.exact.surveys import DATA, DIAGONALS, IDEAL, LINEAR, Bench, golden_rows, golden_shapes, solved
@@ -251,7 +251,7 @@ def test_a_drift_far_above_the_usual_is_told_at_its_size_and_of_its_setup():
     told = {name: report.drift[0] for name, report in result.setups.items()}
     assert 24.0 < told["npp"].total_um < 36.0
     assert max(abs(each.total_um) for name, each in told.items() if name != "npp") < 4.0
-    assert [each.text.split()[1] for each in result.findings if each.code == "drift-large"] == ["npp:"]
+    assert [each.text.split()[1] for each in result.findings if each.key == "drift-large"] == ["npp:"]
 
 
 def test_one_way_passes_claim_no_reversal_and_no_drift():
@@ -265,7 +265,7 @@ def test_beam_offsets_resolve_all_eighteen_functions():
     offsets = {f"{name}+{k}": tuple(np.roll([50.0, 0.0, 0.0], k)) for name in DIAGONALS for k in (1, 2)}
     bench = Bench(angle_urad=20.0, diagonal_noise_um=0.1, linear_noise_um=0.1, increments=6, beam_offset_mm=offsets)
     result = solve(bench.survey((*DIAGONALS, *offsets, *LINEAR)))
-    assert "angles-resolved" in {finding.code for finding in result.findings}
+    assert "angles-resolved" in {finding.key for finding in result.findings}
     for name in ROTATIONS:
         function, true = result.errors[name], bench.truth.errors[name]
         true = true if function.slope_identified else true - true[-1] * np.arange(7) / 6
@@ -328,14 +328,14 @@ def test_what_is_not_identified_is_null_and_named():
     for name in ("EXX", "EYY", "EZZ"):
         assert not result.errors[name].slope_identified
         assert result.errors[name].value[-1] == pytest.approx(0.0, abs=1e-9)
-    finding = next(finding for finding in result.findings if finding.code == "scale-unidentified")
+    finding = next(finding for finding in result.findings if finding.key == "unidentified.scale")
     assert "linear-" in finding.text
 
 
 def test_a_mirror_over_two_milliradians_is_to_be_realigned():
-    found = {finding.code: finding for finding in solve(Bench(tilt_mrad=2.5).survey()).findings}
+    found = {finding.key: finding for finding in solve(Bench(tilt_mrad=2.5).survey()).findings}
     assert "realign" in found["mirror-misaligned"].text
-    assert "mirror-misaligned" not in {finding.code for finding in solve(Bench(tilt_mrad=1.5).survey()).findings}
+    assert "mirror-misaligned" not in {finding.key for finding in solve(Bench(tilt_mrad=1.5).survey()).findings}
 
 
 def test_of_readings_noisier_than_stated_the_noise_is_estimated_and_named():
@@ -343,12 +343,12 @@ def test_of_readings_noisier_than_stated_the_noise_is_estimated_and_named():
     honest = Bench(diagonal_noise_um=1.5, linear_noise_um=1.5)
     boasting = replace(honest.survey(), u_um=np.full(len(honest.survey()), 0.3))
     result = solve(boasting)
-    (finding,) = [finding for finding in result.findings if finding.code == "stated-u-low"]
+    (finding,) = [finding for finding in result.findings if finding.key == "stated-u-low"]
     assert finding.severity == "warning"
     assert "stops state 0.3 um" in finding.text
     assert result.errors["EYX"].u[5] == pytest.approx(solve(honest.survey()).errors["EYX"].u[5], rel=0.35)
     assert np.mean(np.abs(scores(honest, result)) < 2.0) > 0.93
-    assert "stated-u-low" not in {finding.code for finding in solve(honest.survey()).findings}
+    assert "stated-u-low" not in {finding.key for finding in solve(honest.survey()).findings}
 
 
 def test_repeats_tell_the_repeatability():

@@ -5,16 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.conditions.expansion import expansion_um
 from stepdiag.base.errors import DataError
+from stepdiag.base.readings.readings import parse_readings, render_readings
+from stepdiag.base.result.basis import basis_of
+from stepdiag.base.result.result import ROTATIONS, Function, Scale, parse_result
+from stepdiag.base.result.typed import written
 from stepdiag.daq.survey.assumed import parse_uncertainty
 from stepdiag.solver.methods.lengths import at_their_temperature, lengths_report, tool_report
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.readings.readings import parse_readings, render_readings
-from stepdiag.solver.result.basis import basis_of
-from stepdiag.solver.result.result import ROTATIONS, Function, Scale, parse_result
-from stepdiag.solver.result.typed import written
-from stepdiag.solver.standards.expansion import expansion_um
 from stepdiag.texts.sentences import translated
 from testkit.exact.surveys import Bench
 

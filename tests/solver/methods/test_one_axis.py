@@ -8,9 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepdiag.base.readings.readings import Readings, make_readings, render_readings
+from stepdiag.base.result.result import DISPLACEMENTS, parse_result
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import Readings, make_readings, render_readings
-from stepdiag.solver.result.result import DISPLACEMENTS, parse_result
 from testkit.cli import stepdiag
 from testkit.exact.beside import Beside, scattered
 from testkit.exact.surveys import Bench
@@ -64,11 +64,11 @@ def test_the_axis_is_measured_and_everything_else_is_null_and_named():
     for name in set(DISPLACEMENTS) - {"EXX"}:
         assert result.errors[name].value is None
     assert all(quantity.value is None for quantity in result.squareness.values())
-    (finding,) = (each for each in result.findings if each.code == "function-unidentified")
+    (finding,) = (each for each in result.findings if each.key == "unidentified.function")
     assert finding.severity == "info"
     assert "Y and Z did not travel" in finding.text
     assert all(name in finding.text for name in ("EYX", "EZZ", "C0Y", "the scale of Z"))
-    assert {each.code for each in result.findings if each.severity != "info"} == set()
+    assert {each.key for each in result.findings if each.severity != "info"} == set()
 
 
 def test_nothing_is_stated_about_a_volume():

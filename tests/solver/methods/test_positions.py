@@ -9,9 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.readings.readings import render_readings
+from stepdiag.base.result.result import Result
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import render_readings
-from stepdiag.solver.result.result import Result
 from testkit.cli import stepdiag
 from testkit.exact.beside import Beside, as_exact, as_written, rounded, scattered
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
@@ -40,7 +40,7 @@ def numbers(result: Result):
 
 
 def warnings(result: Result):
-    return sorted(finding.code for finding in result.findings if finding.severity != "info")
+    return sorted(finding.key for finding in result.findings if finding.severity != "info")
 
 
 def same_answer(survey: Beside, within_um: float, **options):
@@ -232,7 +232,7 @@ def test_a_direction_that_is_barely_seen_is_not_identified():
     assert not result.scale["X"].identified
     assert result.scale["X"].value is None
     assert not result.errors["EXX"].slope_identified
-    text = next(finding.text for finding in result.findings if finding.code == "scale-unidentified")
+    text = next(finding.text for finding in result.findings if finding.key == "unidentified.scale")
     assert "the scale of X, Y, Z" in text
     assert "about 0 min" not in text
     assert result.volumetric_u_um < 50.0

@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.solver.methods.estimate import backlash_numbers, estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 FULL = (*DIAGONALS, *LINEAR)
@@ -61,7 +61,7 @@ def test_without_a_common_zero_there_is_no_backlash_number():
     result = solve(Bench(seed=1, reversal=PLAY).survey(passes=(1, 2)))
     assert result.backlash is None
     assert result.reversal["EXX"].value[0] == 0.0
-    assert "reversal-value-lost" in {finding.code for finding in result.findings}
+    assert "iso230-plan.zero" in {finding.key for finding in result.findings}
 
 
 def test_without_linear_runs_the_backlash_of_one_axis_is_not_guessed():
@@ -92,7 +92,7 @@ def test_a_count_lost_in_the_middle_of_a_pass_costs_the_move_across_it_and_nothi
     off = replace(readings, reading_mm=readings.reading_mm + np.where(lost, 7.0, 0.0), zero=np.where(lost, 2, readings.zero))
     whole, broken = solve(readings), solve(off)
     assert remaining_um(bench, broken) < 1.2 * remaining_um(bench, whole)
-    assert not [finding for finding in broken.findings if finding.code.startswith(("stop-", "step-"))]
+    assert not [finding for finding in broken.findings if finding.key.startswith(("stop-", "step-"))]
 
 
 def test_readings_of_a_stretch_are_relative_to_its_first_row_whatever_that_reads():
@@ -119,7 +119,7 @@ def test_backlash_is_no_step_of_the_count_where_only_some_setups_were_driven_bot
     for seed in range(4):
         bench = Bench(seed=seed, increments=5, reversal=PLAY)
         result = solve(read_in_joined_counts(bench, passes_of))
-        assert not [each for each in result.findings if each.severity == "error" or each.code in ("count-step", "stop-outlier")]
+        assert not [each for each in result.findings if each.severity == "error" or each.key in ("count-step", "stop-outlier")]
         found = result.backlash.X
         assert abs(found.value - TRUE_UM["X"]) <= 2.5 * found.u
 

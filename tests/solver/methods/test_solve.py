@@ -12,10 +12,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.readings.readings import parse_readings, render_readings
+from stepdiag.base.result.result import same_result
 from stepdiag.solver.methods.registry import METHODS
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import parse_readings, render_readings
-from stepdiag.solver.result.result import same_result
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 from testkit.examples import few
 
@@ -85,10 +85,10 @@ def test_wrong_use_is_refused(options, message):
 def test_a_survey_without_one_diagonal_says_what_it_lacks(missing):
     """Three diagonals and three linear runs: rank 9n+3 of the theory's table, one squareness or more is unknown or all is told."""
     result = solve(Bench(increments=4).survey([name for name in DIAGONALS if name != missing]))
-    codes = {finding.code for finding in result.findings}
-    assert "squareness-unidentified" in codes
+    codes = {finding.key for finding in result.findings}
+    assert "unidentified.squareness" in codes
     for name, quantity in result.squareness.items():
-        assert quantity.value is None or name not in next(f.text for f in result.findings if f.code == "squareness-unidentified")
+        assert quantity.value is None or name not in next(f.text for f in result.findings if f.key == "unidentified.squareness")
 
 
 def test_a_survey_with_gaps_is_solved_within_its_uncertainty_and_repeats_are_compared_stop_by_stop():
@@ -97,7 +97,7 @@ def test_a_survey_with_gaps_is_solved_within_its_uncertainty_and_repeats_are_com
     gaps = {("ppp", 1, 4), ("ppp", 3, 8), ("linear-y", 1, 2)}
     at = zip(whole.setup, whole.pass_number.tolist(), whole.stop.tolist(), strict=True)
     result, full = solve(whole.select([row for row, key in enumerate(at) if key not in gaps])), solve(whole)
-    assert "stop-missing" in {finding.code for finding in result.findings}
+    assert "stop-missing" in {finding.key for finding in result.findings}
     assert result.setups["ppp"].repeatability_um == pytest.approx(full.setups["ppp"].repeatability_um, rel=0.5)
     for name, quantity in full.squareness.items():
         assert abs(quantity.value - result.squareness[name].value) < quantity.u
@@ -113,7 +113,7 @@ ELSEWHERE = """
 from testkit.exact.surveys import Bench
 from pathlib import Path
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.readings.readings import parse_readings
+from stepdiag.base.readings.readings import parse_readings
 print(solve(parse_readings(Path({steady!r}).read_text(), "steady")).to_json())
 print("---")
 print(solve(Bench(seed=4, increments=3).survey(("ppp",), passes=(1, 2), joined=True)).to_json())

@@ -6,12 +6,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.readings.readings import make_readings
+from stepdiag.base.result.typed import written
 from stepdiag.base.volume import Volume, linear_stops_mm
 from stepdiag.solver.methods.standard_figures import linear_runs, standards_report
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.readings.readings import make_readings
-from stepdiag.solver.result.typed import written
 from testkit.exact.surveys import DATA, DIAGONALS, Bench
 
 BOX = Volume(origin_mm=(0.0, 0.0, 0.0), size_mm=(400.0, 300.0, 200.0), increments=4)

@@ -6,16 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.readings.readings import parse_readings, render_readings
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.posterior import POSTERIOR_DECIMALS
+from stepdiag.base.result.prediction import predicted
+from stepdiag.base.result.result import DISPLACEMENTS, Function
+from stepdiag.base.result.waves import shown_finer_um
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.methods.volumetric import between_um, coarse_findings, shown_finer_um
-from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.solver.methods.volumetric import between_um, coarse_findings
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.readings.readings import parse_readings, render_readings
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.posterior import POSTERIOR_DECIMALS
-from stepdiag.solver.result.prediction import predicted
-from stepdiag.solver.result.result import DISPLACEMENTS, Function
-from stepdiag.solver.uncertainty.machine import told_apart
+from stepdiag.solver.uncertainty.machine import separated
 from stepdiag.virtual.physics.error_functions import smooth
 from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench
 
@@ -110,13 +111,13 @@ def test_what_another_processor_rounds_otherwise_draws_the_same_machines(seed, m
     """Names of which only rounding is left took random numbers: the drawn figures differed by up to 4 % from one processor to the next."""
 
     def rounded_otherwise(*given):
-        told, unmeasured = told_apart(*given)
+        told, unmeasured = separated(*given)
         noise = np.random.default_rng(seed).uniform(-1e-15, 1e-15, unmeasured.shape)
         return told, unmeasured * (1.0 + noise + noise.T)
 
     readings = Bench(seed=2, increments=5, angle_urad=10.0).survey(LINEAR)
     here = solve(readings)
-    monkeypatch.setattr("stepdiag.solver.methods.volumetric.told_apart", rounded_otherwise)
+    monkeypatch.setattr("stepdiag.solver.methods.volumetric.separated", rounded_otherwise)
     there = solve(readings)
     assert here.posterior is not None
     assert there.posterior is not None

@@ -5,7 +5,7 @@ from dataclasses import asdict
 
 import pytest
 
-from stepdiag.solver.model.assumptions import CLASSES, FEEDBACKS, Assumptions, usual_sizes
+from stepdiag.base.conditions.assumptions import CLASSES, FEEDBACKS, Assumptions, usual_sizes
 
 
 def test_an_ordinary_machine_with_screws_is_the_default():

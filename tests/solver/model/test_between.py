@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.readings.readings import make_readings
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model import between
 from stepdiag.solver.model.between import USUAL_UM, between_beside_head, between_of
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.readings.readings import make_readings
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 
 COLUMNS = ("pass_number", "stop", "position_mm", "reading_mm", "u_um", "beam_mm")

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.solver.model.effects import GROWTH, TIME_CONSTANTS_H, angle_shapes, effects_of, growth_waves
 from stepdiag.solver.model.layout import lay_out
 from testkit.exact.surveys import Bench

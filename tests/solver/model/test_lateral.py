@@ -8,13 +8,13 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
+from stepdiag.base.result.result import ROTATIONS
 from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.lateral import lateral_rows
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
-from stepdiag.solver.result.result import ROTATIONS
 from testkit.exact.straightness import STRAIGHT, straightness
 from testkit.exact.surveys import IDEAL, Bench
 from testkit.examples import few

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.readings.readings import Readings, make_readings
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.readings.readings import Readings, make_readings
 from testkit.exact.surveys import DIAGONALS, Bench
 
 BENCH = Bench(diagonal_noise_um=0.0, linear_noise_um=0.0, increments=5, origin_mm=(-100.0, 20.0, 5.0))

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from stepdiag.base.errors import DataError
+from stepdiag.base.readings.readings import make_readings, parse_readings
+from stepdiag.base.result.result import DISPLACEMENTS
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.vector import closure_um, diagonal_data, least_squares, wang2000
-from stepdiag.solver.readings.readings import make_readings, parse_readings
-from stepdiag.solver.result.result import DISPLACEMENTS
 from testkit.exact.surveys import DATA, DIAGONALS, Bench, golden_shapes
 
 
@@ -160,6 +160,6 @@ def test_a_missing_diagonal_is_named(method):
 
 
 def test_other_runs_are_not_used_and_that_is_said():
-    found = {finding.code: finding for finding in solve(Bench().survey(), method="least-squares").findings}
-    assert "linear-x, linear-y, linear-z" in found["runs-not-used"].text
-    assert "scale-unidentified" in found
+    found = {finding.key: finding for finding in solve(Bench().survey(), method="least-squares").findings}
+    assert "linear-x, linear-y, linear-z" in found["method-limited.runs"].text
+    assert "unidentified.scale" in found

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stepdiag.solver.model.assumptions import Assumptions
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.warmth import at_one_temperature
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench

@@ -6,6 +6,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.readings.runs import Plan, Run, perfect_readings
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS
 from stepdiag.base.setups import CONTINUOUS_DIAGONALS, FACE_DIAGONALS
 from stepdiag.base.volume import Volume
 from stepdiag.solver.linear.least_squares import invert
@@ -14,8 +16,6 @@ from stepdiag.solver.model.design import Model, build_design
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.reported import SCALE_SUM
 from stepdiag.solver.planning.identifiability import _Candidate, identified_with_angles
-from stepdiag.solver.planning.runs import Plan, Run, perfect_readings
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS
 
 SIZES = [(1000.0, 1000.0, 1000.0), (500.0, 400.0, 250.0), (1000.0, 400.0, 150.0)]
 
@@ -153,18 +153,18 @@ def test_three_beam_lines_resolve_all_eighteen_functions():
 @pytest.mark.parametrize(
     ("setups", "code", "words"),
     [
-        (BODY_DIAGONALS, "scale-unidentified", "scale of X, Y, Z alone"),
-        ((*BODY_DIAGONALS, "linear-x"), "scale-unidentified", "scale of Y, Z alone"),
-        (BODY_DIAGONALS[:3], "squareness-unidentified", "squareness C0Y, B0Z, A0Z"),
+        (BODY_DIAGONALS, "unidentified.scale", "scale of X, Y, Z alone"),
+        ((*BODY_DIAGONALS, "linear-x"), "unidentified.scale", "scale of Y, Z alone"),
+        (BODY_DIAGONALS[:3], "unidentified.squareness", "squareness C0Y, B0Z, A0Z"),
     ],
 )
 def test_the_advice_names_runs_that_really_cure_it(setups, code, words):
     from stepdiag.solver.methods.estimate import solve_estimate
 
     layout = lay_out(perfect_readings(plan(setups, increments=5), 0.3))
-    finding = next(finding for finding in solve_estimate(layout, "FXYZ").findings if finding.code == code)
+    finding = next(finding for finding in solve_estimate(layout, "FXYZ").findings if finding.key == code)
     assert words in finding.text
     advised = finding.text.split("; add ")[1].split(" (about")[0].split(" and ")
     assert 1 <= len(advised) <= 3
     cured = solve_estimate(lay_out(perfect_readings(plan((*setups, *advised), increments=5), 0.3)), "FXYZ")
-    assert code not in {finding.code for finding in cured.findings}
+    assert code not in {finding.key for finding in cured.findings}

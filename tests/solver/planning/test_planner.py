@@ -7,15 +7,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.readings.runs import Plan, Run, plan_minutes
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.result import ROTATIONS
 from stepdiag.base.volume import Volume
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.planning.planner import Circumstances, bare_survey, best_survey, forecast, plan, rank, resolving
-from stepdiag.solver.planning.runs import Plan, Run, plan_minutes
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.result import ROTATIONS
 from testkit.exact.surveys import IDEAL, Bench
 from testkit.examples import few
 

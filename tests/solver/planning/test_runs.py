@@ -5,10 +5,10 @@ import pytest
 
 from stepdiag.base.errors import UsageError
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.readings.runs import Pace, Plan, Run, perfect_readings, plan_minutes, run_minutes, run_stops_mm
 from stepdiag.base.setups import SETUP_NAMES
 from stepdiag.base.volume import Volume, diagonal_stops_mm, linear_stops_mm
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.planning.runs import Pace, Plan, Run, perfect_readings, plan_minutes, run_minutes, run_stops_mm
 
 BOX = Volume(origin_mm=(10.0, -20.0, 0.0), size_mm=(500.0, 400.0, 300.0), increments=10)
 DIAGONALS = tuple(Run(setup=name) for name in BODY_DIAGONALS)

@@ -143,7 +143,7 @@ def test_passes_become_runs():
 def test_passes_that_restart_at_zero_have_lost_the_reversal_value():
     runs, findings = arrange_runs([0.0, 100.0, 100.0, 0.0], [1, 1, 2, 2], [0, 1, 0, -1], common_zero=False)
     assert runs.down_um is None
-    assert [finding.code for finding in findings] == ["reversal-value-lost"]
+    assert [finding.key for finding in findings] == ["iso230-plan.zero"]
 
 
 def test_outward_passes_alone_need_no_common_zero():

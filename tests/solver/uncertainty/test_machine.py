@@ -5,10 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.solver.methods.estimate import estimate
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.uncertainty.machine import covariance, machine_of, told_apart, usual_rows, with_usual
+from stepdiag.solver.uncertainty.machine import covariance, machine_of, separated, usual_rows, with_usual
 from testkit.exact.surveys import DIAGONALS, IDEAL, LINEAR, Bench
 
 
@@ -25,7 +25,7 @@ def test_what_is_known_and_what_is_not_make_the_covariance_with_what_is_usual(se
     found, spread = done.adjustment, done.spread
     rows, u = usual_rows(done.quantities, done.known, found.assumed)
     machine = machine_of(found.design, found.shapes, 0, len(spread.fit.size))
-    told, unmeasured = told_apart(machine, spread.fit.inverse, rows, u)
+    told, unmeasured = separated(machine, spread.fit.inverse, rows, u)
     both = covariance(spread, told) + factor**2 * unmeasured
     beside = covariance(replace(spread, fit=with_usual(found.fit, found.design, rows, factor * u)), machine)
     ratio = np.sqrt(np.diag(both) / np.diag(beside))
@@ -41,7 +41,7 @@ def test_a_usual_size_of_next_to_nothing_leaves_the_others_what_they_are(name):
         done = estimate(lay_out(Bench(increments=2).survey(LINEAR)), "FXYZ")
         rows, u = usual_rows(done.quantities, done.known, Assumptions(**{name: size}))
         machine = machine_of(done.adjustment.design, done.adjustment.shapes, 0, len(done.spread.fit.size))
-        return np.trace(told_apart(machine, done.spread.fit.inverse, rows, u)[1])
+        return np.trace(separated(machine, done.spread.fit.inverse, rows, u)[1])
 
     assert unmeasured_um2(1e-9) == pytest.approx(unmeasured_um2(1e-3), rel=1e-3)
     assert unmeasured_um2(1e-9) > 100.0

@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.result.typed import written
 from stepdiag.solver.uncertainty.monte_carlo import monte_carlo, shortest_interval
 from testkit.exact.surveys import Bench
 

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.solver.adjustment.hypotheses import tell
 from stepdiag.solver.linear.components import sized
 from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.effects import ANGLES, LONG_WAVES, SHORT_ANGLES, AngleShapes
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.planning.foresight import foresee

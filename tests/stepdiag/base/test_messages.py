@@ -2,6 +2,7 @@
 
 import re
 import string
+from typing import get_args
 
 import msgspec
 import pytest
@@ -11,8 +12,9 @@ from hypothesis import strategies as st
 from stepdiag.base.errors import DataError
 from stepdiag.base.findings import Finding, finding, in_words
 from stepdiag.base.messages import LONGEST_PART, Message, Place, at, message, message_json, message_of, rendered
+from stepdiag.texts.explained import Action, Severity, explanations, finding_action
 from stepdiag.texts.patterns import findings, sentences, slots
-from stepdiag.texts.texts import LANGUAGES, Action, catalogue, finding_action
+from stepdiag.texts.texts import LANGUAGES
 from testkit.german import is_english
 
 KEYS = sorted(sentences())
@@ -108,10 +110,10 @@ def test_a_refusal_carries_its_message() -> None:
 
 def test_a_finding_is_made_of_its_message() -> None:
     """Code, English text and place come from the message; the page shows all stops of a cause at once."""
-    said = message("runs-not-used", others=["body-ppp", "ppp+1"])
+    said = message("method-limited.runs", others=["body-ppp", "ppp+1"])
     made = finding("warning", said, Place(setup="ppp", way="out", stop=3, last=30), size_um=1.5)
     sentence = "this method uses the four body diagonals only, not body-ppp, ppp+1"
-    assert (made.code, made.text, made.stop) == ("runs-not-used", f"ppp out, stop 3 of 30: {sentence}", 3)
+    assert (made.code, made.text, made.stop) == ("method-limited", f"ppp out, stop 3 of 30: {sentence}", 3)
     assert in_words(made, "de") == "ppp hin, Messpunkt 3: dieses Verfahren nutzt nur die vier Raumdiagonalen, nicht body-ppp, ppp+1"
     assert in_words(made, "en", (3, 4)) == f"ppp out, stops 3–4: {sentence}"
     old = Finding(code="count-slip", severity="warning", text="ppp out, stop 5 of 30: the count was lost")
@@ -119,10 +121,10 @@ def test_a_finding_is_made_of_its_message() -> None:
     assert (old.action, made.action) == ("repeat", "choose")
 
 
-@pytest.mark.parametrize("code", catalogue("finding", "en"))
+@pytest.mark.parametrize("code", explanations())
 def test_every_code_has_an_action(code: str) -> None:
     """Page, status and exit codes go by it."""
-    assert finding_action(code) in Action.__args__
+    assert all(finding_action(code, severity) in get_args(Action) for severity in get_args(Severity))
 
 
 @given(st.text(string.printable + "{}µ"))

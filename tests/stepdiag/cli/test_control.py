@@ -9,15 +9,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.readings.readings import make_readings, render_readings
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.json_tree import Node
+from stepdiag.base.result.typed import read, written
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
 from stepdiag.exporters.safety.sign_test import bump
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.readings.readings import make_readings, render_readings
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.json_tree import Node
-from stepdiag.solver.result.typed import read, written
 from testkit.cli import stepdiag
 from testkit.exact.machines import profile_text
 from testkit.exact.results import VOLUME, made_result

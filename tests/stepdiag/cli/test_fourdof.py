@@ -8,8 +8,8 @@ from typer.testing import CliRunner
 
 from stepdiag.base.errors import DataError, StepdiagError, UsageError
 from stepdiag.cli.app import app, build
-from stepdiag.daq.head.record import HeadRecord, read_head_csv, render_head_csv
 from stepdiag.daq.survey.head_file import LeverTable, parse_head_file
+from stepdiag.fourdof.record import HeadRecord, read_head_csv, render_head_csv
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, SpotDetector, VirtualHead, Wander, stage_pose
 from testkit.exact.heads import write_head_file

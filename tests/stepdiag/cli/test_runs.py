@@ -5,8 +5,8 @@ import json
 import numpy as np
 import pytest
 
+from stepdiag.base.readings.readings import parse_readings, render_readings
 from stepdiag.base.volume import Volume, diagonal_direction
-from stepdiag.solver.readings.readings import parse_readings, render_readings
 from testkit.cli import stepdiag
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench
 

@@ -9,8 +9,8 @@ import numpy as np
 import pytest
 
 from stepdiag.base.findings import Finding
-from stepdiag.solver.readings.readings import render_readings
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, parse_result
+from stepdiag.base.readings.readings import render_readings
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, parse_result
 from stepdiag.terminal.tables import result_table
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
@@ -81,7 +81,7 @@ class TestSolve:
 
     def test_a_survey_folder_stands_for_the_result_in_it(self, tmp_path):
         assert stepdiag("solve", GOLDEN, "--out", tmp_path / "result.json").code == 0
-        asked = ("--controller", "neutral", "--step-mm", "100", "--accept", "scale-unidentified", "--json")
+        asked = ("--controller", "neutral", "--step-mm", "100", "--accept", "unidentified", "--json")
         by_folder, by_file = (stepdiag("export", tmp_path / at, *asked, "--out", tmp_path / "n") for at in ("", "result.json"))
         assert by_folder == by_file
 

@@ -8,9 +8,9 @@ import typer
 from typer.testing import CliRunner
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.result.members import software
 from stepdiag.cli import logs, survey
 from stepdiag.daq.survey.file import load_survey
-from stepdiag.solver.result.members import software
 from testkit.cli import stepdiag
 from testkit.recording import recording, write_log
 

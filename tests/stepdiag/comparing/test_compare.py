@@ -8,17 +8,17 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.errors import DataError
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import Facts
+from stepdiag.base.result.result import Function, Quantity, Result
 from stepdiag.base.volume import Volume
 from stepdiag.cli.app import build
 from stepdiag.comparing.compare import compare, coverage_factor, trend
 from stepdiag.conclusion import Reach, conclude
 from stepdiag.report.as_left import build_as_left
 from stepdiag.report.certificate import as_left
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.members import Facts
-from stepdiag.solver.result.result import Function, Quantity, Result
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
 from testkit.exact.members import members

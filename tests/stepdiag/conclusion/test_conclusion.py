@@ -12,7 +12,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.result import Quantity, Result, parse_result
 from stepdiag.conclusion import (
     Export,
     conclude,
@@ -29,9 +32,6 @@ from stepdiag.exporters.export.export import export
 from stepdiag.report.document import build_report
 from stepdiag.report.exported import exported_in, exported_of
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.result import Quantity, Result, parse_result
 from stepdiag.texts import LANGUAGES
 from testkit.cli import stepdiag
 from testkit.exact.madeup import made_up_result
@@ -145,7 +145,7 @@ class TestWhatToLoad:
 
     def test_nothing_while_findings_are_errors(self) -> None:
         """What must be driven again comes before any export."""
-        broken = replace(made_up_result(), findings=(Finding(code="setup-scale", severity="error", text="ppp: 5 ppm"),))
+        broken = replace(made_up_result(), findings=(Finding(code="contradiction-ambiguous", severity="error", text="ppp: 5 ppm"),))
         assert render(conclude(broken, [Export(controller="siemens")]).next_step, "en").startswith("Drive again")
 
     def test_a_refused_export_says_so(self) -> None:
@@ -288,7 +288,7 @@ class TestBasis:
     def test_air_that_was_assumed_is_said_as_such(self) -> None:
         conditions = {"air_temperature_c": [20.1, 20.4], "assumed": {"air_pressure_hpa": 1013.25}}
         (text,) = self.said(conditions=conditions)
-        assert "where no sensor told it, p = 1013.25 hPa of the survey file counted" in text
+        assert "where no sensor measured it, p = 1013.25 hPa of the survey file counted" in text
         (text,) = self.said("de", conditions=conditions)
         assert "p = 1013,25 hPa aus der Vermessungsdatei" in text
         (text,) = self.said(lengths={**self.LENGTHS, "tables": "at_20_c", "material_c": None})

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.conclusion import Reach, conclude, export_of
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.tables.tables import mean_correction_um
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.result.field import without_rigid_motion
 from testkit.exact.surveys import IDEAL, Bench
 
 MACHINES = [seed for seed in range(13) if seed != 6]

@@ -2,13 +2,13 @@
 
 import numpy as np
 
+from stepdiag.base.readings.readings import make_readings
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.base.volume import anywhere_mm
 from stepdiag.demo.demo import promises_of, verify
 from stepdiag.demo.files import PASSES, SETUPS, write_angles, write_bench
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles
-from stepdiag.solver.readings.readings import make_readings
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.virtual.bench.building import build_box, build_machine
 from stepdiag.virtual.bench.config import read_config
 from stepdiag.virtual.drive.arrivals import PositionRegisters, Scatter

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepdiag.base.result.result import DISPLACEMENTS, Result
 from stepdiag.base.volume import Volume
 from stepdiag.demo.demo import Figures, verify
 from stepdiag.demo.files import INCREMENTS, SIZE_MM, U_ANGLE_URAD, write_angles, write_bench, write_profiles
@@ -13,7 +14,6 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.solver.model.angles import parse_angles
-from stepdiag.solver.result.result import DISPLACEMENTS, Result
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import read_config
 from testkit.exact.results import made_result

@@ -10,13 +10,13 @@ import duckdb
 import pytest
 
 from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.result.result import parse_result
 from stepdiag.fleet import archive as archiving
 from stepdiag.fleet.archive import add, finished_in, refresh_index
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.resolve import solve_anew
 from stepdiag.fleet.store import INDEX, LISTED, MARK, Store
 from stepdiag.fleet.tables import to_parquet
-from stepdiag.solver.result.result import parse_result
 from testkit.cli import stepdiag
 from testkit.fleets import finished_survey, write_history
 from testkit.hostile.foreign_logs import SURVEY, with_survey

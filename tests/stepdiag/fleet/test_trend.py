@@ -1,6 +1,5 @@
 """What is said of a machine over time: no change where there is none, the step where it is, the date where the line leads."""
 
-import asyncio
 import csv
 import io
 import json
@@ -22,6 +21,7 @@ from stepdiag.fleet.store import Store
 from stepdiag.fleet.tables import table_of, to_parquet
 from stepdiag.fleet.terminal import as_csv, leaves
 from stepdiag.fleet.trend import YEAR, already_perhaps, trend_of
+from testkit.browsing import visit
 from testkit.cli import stepdiag
 from testkit.examples import few
 from testkit.fleets import FIRST, About, whole_result_rows, write_history
@@ -185,7 +185,7 @@ def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store
         assert title in sheet
         assert sheet.count("<article") == sheet.count("<svg") == 3
         points = [(each, point) for _, (each, *_) in worst_first(trends) for point in each.series.points]
-        said = re.findall(r'class="told"[^>]*><title>([^<]+)</title>', sheet)
+        said = re.findall(r'class="titled"[^>]*><title>([^<]+)</title>', sheet)
         figures = [f"{point.value:.2f} ± {2 * (point.u or 0):.2f} {each.series.unit}" for each, point in points]
         assert [words.rpartition(" = ")[2].replace(",", ".") for words in said] == figures, "every survey says its figure with U"
         assert ("," in said[0].rpartition(" = ")[2]) == (language == "de")
@@ -195,27 +195,10 @@ def test_the_sheet_has_one_picture_a_machine_worst_first_in_both_languages(store
 
 def test_the_page_answers_here_and_to_nobody_elses_name(store: Store) -> None:
     app = create_app(lambda: [trend_of(each, 12.0) for each in series_in(store)], "store", "en")
-    assert asyncio.run(asked(app, "/", "localhost:8430"))[0] == 200
-    assert asyncio.run(asked(app, "/", "evil.example"))[0] == 421
-    status, body = asyncio.run(asked(app, "/trend.json", "127.0.0.1"))
+    assert visit(app, "/", "localhost:8430")[0] == 200
+    assert visit(app, "/", "evil.example")[0] == 421
+    status, body = visit(app, "/trend.json", "127.0.0.1")
     assert (status, len(json.loads(body))) == (200, 3)
-
-
-async def asked(app, path: str, host: str) -> tuple[int, bytes]:
-    """Ask the page as a server would."""
-    said = []
-
-    async def receive():
-        return {"type": "http.request", "body": b"", "more_body": False}
-
-    async def send(message):
-        said.append(message)
-
-    scope = {"type": "http", "method": "GET", "path": path, "raw_path": path.encode(), "query_string": b"", "root_path": ""}
-    scope |= {"headers": [(b"host", host.encode())], "scheme": "http", "http_version": "1.1"}
-    scope |= {"server": ("127.0.0.1", 1), "client": ("127.0.0.1", 2)}
-    await app(scope, receive, send)
-    return said[0]["status"], b"".join(message.get("body", b"") for message in said[1:])
 
 
 def test_a_function_takes_at_most_a_kilobyte() -> None:

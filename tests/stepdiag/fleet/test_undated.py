@@ -3,11 +3,11 @@
 import json
 from pathlib import Path
 
+from stepdiag.base.result.result import parse_result
+from stepdiag.completion.completion import complete
 from stepdiag.daq.recording.verdicts import state_time
-from stepdiag.daq.service.completion import complete
 from stepdiag.fleet.archive import undated
 from stepdiag.report.document import build_report
-from stepdiag.solver.result.result import parse_result
 from testkit.cli import stepdiag
 from testkit.hostile.foreign_logs import SURVEY, contents, log_of, with_survey
 

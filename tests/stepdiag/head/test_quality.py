@@ -8,9 +8,10 @@ import math
 import numpy as np
 import pytest
 
-from stepdiag.daq.head.commissioning import StageRun, calibrate_axis, compare_curves, signs_of, stability_of, with_curve
-from stepdiag.daq.head.record import HeadRecord
 from stepdiag.daq.survey.head_file import AxisTable, DetectorTable, LeverTable, parse_head_file, render_head_file
+from stepdiag.fourdof.calibrated import calibrated as head_of
+from stepdiag.fourdof.commissioning import StageRun, calibrate_axis, compare_curves, signs_of, stability_of, with_curve
+from stepdiag.fourdof.record import HeadRecord
 from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, motion
 from stepdiag.virtual.instruments.head import Disturbance, HeadOptics, HeadStand, SpotDetector, VirtualHead, Wander, stage_pose
 from testkit.exact.heads import head_file
@@ -68,7 +69,7 @@ def test_a_noisy_drift_detector_makes_nothing_worse():
     record = standing(8000.0, 960.0, pointing=2.0, optics=HeadOptics(qd=NOISE, psd1=noisy, psd2=NOISE))
     found = stability_of(record, far_file(8000.0), 8000.0, 1.0)
     means = record.averaged(1.0)
-    word = motion(means.channels, 8000.0, far_file(8000.0).calibrated())
+    word = motion(means.channels, 8000.0, head_of(far_file(8000.0)))
     assert np.std(np.diff(word.drift_urad, axis=0)) / np.sqrt(2.0) == pytest.approx(1.7, rel=0.1)
     assert np.ptp(word.straightness_um, axis=0).min() > 67.0
     for axis in "xy":
@@ -120,7 +121,7 @@ def test_calibration_residuals_are_within_the_published_limits():
         assert max(map(abs, fit.limits)) < 1.5, (detector, axis)
     assert file.qd.x.kind == "erf"
     shift = np.column_stack([np.linspace(-600.0, 600.0, 31), np.linspace(500.0, -500.0, 31)])
-    seen = motion(at(500.0, shift, seed=9), 500.0, file.calibrated()).straightness_um
+    seen = motion(at(500.0, shift, seed=9), 500.0, head_of(file)).straightness_um
     assert seen - seen[15] == pytest.approx(shift, abs=1.5)
 
 
@@ -137,7 +138,7 @@ def test_comparison_residuals_are_within_the_published_ones():
         head.channels(stage_pose(300.0 + p, 1e-3 * s[None], a[None], BENCH), np.array([60.0 * i]))[0]
         for i, (p, s, a) in enumerate(zip(position, shift, turn, strict=True))
     ]
-    seen = motion(np.array(rows, dtype=float), 300.0 + position, file.calibrated())
+    seen = motion(np.array(rows, dtype=float), 300.0 + position, head_of(file))
     names = ("EXZ", "EYZ", "EBZ", "EAZ")
     ours = [*seen.straightness_um.T, *(seen.angle_urad.T / URAD_PER_ARCSEC)]
     truth = [*shift.T, *(turn.T / URAD_PER_ARCSEC)]

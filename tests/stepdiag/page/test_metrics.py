@@ -9,10 +9,10 @@ from prometheus_client.parser import text_string_to_metric_families
 
 from stepdiag.daq.service.metrics import Figures, Tally
 from stepdiag.page.metrics import _Daemon
-from stepdiag.texts.texts import catalogue
+from stepdiag.texts.explained import explanations
 from testkit.examples import few
 
-CODES = sorted(catalogue("finding", "en"))
+CODES = sorted(explanations())
 
 
 def scraped(tally: Tally) -> dict[tuple[str, ...], float]:

@@ -1,6 +1,5 @@
 """The page hands over sets for a control whole and unaltered, or nothing of them."""
 
-import asyncio
 import errno
 import json
 import os
@@ -9,7 +8,6 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from starlette.types import Message
 
 from stepdiag.base.errors import SafetyError
 from stepdiag.daq.records.survey_folder import REFUSED
@@ -18,6 +16,7 @@ from stepdiag.exporters.files.sets import SUMS
 from stepdiag.page import app as page_app
 from stepdiag.page.app import Page, create_app
 from stepdiag.page.messages import PageSettings
+from testkit.browsing import visit
 from testkit.exact.machines import profile_of
 from testkit.exact.results import VOLUME
 from testkit.hostile.foreign_tables import RESULT, Everything
@@ -55,24 +54,7 @@ def asked(tmp_path: Path) -> Callable[[str], tuple[int, bytes]]:
     settings = PageSettings(folder=str(tmp_path), token="")
     application = create_app(Page(Daemon(), settings), Daemon(), settings)  # type: ignore[arg-type]
 
-    def ask(path: str) -> tuple[int, bytes]:
-        said: list[Message] = []
-
-        async def receive() -> Message:
-            await asyncio.sleep(0)
-            return {"type": "http.request", "body": b"", "more_body": False}
-
-        async def send(message: Message) -> None:
-            said.append(message)
-
-        scope = {
-            "type": "http", "method": "GET", "path": path, "raw_path": path.encode(), "query_string": b"", "root_path": "",
-            "headers": [(b"host", b"127.0.0.1")], "client": ("127.0.0.1", 1), "server": ("127.0.0.1", 80), "scheme": "http",
-        }  # fmt: skip
-        asyncio.run(application(scope, receive, send))
-        return said[0]["status"], b"".join(message.get("body", b"") for message in said)
-
-    return ask
+    return lambda path: visit(application, path, "127.0.0.1")
 
 
 def table_in(folder: Path) -> Path:

@@ -7,10 +7,10 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from stepdiag.base.result.result import parse_result
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.daq.survey.models import Survey
 from stepdiag.publish.messages import Findings, Message, ResultMessage, State, Watched, schemas, topic_of
-from stepdiag.solver.result.result import parse_result
 from testkit.cli import stepdiag
 from testkit.hostile.foreign import targets
 from testkit.hostile.foreign_logs import SURVEY

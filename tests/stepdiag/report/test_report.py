@@ -14,14 +14,18 @@ import numpy as np
 import pytest
 from typer.testing import CliRunner
 
+from stepdiag.base.compensation import Statement, stated
 from stepdiag.base.errors import DataError, UsageError
 from stepdiag.base.findings import Finding
+from stepdiag.base.readings.readings import Readings, parse_readings
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.members import SetupReport
+from stepdiag.base.result.result import Result
 from stepdiag.cli.app import build
 from stepdiag.cli.report import read_result
 from stepdiag.comparing.compare import same_machine
 from stepdiag.daq.recording.archive import digest
 from stepdiag.daq.records.events import Chunk
-from stepdiag.exporters.safety.compensation import Statement, stated
 from stepdiag.report.certificate import facts_table, read_letterhead
 from stepdiag.report.document import build_report
 from stepdiag.report.drawings import svg
@@ -36,10 +40,6 @@ from stepdiag.report.sections import conditions_table
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
 from stepdiag.solver.model.reported import SCALE_SUM, backlash, reversal, shape, sloped
-from stepdiag.solver.readings.readings import Readings, parse_readings
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.members import SetupReport
-from stepdiag.solver.result.result import Result
 from stepdiag.texts.texts import LANGUAGES, SECTIONS, Language, catalogue
 from testkit.exact.madeup import VOLUME, made_up_result
 from testkit.exact.members import members
@@ -172,7 +172,7 @@ def test_every_figure_says_its_values_under_the_pointer_and_as_csv(language: Lan
     assert sorted(name for name, _ in shown) == sorted(figures)
     assert len(shown) == report.html.count("<svg"), "nothing is drawn outside a figure"
     for name, markup in shown:
-        said = re.findall(r'class="told"[^>]*><title>([^<]+)</title>', markup)
+        said = re.findall(r'class="titled"[^>]*><title>([^<]+)</title>', markup)
         assert len(said) == drawn_points(figures[name]) > 0, name
         assert all(re.search(r"\d", words) for words in said), name
         assert f'download="{name}.csv" href="data:text/csv' in markup

@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import pytest
 
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.members import StandardFigures
 from stepdiag.report.certificate import bound_words, interval_words
 from stepdiag.report.document import build_report
 from stepdiag.report.sections import lengths_table, positioning_lengths, positioning_table, setups_table, slips_table, vdi_table
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.members import StandardFigures
 from stepdiag.texts.texts import LANGUAGES, catalogue
 from testkit.exact.madeup import made_up_result
 from testkit.exact.members import members, setups

@@ -11,8 +11,8 @@ from pathlib import Path
 import pytest
 
 from stepdiag.base.errors import UsageError
-from stepdiag.solver.readings.readings import render_readings
-from stepdiag.terminal.exits import failed_writing_said
+from stepdiag.base.readings.readings import render_readings
+from stepdiag.terminal.exits import failed_writing_shown
 from testkit.exact.surveys import Bench
 from testkit.hostile.door import Door
 from testkit.hostile.doors import NEVER_DONE, doors
@@ -87,7 +87,7 @@ def _without_room(door: Door, folder: Path, largest: int) -> int:
     signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
     resource.setrlimit(resource.RLIMIT_FSIZE, (largest, largest))
     try:
-        with failed_writing_said():
+        with failed_writing_shown():
             told = door.go_through_placed(folder)
     except UsageError as refusal:
         return REFUSED if str(refusal) else OTHERWISE

@@ -11,14 +11,14 @@ import pytest
 
 from stepdiag.base.errors import UsageError
 from stepdiag.texts import LANGUAGES, catalogue
-from stepdiag.texts.findings import told
+from stepdiag.texts.findings import sentence
 from stepdiag.texts.patterns import FLOORS, tables
 from stepdiag.texts.sentences import is_known, translated
 
 ROOT = Path(__file__).parents[3]
 SAYING = frozenset({"Finding", "finding", "Doubt", "Notice", "_remark", "marked", "Told", "_error", "_warning"})
 REFUSING = (
-    "daq/links", "daq/service/status_source.py", "daq/service/completion.py", "daq/service/daemon.py", "daq/replay.py",
+    "daq/links", "daq/service/status_source.py", "stepdiag/completion/completion.py", "daq/service/daemon.py", "daq/replay.py",
     "daq/recording/verdicts.py", "daq/recording/session.py", "daq/recording/rounds.py", "stepdiag/page/remote.py",
     "exporters", "solver/adjustment", "solver/methods", "solver/model", "solver/readings",
 )  # fmt: skip
@@ -183,7 +183,7 @@ def test_a_doubt_keeps_its_place_and_its_figures(language: str) -> None:
     text = (
         "npp out, stop 7 of 30: count slip of +1.9 um on the way to this stop (against npp back, pass 2; the other steps scatter by 0.2 um)"
     )
-    said = told("count-slip", text, language)
+    said = sentence("count-slip", text, language)
     wanted = {
         "en": "npp out, stop 7: count slip of +1.9 um on the way to this stop",
         "de": "npp hin, Messpunkt 7: Zählsprung von +1,9 µm auf dem Weg zu diesem Messpunkt",

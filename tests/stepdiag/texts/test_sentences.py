@@ -6,7 +6,8 @@ import pytest
 
 from stepdiag.base.messages import Message, Place, at, joined, message, rendered
 from stepdiag.texts import catalogue, localised
-from stepdiag.texts.findings import advice_of, place_of, ranges, told
+from stepdiag.texts.explained import explanations
+from stepdiag.texts.findings import advice_of, place_of, ranges, sentence
 from stepdiag.texts.sentences import TOLD, is_known, translated
 from testkit.german import is_english
 
@@ -49,10 +50,10 @@ def test_what_the_recording_says_reads_in_german_with_its_figures(said: Message)
     assert re.findall(r"\d+", german) == re.findall(r"\d+", rendered(said, "en"))
 
 
-@pytest.mark.parametrize("code", catalogue("finding", "en"))
+@pytest.mark.parametrize("code", explanations())
 def test_no_finding_is_half_english(code: str) -> None:
     """What no pattern knows is told by what the code means; its advice is German too."""
-    said = told(code, "ppp out, stop 5 of 30: something that nobody has put into German yet", "de")
+    said = sentence(code, "ppp out, stop 5 of 30: something that nobody has put into German yet", "de")
     assert said.startswith("ppp hin, Messpunkt 5: ")
     assert not is_english(said)
     assert not is_english(advice_of(code, "de"))
@@ -61,7 +62,7 @@ def test_no_finding_is_half_english(code: str) -> None:
 def test_the_place_of_a_finding() -> None:
     """Setup, way and stop are read from the sentence; what has no place stays whole."""
     place = place_of("npp+1 back, stop 7 of 30: the count was lost")
-    assert (place.run, place.stop, place.said) == ("npp+1 back", 7, "the count was lost")
+    assert (place.run, place.stop, place.rest) == ("npp+1 back", 7, "the count was lost")
     assert place_of("laser: firmware 264").run == ""
     assert ranges([5, 6, 7, 9, 11, 12]) == "5–7, 9, 11–12"
 

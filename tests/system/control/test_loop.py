@@ -6,10 +6,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from stepdiag.base.result.result import parse_result
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables import lattice
-from stepdiag.solver.result.result import parse_result
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors
 from stepdiag.virtual.physics.machine import Machine
 from testkit.linuxcnc.comparison import driven_rms_um

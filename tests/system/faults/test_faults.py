@@ -65,21 +65,21 @@ def test_what_can_be_bridged_costs_nothing(tmp_path):
     faults = {
         "stop-recovered": at("ppp", 2, "stop-unsignalled"),
         "count-disagrees": at("ppp", 5, "count-doubled"),
-        "lost bytes": at("ppp", 3, "laser-garbage", delay_s=0.2, value=-60.0),
+        "bytes-lost unseen": at("ppp", 3, "laser-garbage", delay_s=0.2, value=-60.0),
         "silent PLC": at("npp", 2, "plc-silent", duration_s=0.2),
-        "count-reset": at("npp", 4, "plc-reboot", phase="move", duration_s=0.2),
+        "count-disagrees anew": at("npp", 4, "plc-reboot", phase="move", duration_s=0.2),
         "slow PLC": at("pnp", 1, "plc-late", duration_s=0.3, value=0.1),
-        "laser-garbage": at("pnp", 3, "laser-garbage", value=40.0),
-        "laser-gap": at("pnp", 5, "laser-silent", phase="move", duration_s=0.1),
+        "bytes-garbled": at("pnp", 3, "laser-garbage", value=40.0),
+        "samples-missing": at("pnp", 5, "laser-silent", phase="move", duration_s=0.1),
         "beam-lost": at("ppn", 2, "beam-lost", delay_s=0.25, duration_s=0.1),
-        "laser-restart": at("ppn", 4, "laser-unplug", delay_s=0.25, duration_s=0.1),
+        "instrument-restart": at("ppn", 4, "laser-unplug", delay_s=0.25, duration_s=0.1),
     }
     book, said, told = run_with(tmp_path, faults.values())
     assert all(each.whole for each in book.passes), [each.why_incomplete() for each in book.passes]
     assert {code for code in faults if " " not in code} <= codes_of(said)
     first = said[: next(at for at, each in enumerate(said) if each["event"] == "pass-ended")]
-    assert {"laser-garbage", "laser-gap"} <= codes_of(first), "the line that lost bytes, and the samples that went with them"
-    assert "laser-restart" not in codes_of(first)
+    assert {"bytes-garbled", "samples-missing"} <= codes_of(first), "the line that lost bytes, and the samples that went with them"
+    assert "instrument-restart" not in codes_of(first)
     assert {doubt.code for doubt in book.doubts()} == {"stop-recovered"}
     assert "recovered from the laser's plateau" in told
 
@@ -99,7 +99,7 @@ def test_a_plc_that_answers_after_its_time_out(tmp_path, options):
 def test_a_line_read_at_a_wrong_baud_rate_for_a_second(tmp_path):
     """What was not read is not made up: the stop without a reading is asked for, or the count that nobody watched is doubted."""
     book, said, told = run_with(tmp_path, [at("ppp", 3, "laser-baud", phase="move", duration_s=1.0)], dwell=6.0)
-    assert "laser-garbage" in codes_of(said)
+    assert "bytes-garbled" in codes_of(said)
     assert not book.complete() or "may be off" in told
     assert "drive again from stop" in told
 

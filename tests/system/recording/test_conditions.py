@@ -33,7 +33,7 @@ def test_a_sensor_that_fails_in_the_middle_is_held_and_named(tmp_path):
             said = until(process, "survey-complete")
         (tmp_path / "air.toml").write_text("[environment]\nair_pressure_hpa = 950.0\n")
         stated = json.loads(stepdiag("solve", place.round, "--environment", tmp_path / "air.toml", "--json").out)
-    texts = [each["text"] for each in said if each["event"] == "finding" and each["code"] == "sensor-implausible"]
+    texts = [each["text"] for each in said if each["event"] == "finding" and each["code"] == "conditions-held"]
     assert len(texts) == 3
     for (setup, (name, value)), text in zip(wrong.items(), texts, strict=True):
         assert text.startswith(f"{setup} out, stop 1 of 3: {name} reads {value:g}")

@@ -47,7 +47,7 @@ def test_without_position_registers_it_is_said_what_nobody_checks(tmp_path):
             said = until(process, "survey-complete")
         nothing_silently_wrong(place)
         code, _, _ = stepdiag("report", place.round / "result.json", "--out", tmp_path / "report.html")
-    (text, *_) = findings_of(said, "position-unchecked")
+    (text, *_) = findings_of(said, "signals-absent")
     result = json.loads((place.round / "result.json").read_text())
     assert text in [each["text"] for each in result["findings"]]
     assert code == 0
@@ -125,7 +125,7 @@ def test_an_aborted_pass_is_driven_again_without_positions(tmp_path, signals, ba
     assert [len(only.measured[stop]) for stop in range(7)] == [1 + (4 - back_by <= stop <= 4) for stop in range(7)]
     assert findings_of(said, "stop-again")
     alike = "X and Y and Z make the same step along the diagonal, so the laser cannot tell which of them moved"
-    assert any(alike in text for text in findings_of(said, "position-unchecked")) == (box.get("size") == CUBE)
+    assert any(alike in text for text in findings_of(said, "signals-absent")) == (box.get("size") == CUBE)
 
 
 @pytest.mark.impatient
@@ -282,7 +282,7 @@ def test_registers_that_lag_behind_the_stop_signal(tmp_path, handshake):
         book = nothing_silently_wrong(place)
     (only,) = book.passes
     assert only.complete, only.why_incomplete()
-    assert not [each for each in said if each["event"] == "finding" and each["code"] != "laser-device"]
+    assert not [each for each in said if each["event"] == "finding" and each["code"] != "instrument-reports"]
 
 
 @pytest.mark.impatient

@@ -7,7 +7,7 @@ import pytest
 from typer.testing import CliRunner
 
 from stepdiag.cli.app import app, build
-from stepdiag.daq.head.commissioning import parse_curves
+from stepdiag.fourdof.commissioning import parse_curves
 from stepdiag.solver.model.angles import parse_angles
 from stepdiag.virtual.bench.building import build_machine
 from stepdiag.virtual.bench.config import read_config

@@ -72,7 +72,7 @@ def test_a_register_that_the_machine_does_not_take_is_named(tmp_path):
         place.survey.write_text(place.survey.read_text().replace("[plc.handshake]\n", "[plc.handshake]\naddress = 101\n"))
         with daemon(place.survey) as process:
             place.start_setups(stop_after=1)
-            assert "101" in machine_says(process, "handshake-refused")["text"]
+            assert "101" in machine_says(process, "handshake-waits")["text"]
             waits = machine_says(process, "handshake-waits")
             assert '"alarm":true' in page_says(port, "alarm_waits")
     assert "stop_count 1 and 1 is written as captured: it does not take it" in waits["text"]

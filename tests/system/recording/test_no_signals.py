@@ -11,8 +11,8 @@ from urllib.parse import quote
 import numpy as np
 import pytest
 
+from stepdiag.base.result.field import Tabulated, field_of_um
 from stepdiag.daq.survey.file import load_survey
-from stepdiag.solver.result.field import Tabulated, field_of_um
 from stepdiag.virtual.base.reserved import reserved_port
 from stepdiag.virtual.bench.building import alignment_of, build_box, build_machine
 from stepdiag.virtual.bench.config import read_config

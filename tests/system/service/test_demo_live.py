@@ -49,9 +49,9 @@ def test_a_hand_in_the_beam_is_seen_on_the_page(tmp_path):
 PRESSED = {
     "ppp": ("b", {"alarm_go_back", "alarm_beam", "alarm_count"}, {"beam-lost", "stop-without-reading", "stop-doubtful"}),
     "npp": ("k", set(), {"window-step", "count-slip", "count-step", "stop-unsteady"}),
-    "pnp": ("u", {"alarm_laser"}, {"laser-gap", "laser-restart", "laser-garbage", "stop-without-reading"}),
+    "pnp": ("u", {"alarm_laser"}, {"samples-missing", "instrument-restart", "bytes-garbled", "stop-without-reading"}),
     "ppn": ("p", {"alarm_plc"}, {"stop-missed", "stop-lost", "stop-recovered", "pass-broken"}),
-    "linear-x": ("a", set(), {"sensor-implausible"}),
+    "linear-x": ("a", set(), {"conditions-held"}),
     "linear-y": ("s", set(), {"stop-missed", "stop-lost", "count-disagrees", "stop-skipped"}),
     "linear-z": ("r", {"alarm_machine"}, {"machine-alarm", "stop-again"}),
 }

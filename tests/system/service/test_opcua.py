@@ -168,7 +168,7 @@ def test_round_and_findings_are_of_one_moment(serving, survey, tmp_path):
     path, begun, away = survey.parent / "bench/0001/result.json", survey.parent / "bench/0002", tmp_path
     whole = path.read_bytes()
     found = json.loads(whole)
-    found["findings"] = [{"code": "noise-far", "severity": "warning", "action": "repeat", "text": "of the first round"}]
+    found["findings"] = [{"code": "noise-high", "severity": "warning", "action": "repeat", "text": "of the first round"}]
 
     async def work(client, _index, own, machine, _management):
         names = ([f"{own}:State", f"{own}:Round"], [f"{own}:State", f"{own}:Complete"], [f"{own}:Findings"])

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
+from stepdiag.base.result.members import software
 from stepdiag.fleet.archive import add
 from stepdiag.fleet.history import series_in
 from stepdiag.fleet.store import Store
-from stepdiag.solver.result.members import software
 from testkit.cli import stepdiag
 from testkit.fleets import finished_survey
 

@@ -48,4 +48,4 @@ def test_check_names_the_instrument_that_really_stands_there(tmp_path):
         code, out, _ = stepdiag("check", place.survey, "--seconds", "2", "--json")
     found = {each["code"]: each["text"] for each in json.loads(out)["findings"]}
     assert code == 4
-    assert set(found) & {"laser-garbage", "laser-silent"}
+    assert set(found) & {"bytes-garbled", "laser-silent"}

@@ -87,4 +87,4 @@ def test_check_quotes_frames_that_never_match(tmp_path):
         code, out, _ = stepdiag("check", place.survey, "--seconds", "2", "--json")
     found = {each["code"]: each["text"] for each in json.loads(out)["findings"]}
     assert code == 4
-    assert "aa 55" in found["laser-garbage"]
+    assert "aa 55" in found["bytes-garbled"]

@@ -194,10 +194,12 @@ def test_what_is_not_there_is_said_and_nothing_is_made_up(tmp_path):
         done = stepdiag("setup", file, "--laser-port", "/dev/x", "--laser-format", "umd", "--host", "none", *VOLUME, *wrong)
         assert (done.code, file.exists()) == (2, False), done
     absent = ("--laser-port", "/dev/no-such-port", "--laser-format", "umd", "--host", "none", "--seconds", 1)
-    code, out, _ = stepdiag("setup", file, *absent, *VOLUME)
+    stated = ("--baud", 57600, "--feedback", "screw", "--pitch-mm", 25)
+    code, out, _ = stepdiag("setup", file, *absent, *VOLUME, *stated)
     assert code == 4
     survey = load_survey(file)
     assert (survey.plc.silent, survey.environment.source) == (True, "fixed"), "the answers are kept, and what is missing is said"
+    assert (survey.laser.baud, survey.uncertainty.pitch_mm) == (57600, 25.0)
     assert "ERROR" in out
 
 

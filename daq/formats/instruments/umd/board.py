@@ -6,7 +6,7 @@ One line in 32 (uMD0: in 256) carries a code (field 6) with data (field 7); refe
 from dataclasses import dataclass
 from typing import Literal
 
-from stepdiag.base.messages import Said, message
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.instruments.umd.reading import PhaseUse, Reading
 
 SIGNAL_CODES = {1: message("laser-power"), 2: message("signal-strength")}
@@ -36,7 +36,7 @@ class Told:
     """A remark that a code gives rise to; fields as in `daq.timing.samples.Notice`."""
 
     code: Literal["rate", "device", "environment"]
-    why: Said = ""
+    why: Words = ""
     value: float | None = None
     name: str = ""
 

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from stepdiag.base.messages import Said, message
+from stepdiag.base.messages import Words, message
 from stepdiag.daq.formats.framing.lines import quote
 
 Rows = NDArray[np.int64]
@@ -43,7 +43,7 @@ class OddLine:
     """A line that holds no sample."""
 
     code: Literal["banner", "debug", "garbage"]
-    why: Said
+    why: Words
 
 
 def parse_lines(block: bytes) -> Iterator[Rows | OddLine]:

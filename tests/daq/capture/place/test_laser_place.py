@@ -79,7 +79,7 @@ def test_a_stuck_counter_is_named_and_costs_nothing(signals):
     (only,) = book.passes
     assert_as_driven(only, truth)
     assert codes.count("count-stuck") == 1
-    assert "count-reset" not in codes
+    assert "count-disagrees" not in codes
 
 
 @SIGNALS

@@ -43,7 +43,7 @@ def test_linear_route_reads_along_its_axis():
         (-12.728, 100.0, "wrong-direction"),
         (0.001, 100.0, "no-move"),
         (22.627, 100.0, "wrong-axis-order"),
-        (35.355 + 22.627, 100.0, "missing-stop"),
+        (35.355 + 22.627, 100.0, "stop-missing"),
         (-64.0, 0.004, "laser-reset"),
         (-64.0, 36.0, "step-mismatch"),
     ],

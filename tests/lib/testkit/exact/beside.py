@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from stepdiag.base.readings.readings import Readings, make_readings
 from stepdiag.solver.model.lateral import MeasuredStraightness
-from stepdiag.solver.readings.readings import Readings, make_readings
 from stepdiag.virtual.drive.sequence import Box, outward_direction, outward_stops_mm
 from stepdiag.virtual.drive.setups import Alignment, aligned_setup
 from testkit.exact.surveys import DIAGONALS, LINEAR, Bench

@@ -10,13 +10,13 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.volume import Volume
 from stepdiag.daq.log.codec import whole_us
 from stepdiag.daq.log.part_file import PartFile
 from stepdiag.daq.log.writer import LogWriter
 from stepdiag.daq.recording.session import Round, Session
 from stepdiag.daq.survey.file import parse_survey
-from stepdiag.solver.result.field import without_rigid_motion
 from stepdiag.virtual.control.siemens import SiemensControl
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, aligned_setup, simulate_pass

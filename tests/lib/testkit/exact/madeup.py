@@ -5,9 +5,9 @@ from typing import Any
 import numpy as np
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.members import Software
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from stepdiag.base.volume import Volume
-from stepdiag.solver.result.members import Software
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, SQUARENESS, Function, Quantity, Result, Scale
 from testkit.exact.members import members, setups
 
 VOLUME = Volume(origin_mm=(0.0, 0.0, -300.0), size_mm=(500.0, 400.0, 300.0), increments=10)

@@ -2,10 +2,10 @@
 
 from typing import Any
 
-from stepdiag.solver.result.json_tree import Node
-from stepdiag.solver.result.members import SetupReport
-from stepdiag.solver.result.result import MEMBERS
-from stepdiag.solver.result.typed import read, read_or_none, written
+from stepdiag.base.result.json_tree import Node
+from stepdiag.base.result.members import SetupReport
+from stepdiag.base.result.result import MEMBERS
+from stepdiag.base.result.typed import read, read_or_none, written
 
 
 def members(**given: Any) -> dict[str, Any]:

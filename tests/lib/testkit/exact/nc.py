@@ -172,14 +172,17 @@ def _heidenhain(walk: Walk) -> list[Rule]:
         assert all(number[0] in "+-" for number in numbers[:3]), "coordinates carry their sign"
         walk.move(*numbers)
 
-    tilted = r"FN 20: WAIT FOR SYNC\nFN 18: SYSREAD QL1 = ID210 NR6 IDX1\nFN 9: IF \+QL1 EQU \+0"
+    def compared(_again: str, place: str, expected: str, _on: str, words: str) -> None:
+        walk.refuse(walk.left.get(place, float("NR4" in place)) != float(expected), words)
+
+    read = r"FN 20: WAIT FOR SYNC\nFN 18: SYSREAD QL1 = (ID\d+ NR\d+(?: IDX\d)?)\nFN 9: IF \+QL1 EQU \+(\d)"
     return [
         (r"; (.*)", walk.comments.append),
         (r"CYCL DEF (?:7\.0 DATUM SHIFT|8\.0 MIRROR IMAGE|8\.1|10\.0 ROTATION|11\.0 SCALING|9\.0 DWELL TIME)", lambda: None),
         (r"CYCL DEF (?:7\.[123]|10\.1|11\.1) (.*)", walk.modes.add),
         (
-            rf"LBL (\d+)\n{tilted} GOTO LBL (\d+)\n; (.*)\nSTOP M5\nFN 9: IF \+0 EQU \+0 GOTO LBL \1\nLBL \2",
-            lambda _again, _on, words: walk.refuse(walk.read("ID210 NR6") != 0, words),
+            rf"LBL (\d+)\n{read} GOTO LBL (\d+)\n; (.*)\nSTOP M5\nFN 9: IF \+0 EQU \+0 GOTO LBL \1\nLBL \4",
+            compared,
         ),
         (r"STOP M5", lambda: setattr(walk, "halted", True)),
         (r"FN 20: WAIT FOR SYNC", walk.barrier),

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.result import DISPLACEMENTS, Function, Quantity, Result, Scale
 from stepdiag.base.volume import Volume
-from stepdiag.solver.result.result import DISPLACEMENTS, Function, Quantity, Result, Scale
 
 VOLUME = Volume(origin_mm=(-200.0, 0.0, -100.0), size_mm=(400.0, 400.0, 200.0), increments=4)
 

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from stepdiag.base.readings.runs import Plan, perfect_readings
 from stepdiag.base.setups import setup_of
-from stepdiag.solver.planning.runs import Plan, perfect_readings
 
 ARMS = np.array([[0, 1, 1], [0, 0, 1], [0, 0, 0]])
 SHEARS = {"C0Y": (0, 1, -1.0), "B0Z": (0, 2, 1.0), "A0Z": (1, 2, -1.0)}

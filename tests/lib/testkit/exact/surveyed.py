@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import msgspec
 import numpy as np
 
+from stepdiag.base.result.field import error_field_um, without_rigid_motion
 from stepdiag.daq.capture.captured_stop import CapturedStop
 from stepdiag.daq.capture.place.route import make_route
 from stepdiag.daq.passes.pass_book import PassBook
@@ -13,7 +14,6 @@ from stepdiag.daq.passes.verdict import settled_findings, suspected
 from stepdiag.daq.survey.assumed import assumptions_of
 from stepdiag.daq.survey.file import parse_survey
 from stepdiag.solver.methods.solve import solve
-from stepdiag.solver.result.field import error_field_um, without_rigid_motion
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
 from stepdiag.virtual.physics.error_functions import Amplitudes, random_errors

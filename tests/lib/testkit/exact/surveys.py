@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.conditions.assumptions import Assumptions
+from stepdiag.base.readings.readings import NO_ZERO, Readings, make_readings
+from stepdiag.base.result.result import Result
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import KnownAngle
-from stepdiag.solver.model.assumptions import Assumptions
-from stepdiag.solver.readings.readings import NO_ZERO, Readings, make_readings
-from stepdiag.solver.result.result import Result
 from stepdiag.virtual.drive.sequence import Box
 from stepdiag.virtual.drive.setups import Alignment, Conditions, simulate_pass
 from stepdiag.virtual.physics.error_functions import AXES, DISPLACEMENTS, Amplitudes, ErrorFunction, ErrorSet, random_errors

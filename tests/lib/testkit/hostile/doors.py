@@ -38,7 +38,7 @@ JUDGED = (
 )
 LETTERHEAD = 'company = "Works"\naddress = "Street 1\\nTown"\n'
 
-ACCEPTED = {"heidenhain": ("--accept", "column-widths-assumed")}
+ACCEPTED = {"heidenhain": ("--accept", "profile-assumed")}
 
 NEVER_DONE = {"fourdof show": 3, "fourdof show, contents": 3}
 """Doors whose right files end in a refusal by what they hold, after all of them was read: no run of the head."""

@@ -9,6 +9,8 @@ from pathlib import Path
 import msgspec
 
 from stepdiag.base.errors import UsageError
+from stepdiag.base.readings.readings import render_readings
+from stepdiag.base.readings.rtl import render_rtl
 from stepdiag.daq.records.status import LinkStatus
 from stepdiag.daq.service.live import FILE as LIVE
 from stepdiag.daq.service.live import LiveStatus
@@ -20,8 +22,6 @@ from stepdiag.exporters.export.export import export
 from stepdiag.exporters.profiles.file import parse_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.publish.messages import Watched
-from stepdiag.solver.readings.readings import render_readings
-from stepdiag.solver.readings.rtl import render_rtl
 from testkit.exact.machines import profile_text
 from testkit.exact.results import VOLUME
 from testkit.exact.surveys import DIAGONALS

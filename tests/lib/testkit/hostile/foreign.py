@@ -14,6 +14,8 @@ import numpy as np
 from starlette.requests import Request
 
 from stepdiag.base.errors import StepdiagError
+from stepdiag.base.readings.readings import parse_readings, render_readings
+from stepdiag.base.result.result import Result, parse_result
 from stepdiag.comparing.compare import compare, trend
 from stepdiag.daemon.driving import sequence_of
 from stepdiag.daq.capture.capture import Capture
@@ -29,8 +31,6 @@ from stepdiag.daq.formats.instruments.tqd import TqdSettings
 from stepdiag.daq.formats.instruments.umd.decoder import UmdSettings
 from stepdiag.daq.formats.registry import make_decoder
 from stepdiag.daq.formats.signals import CONTRACT_SIGNALS, SignalDecoder, SignalSpec, plan_reads
-from stepdiag.daq.head.commissioning import calibrate_axis, compare_curves, parse_curves, parse_stage_run, signs_of, stability_of
-from stepdiag.daq.head.record import read_head_csv
 from stepdiag.daq.log.codec import decode
 from stepdiag.daq.log.reader import DAMAGE
 from stepdiag.daq.log.topics import RAW_TOPICS
@@ -44,6 +44,9 @@ from stepdiag.daq.timing.stream import StreamBuffer
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.safety.verify import verify_files
 from stepdiag.exporters.tables import lattice
+from stepdiag.fourdof.calibrated import calibrated
+from stepdiag.fourdof.commissioning import calibrate_axis, compare_curves, parse_curves, parse_stage_run, signs_of, stability_of
+from stepdiag.fourdof.record import read_head_csv
 from stepdiag.page.app import Page
 from stepdiag.page.messages import PageSettings
 from stepdiag.report.document import build_report
@@ -53,8 +56,6 @@ from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.methods.standard_figures import standards_report
 from stepdiag.solver.model.angles import parse_angles, render_angles
 from stepdiag.solver.model.layout import lay_out
-from stepdiag.solver.readings.readings import parse_readings, render_readings
-from stepdiag.solver.result.result import Result, parse_result
 from stepdiag.virtual.instruments.interferometers import Climate, Lasertex
 from testkit.exact.heads import head_file, survey_section
 from testkit.exact.results import made_result
@@ -227,7 +228,7 @@ def _head_file(data: bytes) -> object:
     record = read_head_csv(HEAD_SAMPLES.decode(), "")
     with suppress(StepdiagError):
         signs_of([(300.0, record), (900.0, record)], file)
-    return motion(record.channels, np.full(len(record.channels), 500.0), file.calibrated())
+    return motion(record.channels, np.full(len(record.channels), 500.0), calibrated(file))
 
 
 def _head_samples(data: bytes) -> object:

@@ -17,10 +17,10 @@ import msgspec
 from mcap.records import Channel, Message
 
 from stepdiag.base.errors import StepdiagError
+from stepdiag.completion.completion import complete
 from stepdiag.daemon.survey_state import standing_of
 from stepdiag.daq.capture.capture import Capture
 from stepdiag.daq.capture.captured_stop import CapturedStop
-from stepdiag.daq.head.record import head_of_log
 from stepdiag.daq.log.contents import open_log
 from stepdiag.daq.log.reader import RecordReader
 from stepdiag.daq.log.recovery import log_info, recover
@@ -29,9 +29,9 @@ from stepdiag.daq.log.writer import LogHeader, LogWriter
 from stepdiag.daq.passes.pass_book import PassBook
 from stepdiag.daq.recording.rounds import latest_round
 from stepdiag.daq.replay import replay
-from stepdiag.daq.service.completion import complete
 from stepdiag.daq.survey.bundle import bundle_to_run
 from stepdiag.daq.survey.file import parse_survey
+from stepdiag.fourdof.record import head_of_log
 from testkit.exact.machines import profile_text
 from testkit.hostile.foreign_base import Target, refusing
 from testkit.timeline import Timeline, diagonal, survey_text

@@ -10,6 +10,7 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.errors import StepdiagError
+from stepdiag.base.readings.readings import parse_readings
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.file import parse_profile
@@ -23,7 +24,6 @@ from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.controller import Controller
 from stepdiag.exporters.tables.curves import curves_of
 from stepdiag.exporters.tables.profile import Profile
-from stepdiag.solver.readings.readings import parse_readings
 from testkit.exact.machines import MACHINES, profile_of, profile_text
 from testkit.exact.results import VOLUME, made_result
 from testkit.hostile.foreign_base import Target, refusing, text_of

@@ -2,8 +2,8 @@
 
 import numpy as np
 
+from stepdiag.base.result.field import without_rigid_motion
 from stepdiag.base.volume import Volume
-from stepdiag.solver.result.field import without_rigid_motion
 from stepdiag.virtual.physics.machine import Machine
 from testkit.linuxcnc.rig import Control
 from testkit.linuxcnc.standing import stands

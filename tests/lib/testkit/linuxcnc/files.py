@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from stepdiag.base.result.result import Result
 from stepdiag.base.volume import Volume
 from stepdiag.exporters.export.export import export
 from stepdiag.exporters.files.naming import UNTESTED, suffixed
@@ -11,7 +12,6 @@ from stepdiag.exporters.linuxcnc.control import LinuxCnc
 from stepdiag.exporters.profiles.file import load_profile
 from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.tables import total_correction_um
-from stepdiag.solver.result.result import Result
 
 
 def profile_text(way: str, volume: Volume) -> str:

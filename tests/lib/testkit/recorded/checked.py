@@ -12,6 +12,8 @@ import msgspec
 import numpy as np
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.members import SetupReport
+from stepdiag.base.result.result import Quantity, Result
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.checks import Case, check_round_trip, refuse, run_checks, untested_kinds
@@ -22,8 +24,6 @@ from stepdiag.exporters.tables.controller import Limits
 from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.profile import Profile, SignTestRecord
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
-from stepdiag.solver.result.members import SetupReport
-from stepdiag.solver.result.result import Quantity, Result
 from testkit.exact.members import members, setups
 from testkit.recorded import plain
 from testkit.recorded.exported import own_of, said

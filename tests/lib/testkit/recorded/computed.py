@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.result.result import POSITIONING, Function, Quantity, Result
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables import angular, fit, lattice
 from stepdiag.exporters.tables.curves import Curve, curves_of
@@ -21,7 +22,6 @@ from stepdiag.exporters.tables.tables import (
     summed_um,
     total_correction_um,
 )
-from stepdiag.solver.result.result import POSITIONING, Function, Quantity, Result
 from testkit.recorded import plain
 from testkit.recorded.profiles import profile_of
 from testkit.recorded.results import ANGLES, LEANING, PLAIN, REVERSAL, SHAPES, TURNING, result_of, told

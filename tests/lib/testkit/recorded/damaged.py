@@ -5,6 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.neutral import curves_csv
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
@@ -15,7 +16,7 @@ from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.result.result import Result
+from testkit import references
 from testkit.recorded import plain
 from testkit.recorded.exported import BOTH, LISTS, WIDE, fanuc_section
 from testkit.recorded.profiles import profile_of
@@ -217,6 +218,6 @@ def _recognised() -> Any:
             "curves": file.data.startswith(curves_csv.NAME.encode()),
             "alone": plain.attempted(lambda file=file: controller_of([file]).name),
             "with a note": plain.attempted(lambda file=file: controller_of([file, files[0]]).name),
-            "levers": None if left is None else left.text,
+            "levers": None if left is None else references.plain(left.message),
         }
     return found

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.result.result import Result
 from stepdiag.base.settings import show
 from stepdiag.exporters.beckhoff import csv
 from stepdiag.exporters.fanuc.identity import identity_findings
@@ -16,7 +17,6 @@ from stepdiag.exporters.files.numbers import fixed, shortest
 from stepdiag.exporters.neutral import etalon
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.tables.tables import Law
-from stepdiag.solver.result.result import Result
 from testkit.exact.machines import EOB
 from testkit.recorded import plain
 from testkit.recorded.damaged import damages

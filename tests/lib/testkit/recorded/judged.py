@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.result.result import Quantity, Result
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.verify import Verification, verify_files
@@ -14,7 +15,7 @@ from stepdiag.exporters.tables import lattice
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import Table
-from stepdiag.solver.result.result import Quantity, Result
+from testkit import references
 from testkit.recorded import plain
 from testkit.recorded.exported import BOTH, LISTS, exported_files, measured_on, own_of, said
 from testkit.recorded.profiles import profile_of
@@ -50,7 +51,7 @@ def _as_data(found: Verification) -> dict[str, Any]:
     return {
         "is": [found.controller, *(word for word, holds in states.items() if holds)],
         "figures": figures,
-        "judgements": [f"{each.code}: {each.text}" for each in found.judgements if each.code != "right"],
+        "judgements": [f"{each.code}: {references.plain(each.words)}" for each in found.judgements if each.code != "right"],
         "factors": [each.factor for each in found.judgements],
         "findings": [said(item) for item in found.findings],
     }

@@ -8,6 +8,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.export.written import ExportReport
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.profiles.registry import CONTROLLERS, controller_named
@@ -20,7 +21,6 @@ from stepdiag.exporters.tables.curves import Curve
 from stepdiag.exporters.tables.fit import Product, fitted
 from stepdiag.exporters.tables.profile import AxisSection, LimitsSection, MachineSection, SignTestRecord
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
-from stepdiag.solver.result.result import Result
 from testkit.recorded import plain
 from testkit.recorded.checked import checked, curve_of, limited, table_of
 from testkit.recorded.damaged import planned

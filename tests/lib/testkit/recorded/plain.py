@@ -10,6 +10,7 @@ from typing import Any
 from stepdiag.base.errors import StepdiagError
 from stepdiag.exporters.files.control_file import ControlFile
 from stepdiag.exporters.tables.tables import Table
+from testkit.references import plain
 
 
 def lines(data: bytes) -> list[str]:
@@ -51,7 +52,7 @@ def attempted(act: Callable[[], Any]) -> Any:
         return act()
     except StepdiagError as refusal:
         code = getattr(refusal, "code", "")
-        return {"refused": f"{type(refusal).__name__}{f' [{code}]' if code else ''}: {refusal}"}
+        return {"refused": f"{type(refusal).__name__}{f' [{code}]' if code else ''}: {plain(refusal.message)}"}
 
 
 def in_folder(act: Callable[[Path], Any]) -> Any:

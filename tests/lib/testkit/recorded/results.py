@@ -5,9 +5,9 @@ from dataclasses import replace
 from typing import Any
 
 from stepdiag.base.findings import Finding
+from stepdiag.base.result.members import Software
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS, Quantity, Result, Scale
 from stepdiag.base.volume import Volume
-from stepdiag.solver.result.members import Software
-from stepdiag.solver.result.result import DISPLACEMENTS, ROTATIONS, Quantity, Result, Scale
 from testkit.exact.members import members, setups
 from testkit.exact.results import made_result
 

@@ -6,12 +6,13 @@ from typing import Any
 
 import numpy as np
 
+from stepdiag.base.readings.readings import NO_ZERO, Readings, make_readings
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.sign_run import from_readings
 from stepdiag.exporters.safety.sign_test import Bump, bump, verdict
 from stepdiag.exporters.tables.profile import Profile
 from stepdiag.exporters.tables.tables import correction_um
-from stepdiag.solver.readings.readings import NO_ZERO, Readings, make_readings
+from testkit import references
 from testkit.recorded import plain
 from testkit.recorded.exported import LISTS, WIDE, fanuc_section
 from testkit.recorded.profiles import profile_of
@@ -110,7 +111,7 @@ def toml(found: Any) -> str:
 def said(judge: Callable[[], Any]) -> Any:
     def act() -> Any:
         found = judge()
-        return f"{found.kind} {found.sense} {found.moved_um:.4f}: {found.text}{toml(found)}"
+        return f"{found.kind} {found.sense} {found.moved_um:.4f}: {references.plain(found.words)}{toml(found)}"
 
     return plain.attempted(act)
 

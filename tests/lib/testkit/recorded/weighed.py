@@ -7,6 +7,8 @@ from typing import Any
 import msgspec
 import numpy as np
 
+from stepdiag.base.result.field import error_field_um
+from stepdiag.base.result.result import Result
 from stepdiag.exporters.profiles.file import quick_profile
 from stepdiag.exporters.profiles.registry import controller_named
 from stepdiag.exporters.safety.standing import Standing
@@ -20,8 +22,7 @@ from stepdiag.exporters.tables.curves import FUNCTIONS
 from stepdiag.exporters.tables.fit import fitted
 from stepdiag.exporters.tables.merge import merged
 from stepdiag.exporters.tables.tables import Law, Multiplier, Table
-from stepdiag.solver.result.field import error_field_um
-from stepdiag.solver.result.result import Result
+from testkit import references
 from testkit.recorded import plain
 from testkit.recorded.checked import curve_of, table_of
 from testkit.recorded.profiles import profile_of
@@ -50,7 +51,9 @@ def verdicts(
     """Return the verdict on each table: its code, what is said beside its label, its factor."""
     standing = Standing(before=tuple(before), after=tuple(tables if after is None else after), new=tuple(tables))
     on = replace(PROFILE, machine=msgspec.structs.replace(PROFILE.machine, measured_with="on")) if before else PROFILE
-    return [[one.code, one.text.removeprefix(one.table.label), one.factor] for one in judge(result, tables, standing, on)]
+    return [
+        [one.code, references.plain(one.words.arguments.get("what", one.words)), one.factor] for one in judge(result, tables, standing, on)
+    ]
 
 
 def cases() -> dict[str, Callable[[], Any]]:
@@ -230,7 +233,7 @@ def _fields() -> Any:
     def of(result: Result, moved: Callable[[Any], Any], at: Any = axes) -> Any:
         whole = judge_field(result, moved, at)
         parts = judge_lattice(result, moved, at)
-        return [None if whole is None else f"{whole.code}: {whole.text}", [[one.code, one.factor] for one in parts]]
+        return [None if whole is None else f"{references.plain(whole.message)}", [[one.code, one.factor] for one in parts]]
 
     def right(result: Result) -> Callable[[Any], Any]:
         return lambda points: -error_field_um(result, points)

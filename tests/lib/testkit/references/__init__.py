@@ -20,9 +20,11 @@ from stepdiag.base.messages import Message
 FOLDER = Path(__file__).parents[3] / "data" / "reference"
 RELATIVE, ABSOLUTE = 1e-6, 1e-9
 """Numbers are the same within one of these: another processor rounds otherwise, a change of the program is larger."""
+OF_U = 0.01
+"""A value that carries its standard uncertainty is the same within this share of it; the uncertainty within this share of itself."""
 DIGITS = 10
 MOST_NAMED = 20
-FINDING = ("code", "severity", "text", "setup", "pass_number", "stop", "size_um", "among")
+FINDING = ("code", "severity", "setup", "pass_number", "stop", "size_um", "among")
 _SCALARS = re.compile(r'"(?:[^"\\]|\\.)*"|(\[[^][{}"]*\])')
 """A text, in which brackets mean nothing, or a list of numbers: it stands in one line."""
 
@@ -40,7 +42,7 @@ def plain(value: object) -> object:
     if isinstance(value, Message):
         return " ".join([value.key, *(f"{name}={_argument(item)}" for name, item in value.arguments.items())])
     if isinstance(value, Finding):
-        return {name: plain(getattr(value, name)) for name in FINDING}
+        return {"message": plain(value.message or value.text)} | {name: plain(getattr(value, name)) for name in FINDING}
     if dataclasses.is_dataclass(value):
         return {field.name: plain(getattr(value, field.name)) for field in dataclasses.fields(value)}
     if isinstance(value, msgspec.Struct):
@@ -72,8 +74,8 @@ def refused(call: Call, given: object) -> object:
     try:
         return plain(call(given))
     except StepdiagError as error:
-        parts = {name: str(getattr(error, name)) for name in ("where", "expected", "found", "remedy")}
-        return {"refusal": type(error).__name__, **parts, "says": str(error)}
+        parts = {name: plain(getattr(error, name)) for name in ("where", "expected", "found", "remedy")}
+        return {"refusal": type(error).__name__, **parts}
 
 
 def rendered(case: Mapping) -> str:
@@ -96,9 +98,23 @@ def _same_text(was: str, now: str) -> bool:
     return before[::2] == after[::2] and all(map(same, *numbers))
 
 
+def _within_u(was: Mapping, now: Mapping) -> bool:
+    """Tell whether two figures with ``value`` and ``u`` (numbers, or lists of them) are the same within the tolerance of the promise."""
+    if not all(isinstance(each.get(name), int | float | list) for each in (was, now) for name in ("value", "u")):
+        return False
+    try:
+        value, u = ([np.asarray(each[name], dtype=float) for each in (was, now)] for name in ("value", "u"))
+    except (TypeError, ValueError):  # of an unknown value
+        return False
+    alike = value[0].shape == value[1].shape == u[0].shape == u[1].shape
+    return alike and bool(np.all(abs(value[0] - value[1]) <= OF_U * u[0] + ABSOLUTE) and np.all(abs(u[0] - u[1]) <= OF_U * u[0] + ABSOLUTE))
+
+
 def differences(was: object, now: object, place: str = "output") -> Iterator[str]:
     """Yield every place where two trees differ, with what it was and what it is."""
     if isinstance(was, dict) and isinstance(now, dict):
+        if _within_u(was, now):
+            now = now | {name: was[name] for name in ("value", "u")}
         for name in [*was, *(name for name in now if name not in was)]:
             yield from differences(was.get(name, "(not there)"), now.get(name, "(not there)"), f"{place}.{name}")
         if list(was) != list(now) and sorted(was) == sorted(now):

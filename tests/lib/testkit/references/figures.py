@@ -2,8 +2,23 @@
 
 import numpy as np
 
+from stepdiag.base.conditions.air import (
+    Air,
+    AirUncertainty,
+    Done,
+    air_wavelength_nm,
+    ciddor_index,
+    displacement_mm,
+    edlen_index,
+    index_u,
+    saturation_pressure_pa,
+)
+from stepdiag.base.conditions.expansion import expansion_um, reading_at_20_c_mm
 from stepdiag.base.kinematics import abbe_mask, cross_matrix, parse_chain
 from stepdiag.base.names import BODY_DIAGONALS, LINEAR_RUNS
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.json_tree import Node
+from stepdiag.base.result.typed import read_or_none, written
 from stepdiag.base.setups import SETUP_NAMES, setup_of
 from stepdiag.base.volume import (
     Volume,
@@ -20,21 +35,6 @@ from stepdiag.solver.fourdof.detector import Curve, Detector, DetectorAxis, inve
 from stepdiag.solver.fourdof.drift import slow_drift
 from stepdiag.solver.fourdof.head import Crosstalk, Head, motion
 from stepdiag.solver.fourdof.statistics import compare, stability
-from stepdiag.solver.result.interval import Interval
-from stepdiag.solver.result.json_tree import Node
-from stepdiag.solver.result.typed import read_or_none, written
-from stepdiag.solver.standards.air import (
-    Air,
-    AirUncertainty,
-    Done,
-    air_wavelength_nm,
-    ciddor_index,
-    displacement_mm,
-    edlen_index,
-    index_u,
-    saturation_pressure_pa,
-)
-from stepdiag.solver.standards.expansion import expansion_um, reading_at_20_c_mm
 from stepdiag.solver.standards.iso230 import (
     COVERAGES,
     PositioningRuns,

@@ -2,17 +2,17 @@
 
 import numpy as np
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.names import BODY_DIAGONALS
+from stepdiag.base.readings.runs import Plan, Run, run_minutes, run_stops_mm, setup_minutes
+from stepdiag.base.result.basis import basis_of, scales_in_words
+from stepdiag.base.result.field import along_diagonal_um, bend_um, error_field_um, without_rigid_motion
+from stepdiag.base.result.prediction import predicted, predicted_with_u, squares_um2
+from stepdiag.base.result.result import Result
+from stepdiag.base.result.stretches import harmed
+from stepdiag.base.result.typed import written
 from stepdiag.base.volume import Volume, anywhere_mm
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.planning.planner import Circumstances, Forecast, best_survey, forecast, plan
-from stepdiag.solver.planning.runs import Plan, Run, run_minutes, run_stops_mm, setup_minutes
-from stepdiag.solver.result.basis import basis_of, scales_in_words
-from stepdiag.solver.result.field import along_diagonal_um, bend_um, error_field_um, without_rigid_motion
-from stepdiag.solver.result.prediction import predicted, predicted_with_u, squares_um2
-from stepdiag.solver.result.result import Result
-from stepdiag.solver.result.stretches import harmed
-from stepdiag.solver.result.typed import written
 from testkit.references import plain, refused
 
 EVERY = slice(None, None, 7)

@@ -4,9 +4,19 @@ from dataclasses import replace
 
 import numpy as np
 
+from stepdiag.base.conditions.assumptions import Assumptions
 from stepdiag.base.csv_table import read_table
 from stepdiag.base.findings import Finding
 from stepdiag.base.messages import shortened
+from stepdiag.base.readings.readings import parse_readings, render_readings
+from stepdiag.base.readings.rtl import render_rtl, with_runs
+from stepdiag.base.readings.runs import Pace, Plan, Run
+from stepdiag.base.result.json_tree import Node
+from stepdiag.base.result.members import CoverageFactor, HeadStraightness, SetupReport
+from stepdiag.base.result.result import Function, Scale, same_result
+from stepdiag.base.result.rounding import same_but_for_rounding, steady
+from stepdiag.base.result.typed import read, written
+from stepdiag.base.result.waves import arch_um, hiding_functions, shown_finer_um
 from stepdiag.base.volume import Volume
 from stepdiag.solver.adjustment.diagnostics import scatter_findings, setup_findings, setup_reports
 from stepdiag.solver.fourdof.detector import DetectorAxis
@@ -18,20 +28,11 @@ from stepdiag.solver.methods.estimate import estimate
 from stepdiag.solver.methods.head_report import head_findings
 from stepdiag.solver.methods.lengths import lengths_report, temperature_findings, tool_report
 from stepdiag.solver.methods.registry import Options
-from stepdiag.solver.methods.volumetric import arch_um, between_um, coarse_findings, hiding_functions, shown_finer_um
+from stepdiag.solver.methods.volumetric import between_um, coarse_findings
 from stepdiag.solver.model.angles import parse_angles
-from stepdiag.solver.model.assumptions import Assumptions
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.noise import assumed_noise
 from stepdiag.solver.planning.planner import Circumstances
-from stepdiag.solver.planning.runs import Pace, Plan, Run
-from stepdiag.solver.readings.readings import parse_readings, render_readings
-from stepdiag.solver.readings.rtl import render_rtl, with_runs
-from stepdiag.solver.result.json_tree import Node
-from stepdiag.solver.result.members import CoverageFactor, HeadStraightness, SetupReport
-from stepdiag.solver.result.result import Function, Scale, same_result
-from stepdiag.solver.result.rounding import same_but_for_rounding, steady
-from stepdiag.solver.result.typed import read, written
 from stepdiag.solver.uncertainty.monte_carlo import shortest_interval
 from testkit.references import refused
 

@@ -5,16 +5,16 @@ import json
 
 import numpy as np
 
+from stepdiag.base.readings.readings import make_readings, parse_readings, render_readings
+from stepdiag.base.readings.rtl import parse_rtl, render_rtl, rtl_readings
+from stepdiag.base.result.posterior import Posterior
+from stepdiag.base.result.result import MEMBERS, Function, Result, parse_result
+from stepdiag.base.result.typed import written
 from stepdiag.solver.methods.solve import solve
 from stepdiag.solver.model.angles import parse_angles, render_angles
 from stepdiag.solver.model.lateral import MeasuredStraightness
 from stepdiag.solver.model.layout import lay_out
 from stepdiag.solver.model.straightness_file import parse_straightness, render_straightness
-from stepdiag.solver.readings.readings import make_readings, parse_readings, render_readings
-from stepdiag.solver.readings.rtl import parse_rtl, render_rtl, rtl_readings
-from stepdiag.solver.result.posterior import Posterior
-from stepdiag.solver.result.result import MEMBERS, Function, Result, parse_result
-from stepdiag.solver.result.typed import written
 from testkit.references import figures, outlook, plain, refused, rules
 
 

@@ -1,0 +1,247 @@
+"""Renishaw ``.rtl``: linear runs of a laser as the maker's programs keep them, read and written.
+
+The format is not published; what is known of it comes from four independent public readers and writers that agree (docs/lasers.md). So the
+reader takes sections, keys and white space in any order and is strict in counts: every run has every target once, and what cannot be placed
+is refused. The writer makes what those readers read.
+"""
+
+import re
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from stepdiag.base.csv_table import LARGEST
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.messages import excerpt, message
+from stepdiag.base.readings.readings import PassKey, Readings
+from stepdiag.base.volume import Vector
+
+MOST_TARGETS = 20_000
+MOST_RUNS = 200
+LARGEST_DEVIATION_UM = 1e5
+"""A tenth of a metre: what is more is in another unit, or angles."""
+_SECTION = re.compile(r"\s*(?P<name>[A-Z][A-Z -]*)::\s*\Z", re.IGNORECASE)
+_PAIR = re.compile(r"\s*(?P<key>[^:]{1,60}?)\s*:\s*(?P<value>.*?)\s*\Z")
+_NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d{1,3})?")
+_OTHER = ("angular", "straightness", "squareness", "flatness", "rotary", "dynamic")
+_A_LINE = 5
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Rtl:
+    """A file: targets (k,) in mm, deviations (runs, k) in um by target, odd runs (first, third ...) outward, even ones back.
+
+    ``texts`` are its keys with their values, in lower case keys; of a key that comes twice the first.
+    """
+
+    targets_mm: Vector
+    deviations_um: Vector
+    both_ways: bool = True
+    texts: Mapping[str, str] = field(default_factory=dict)
+
+    @property
+    def axis(self) -> str:
+        """Return the axis that the file names: x, y, z; empty where it names none of them."""
+        named = self.texts.get("axis", "").strip().lower().removesuffix("-axis").removesuffix(" axis").strip()
+        return named if named in ("x", "y", "z") else ""
+
+
+def parse_rtl(text: str, source: str) -> Rtl:
+    """Return the content of a file. Raises DataError where a section or a value is missing, doubled or not one of lengths."""
+    sections = _sections(text, source)
+    texts: dict[str, str] = {}
+    for lines in sections.values():
+        for line in lines:
+            if found := _PAIR.match(line):
+                texts.setdefault(found["key"].lower(), found["value"])
+    _refuse_other_kinds(texts, source)
+    targets = _targets(sections, texts, source)
+    runs = _count(texts, "run-count", MOST_RUNS, source)
+    deviations = np.full((runs, len(targets)), np.nan)
+    for number, line in _rows(sections, source):
+        where = f"{source}: deviation {number}"
+        run, target, deviation = _row(line, where)
+        if not (1 <= run <= runs and 1 <= target <= len(targets)):
+            expected = f"run 1 to {runs} and target 1 to {len(targets)}"
+            raise DataError(where, expected=expected, found=f"run {run}, target {target}")
+        if not np.isnan(deviations[run - 1, target - 1]):
+            raise DataError(where, expected="every target once in a run", found=f"run {run}, target {target} again")
+        deviations[run - 1, target - 1] = deviation
+    missing = np.argwhere(np.isnan(deviations))
+    if len(missing):
+        run, target = (int(each) + 1 for each in missing[0])
+        raise DataError(source, expected=f"{runs} runs of {len(targets)} targets", found=f"no deviation of run {run} at target {target}")
+    both_ways = _both_ways(texts, runs)
+    return Rtl(targets_mm=targets, deviations_um=deviations, both_ways=both_ways, texts=texts)
+
+
+def _sections(text: str, source: str) -> dict[str, list[str]]:
+    sections: dict[str, list[str]] = {}
+    name = ""
+    for line in text.removeprefix("\ufeff").splitlines():
+        found = _SECTION.match(line)
+        if found is None:
+            sections.setdefault(name, []).append(line)
+            continue
+        name = found["name"].upper().strip()
+        if name in sections and name != "EOF":
+            raise DataError(f"{source}: {name}", expected="every section once", found="twice")
+        sections[name] = []
+    for needed in ("TARGET DATA", "RUNS", "DEVIATIONS"):
+        if needed not in sections:
+            found_names = ", ".join(each for each in sections if each) or "none"
+            raise DataError(source, expected=f"a section {needed}:: of an .rtl file", found=f"the sections {found_names}")
+    if "EOF" not in sections:
+        raise DataError(source, expected="EOF:: at the end", found=message("none"), remedy="the file was cut off: copy it again")
+    return sections
+
+
+def _refuse_other_kinds(texts: Mapping[str, str], source: str) -> None:
+    """Raise DataError for files of angles and others: their units were never seen."""
+    for key in ("file type", "filetype", "title", "measurement", "measurement type"):
+        text = texts.get(key, "").lower()
+        if key != "title" and any(word in text for word in _OTHER):
+            remedy = "straightness and angles in .rtl are refused until one of them has been seen; give the readings as CSV"
+            raise DataError(f"{source}: {key}", expected="lengths (a linear measurement)", found=repr(texts[key]), remedy=remedy)
+
+
+def _count(texts: Mapping[str, str], key: str, most: int, source: str) -> int:
+    text = texts.get(key, "")
+    if not text.isascii() or not text.isdecimal() or not 1 <= int(text[:9]) <= most:
+        raise DataError(f"{source}: {key}", expected=f"a whole number from 1 to {most}", found=repr(text) if text else message("nothing"))
+    return int(text)
+
+
+def _targets(sections: Mapping[str, list[str]], texts: Mapping[str, str], source: str) -> Vector:
+    count = _count(texts, "target-count", MOST_TARGETS, source)
+    lines = sections["TARGET DATA"]
+    begin = next((number for number, line in enumerate(lines) if line.strip().lower().startswith("targets")), None)
+    if begin is None:
+        raise DataError(f"{source}: TARGET DATA", expected="the line Targets :", found=message("none"))
+    end = next((number for number, line in enumerate(lines[begin + 1 :], begin + 1) if ":" in line), len(lines))
+    words = [word for line in (lines[begin].partition(":")[2], *lines[begin + 1 : end]) for word in line.split()]
+    targets = [_number(word, f"{source}: target {number}") for number, word in enumerate(words, 1)]
+    if len(targets) != count or count < 2:
+        raise DataError(f"{source}: Targets", expected=f"Target-count: {count} numbers, two or more", found=str(len(targets)))
+    found = np.array(targets)
+    steps = np.diff(found)
+    if not ((steps > 0).all() or (steps < 0).all()):
+        raise DataError(f"{source}: Targets", expected="targets that rise or fall all along", found=message("others"))
+    return found
+
+
+def _rows(sections: Mapping[str, list[str]], source: str) -> Iterator[tuple[int, str]]:
+    """Yield the lines of numbers of the deviations, numbered."""
+    number = 0
+    for line in sections["DEVIATIONS"]:
+        if not line.strip() or not re.match(r"\s*[-+0-9.]", line):
+            continue
+        number += 1
+        if number > MOST_RUNS * MOST_TARGETS:
+            raise DataError(source, expected="fewer deviations", found=str(number))
+        yield number, line
+
+
+def _row(line: str, where: str) -> tuple[int, int, float]:
+    words = line.split()
+    if len(words) != 3 or not (words[0].isdecimal() and words[1].isdecimal() and len(words[0]) < 9 and len(words[1]) < 9):
+        raise DataError(where, expected="run, target and deviation", found=repr(excerpt(line.strip())))
+    deviation = _number(words[2], where)
+    if abs(deviation) > LARGEST_DEVIATION_UM:
+        raise DataError(where, expected=f"a deviation in um, below {LARGEST_DEVIATION_UM:g}", found=words[2])
+    return int(words[0]), int(words[1]), deviation
+
+
+def _number(word: str, where: str) -> float:
+    if not _NUMBER.fullmatch(word) or abs(float(word)) > LARGEST:
+        raise DataError(where, expected="a number with a decimal point", found=repr(excerpt(word)))
+    return float(word)
+
+
+def _both_ways(texts: Mapping[str, str], runs: int) -> bool:
+    """Tell whether even runs go back: the flags say so (0 1 2 0: one way only); without flags, where there are two runs."""
+    flags = texts.get("flags", "").split()
+    return flags[:4] != ["0", "1", "2", "0"] if len(flags) >= 4 else runs > 1
+
+
+def rtl_readings(file: Rtl, setup: str, at_mm: Sequence[float], source: str) -> tuple[list[tuple[int, int, tuple[float, ...], float]], str]:
+    """Return the rows (pass, stop, position, reading in mm) of a linear run, and the setup's name.
+
+    ``setup`` names the axis where the file does not (``linear-x``), ``at_mm`` (3,) is a point of the line: its coordinate along the axis
+    does not count. Raises UsageError where the axis is not known or the file names another.
+    """
+    axis = setup.removeprefix("linear-") if setup else file.axis
+    if not axis or (file.axis and file.axis != axis):
+        found = message("spot-axis", number=repr(file.texts.get("axis", "")))
+        raise UsageError(source, expected="an axis x, y or z", found=found, remedy="name it: linear-x=FILE.rtl")
+    index = "xyz".index(axis)
+    last = len(file.targets_mm) - 1
+    rows = []
+    for run, deviations in enumerate(file.deviations_um):
+        backward = file.both_ways and run % 2 == 1
+        number = run + 1 if file.both_ways else 2 * run + 1
+        order = range(last, -1, -1) if backward else range(last + 1)
+        first = file.targets_mm[order[0]] + deviations[order[0]] * 1e-3
+        for stop, target in enumerate(order):
+            position = [float(each) for each in at_mm]
+            position[index] = float(file.targets_mm[target])
+            rows.append((number, stop, tuple(position), float(file.targets_mm[target] + deviations[target] * 1e-3 - first)))
+    return rows, f"linear-{axis}"
+
+
+def with_runs(readings: Readings, runs: Sequence[tuple[str, list[tuple[int, int, tuple[float, ...], float]]]], source: str) -> Readings:
+    """Return readings with linear runs added. Raises UsageError where a setup is there already or lies outside of the volume."""
+    from stepdiag.base.readings.readings import make_readings
+
+    low, high = readings.position_mm.min(axis=0), readings.position_mm.max(axis=0)
+    columns: dict[str, list[object]] = {name: [] for name in ("setup", "pass_number", "stop", "position_mm", "reading_mm")}
+    for setup, rows in runs:
+        if setup in (*readings.setup, *columns["setup"]):
+            raise UsageError(source, expected=f"{setup} once", found="twice: in the readings, or in two files")
+        for number, stop, position, reading in rows:
+            if (np.array(position) < low - 1.0).any() or (np.array(position) > high + 1.0).any():
+                place = ", ".join(f"{each:g}" for each in position)
+                volume = " to ".join(str(np.round(each, 3).tolist()) for each in (low, high))
+                remedy = "targets count in machine coordinates; say where the line lies: linear-x=FILE.rtl@0,200,150"
+                raise UsageError(f"{source}: {setup}", expected=f"targets within {volume} mm", found=f"({place})", remedy=remedy)
+            for name, value in zip(columns, (setup, number, stop, position, reading), strict=True):
+                columns[name].append(value)
+    added = make_readings(**columns)  # type: ignore[arg-type]
+    others = [name for name in Readings.__dataclass_fields__ if name != "setup"]
+    joined = {name: np.concatenate([getattr(readings, name), getattr(added, name)]) for name in others}
+    return Readings(setup=(*readings.setup, *added.setup), **joined)
+
+
+def render_rtl(readings: Readings, setup: str, texts: Mapping[str, str]) -> str:
+    """Return the passes of a linear run as an .rtl file, CRLF, for the maker's programs. ``texts`` go into USER-TEXT.
+
+    Raises DataError where the passes do not visit the same targets.
+    """
+    index = "xyz".index(setup[-1])
+    passes = {key.number: rows for key, rows in readings.passes().items() if key.setup == setup}
+    if 1 not in passes:
+        raise DataError(setup, expected="an outward pass", found=f"passes {sorted(passes) or 'none'}")
+    targets = readings.position_mm[passes[1], index]
+    deviations = []
+    for number, rows in sorted(passes.items()):
+        at, off = readings.position_mm[rows, index], readings.reading_mm[rows]
+        outward = PassKey(setup, number).outward
+        if len(at) != len(targets) or np.abs((at if outward else at[::-1]) - targets).max() > 1e-3:
+            raise DataError(f"{setup}, pass {number}", expected="the targets of the first pass", found=message("others"))
+        run = (off - off[0] - (at - at[0])) * 1e3
+        deviations.append(run if outward else run[::-1])
+    return _written(setup[-1].upper(), targets, deviations, both_ways=len(passes) > 1, texts=texts)
+
+
+def _written(axis: str, targets: Vector, deviations: Sequence[Vector], *, both_ways: bool, texts: Mapping[str, str]) -> str:
+    lines = ["HEADER::", "File type : Linear", "Owner : stepdiag", "Version no : 1", "TARGET DATA::", "Filetype : ISO"]
+    lines += [f"Target-count : {len(targets)}", "Targets :"]
+    lines += [" ".join(f"{value:.6f}" for value in targets[first : first + _A_LINE]) for first in range(0, len(targets), _A_LINE)]
+    lines += [f"Flags : {'0 0 2 0' if both_ways else '0 1 2 0'}", "USER-TEXT::", f"Axis : {axis}"]
+    lines += [f"{key} : {' '.join(value.split())}" for key, value in texts.items()]
+    lines += ["RUNS::", f"Run-count : {len(deviations)}", "DEVIATIONS::", "Run Target Data:"]
+    for run, values in enumerate(deviations, 1):
+        order = range(len(targets)) if run % 2 or not both_ways else range(len(targets) - 1, -1, -1)
+        lines += [f"{run} {target + 1} {values[target]:.4f}" for target in order]
+    return "\r\n".join([*lines, "EQUIPMENT::", "ENVIRONMENT::", "EOF::", ""])

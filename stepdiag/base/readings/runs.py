@@ -1,0 +1,144 @@
+"""A survey before it is driven: its runs, the stops they make and the minutes they take."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from stepdiag.base.errors import UsageError
+from stepdiag.base.messages import message
+from stepdiag.base.names import AXES
+from stepdiag.base.readings.readings import Readings, make_readings
+from stepdiag.base.setups import Setup, setup_of
+from stepdiag.base.volume import Vector, Volume, nodes_to_mm
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Run:
+    """One setup of a survey: how often it is driven out (and back), and how far its beam lies from the usual line."""
+
+    setup: str
+    repeats: int = 1
+    return_pass: bool = True
+    beam_offset_mm: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    @property
+    def is_fourdof(self) -> bool:
+        """Tell whether the four-degree-of-freedom head makes this run."""
+        return setup_of(self.setup, "plan: setup").is_fourdof
+
+    @property
+    def pass_numbers(self) -> range:
+        """Return the numbers of its passes: odd outward, even back."""
+        return range(1, 2 * self.repeats + 1, 1 if self.return_pass else 2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Pace:
+    """How fast a survey goes. ``setup_min``: minutes to place and align the optics for one setup, by kind of setup.
+
+    The published four diagonals of 1 m^3 take 2 to 4 hours, nearly all of it for setting up.
+    """
+
+    feed_mm_min: float = 2000.0
+    dwell_s: float = 2.0
+    overrun_mm: float = 5.0
+    diagonal_setup_min: float = 30.0
+    linear_setup_min: float = 20.0
+    fourdof_setup_min: float = 25.0
+    beam_shift_min: float = 5.0
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Plan:
+    """The runs of a survey in a volume; step diagonals move their axes in ``axis_order``."""
+
+    volume: Volume
+    runs: tuple[Run, ...]
+    axis_order: str = "xyz"
+    pace: Pace = Pace()
+
+    def with_runs(self, *added: Run) -> "Plan":
+        """Return the plan with further runs; a second run of a setup gets the next free number (``ppp+1``)."""
+        runs = list(self.runs)
+        for run in added:
+            taken = {other.setup for other in runs}
+            names = map(setup_of(run.setup, "plan: setup").shifted, range(len(taken) + 1))
+            runs.append(replace(run, setup=next(name for name in names if name not in taken)))
+        return replace(self, runs=tuple(runs))
+
+
+def run_stops_mm(plan: Plan, run: Run) -> Vector:
+    """Return the commanded positions of the outward pass of a run, shape (stops, 3)."""
+    return _stops(plan, setup_of(run.setup, "plan: setup"))
+
+
+def _stops(plan: Plan, setup: Setup) -> Vector:
+    n, signs = plan.volume.increments, np.array(setup.signs)
+    moving = [AXES.index(letter) for letter in plan.axis_order if signs[AXES.index(letter)]]
+    together = setup.kind == "body"
+    moves = np.zeros((n if together else n * len(moving), 3), dtype=np.int64)
+    for place, axis in enumerate(moving):
+        moves[(slice(None) if together else slice(place, None, len(moving))), axis] = 1
+    walked = np.vstack([np.zeros(3, dtype=np.int64), np.cumsum(moves, axis=0)])
+    return nodes_to_mm(plan.volume, np.where(signs < 0, n - walked, walked))
+
+
+def run_minutes(plan: Plan, run: Run) -> float:
+    """Return the minutes of a run: setting up, travel at feed, a dwell at each stop, the overrun at both ends of a pass."""
+    pace = plan.pace
+    stops = run_stops_mm(plan, run)
+    travel_mm = float(np.linalg.norm(np.diff(stops, axis=0), axis=1).sum()) + 4 * pace.overrun_mm
+    one_pass = travel_mm / pace.feed_mm_min + len(stops) * pace.dwell_s / 60
+    back_mm = float(np.linalg.norm(stops[-1] - stops[0]))
+    # without return passes the machine still has to go back before it can start again
+    idle = 0.0 if run.return_pass else (run.repeats - 1) * back_mm / pace.feed_mm_min
+    return setup_minutes(pace, run) + len(run.pass_numbers) * one_pass + idle
+
+
+def setup_minutes(pace: Pace, run: Run) -> float:
+    """Return the minutes to set up: a beam shifted on a setup that stands needs no new alignment of the mirror."""
+    if run.is_fourdof:
+        return pace.fourdof_setup_min
+    setup = setup_of(run.setup, "plan: setup")
+    if any(run.beam_offset_mm):
+        return pace.beam_shift_min
+    return pace.linear_setup_min if setup.kind == "linear" else pace.diagonal_setup_min
+
+
+def plan_minutes(plan: Plan) -> float:
+    """Return the minutes of the whole survey."""
+    return sum(run_minutes(plan, run) for run in plan.runs)
+
+
+def perfect_readings(plan: Plan, reading_u_um: float = np.nan) -> Readings:
+    """Return the readings that a perfect machine would give: all that a forecast needs is where the stops are.
+
+    Raises ``UsageError`` for a plan without a single run of the laser.
+    """
+    laser = [run for run in plan.runs if not run.is_fourdof]
+    if not laser:
+        raise UsageError("plan: setups", expected="at least one run of the laser", found=message("none"))
+    parts = [part for run in laser for part in _passes(plan, run)]
+    count = sum(len(stops) for _, _, stops, _ in parts)
+    return make_readings(
+        setup=[run.setup for run, _, stops, _ in parts for _ in stops],
+        pass_number=np.concatenate([np.full(len(stops), number) for _, number, stops, _ in parts]),
+        stop=np.concatenate([np.arange(len(stops)) for _, _, stops, _ in parts]),
+        position_mm=np.vstack([stops for _, _, stops, _ in parts]),
+        reading_mm=np.concatenate([(stops - stops[0]) @ _direction(plan, run) for run, _, stops, _ in parts]),
+        u_um=np.full(count, reading_u_um),
+        beam_mm=np.vstack([np.broadcast_to(beam, stops.shape) for _, _, stops, beam in parts]),
+    )
+
+
+def _passes(plan: Plan, run: Run) -> Sequence[tuple[Run, int, Vector, Vector]]:
+    outward = run_stops_mm(plan, run)
+    beam = outward[0] + np.array(run.beam_offset_mm)
+    return [(run, number, outward if number % 2 else outward[::-1], beam) for number in run.pass_numbers]
+
+
+def _direction(plan: Plan, run: Run) -> Vector:
+    travel = np.array(setup_of(run.setup).signs) * np.array(plan.volume.size_mm)
+    unit: Vector = travel / np.linalg.norm(travel)
+    return unit

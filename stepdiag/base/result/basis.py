@@ -1,0 +1,71 @@
+"""On what a result's U and tables rest, as it stands in the result: what was taken for granted, which lengths, which point of the tool."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from stepdiag.base.result.members import Assumed, Lengths, LengthsReport
+from stepdiag.base.result.result import Result
+from stepdiag.base.result.typed import written
+
+ASSUMED = (
+    "angles_urad", "drift_um", "wander_um", "repeatability_um", "setup_c", "growth_um_m", "index_ppm", "alignment_mrad", "between_um",
+    "u_material_c", "u_expansion_um_m_c", "shape_um", "squareness_urad", "scale_um_m",
+)  # fmt: skip
+"""The sizes that a person meets, by their names in `members.Assumed`."""
+
+Scales = tuple[tuple[str, float, float], ...]
+"""Axis, value in um/m and expanded uncertainty (k = 2) of every scale that is known."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Basis:
+    """``assumed`` holds the sizes by name, ``tables`` which lengths the tables correct, None where the result does not say.
+
+    ``material_c`` is how warm the machine was, ``scales`` are those that the tables correct, ``other`` those at the other temperature.
+    ``air`` holds the assumed conditions of the air that no sensor measured, by name. ``tool_um`` is what angles may make of a tool
+    tip 100 mm from where the beam met the mirror.
+    """
+
+    assumed: Mapping[str, float]
+    tables: Lengths | None
+    material_c: float | None
+    scales: Scales
+    other: Scales
+    tool_um: float | None
+    air: Mapping[str, float]
+
+    @property
+    def beside(self) -> Lengths:
+        """Return the lengths that no table corrects."""
+        return "at_20_c" if self.tables == "as_measured" else "as_measured"
+
+
+def basis_of(result: Result) -> Basis:
+    """Return on what a result rests; None and nothing for what it does not state."""
+    lengths, conditions = result.lengths, result.conditions
+    warm = None if lengths is None else lengths.material_c
+    return Basis(
+        assumed={} if result.assumed is None else sizes_of(result.assumed),
+        tables=None if lengths is None else lengths.tables,
+        material_c=None if warm is None else sum(warm) / len(warm),
+        scales=() if lengths is None else _scales(lengths, tables=True),
+        other=() if lengths is None else _scales(lengths, tables=False),
+        tool_um=None if result.tool is None else result.tool.up_to_um_per_100_mm,
+        air={} if conditions is None or conditions.assumed is None else written(conditions.assumed),
+    )
+
+
+def sizes_of(assumed: Assumed) -> dict[str, float]:
+    """Return the stated sizes of `ASSUMED` by their names."""
+    return {name: size for name in ASSUMED if (size := getattr(assumed, name)) is not None}
+
+
+def _scales(lengths: LengthsReport, *, tables: bool) -> Scales:
+    """Return the known scales of the lengths that the tables correct, or those of the others."""
+    entries = lengths.at_20_c if (lengths.tables == "at_20_c") is tables else lengths.as_measured
+    return tuple((axis, one.value, 2.0 * one.u) for axis, one in (entries or {}).items() if one.value is not None and one.u is not None)
+
+
+def scales_in_words(scales: Scales) -> str:
+    """Return scales as a person reads them: ``X +3.2 ± 1.1, Y -0.4 ± 1.2 um/m``."""
+    return ", ".join(f"{axis} {value:+.1f} ± {expanded:.1f}" for axis, value, expanded in scales)

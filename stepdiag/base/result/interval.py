@@ -1,0 +1,68 @@
+"""A predicted figure as an interval (k = 2), and the one way in which it is written wherever a person reads it."""
+
+import math
+from dataclasses import dataclass
+from typing import Annotated, Literal
+
+from stepdiag.base.result.typed import Named
+
+When = Literal["before", "after"]
+"""Before and after compensation."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Interval:
+    """A figure in um; ``low_um`` and ``high_um`` are None where nothing states how sure it is (a result of version 1)."""
+
+    value_um: Annotated[float, Named("value")]
+    low_um: Annotated[float | None, Named("low")] = None
+    high_um: Annotated[float | None, Named("high")] = None
+
+    def shown(self) -> tuple[str, str]:
+        """Return low and high as written everywhere, rounded outwards so that rounding never promises more; empty where unknown."""
+        if self.low_um is None or self.high_um is None:
+            return "", ""
+        decimals = decimals_of(self.high_um)
+        power = 10.0**decimals
+        low = math.floor(self.low_um * power + 1e-9) / power
+        high = math.ceil(self.high_um * power - 1e-9) / power
+        return f"{low:.{decimals}f}", f"{high:.{decimals}f}"
+
+    def best(self) -> str:
+        """Return the value alone as written everywhere."""
+        return f"{self.value_um:.{decimals_of(self.value_um)}f}"
+
+    def words(self) -> str:
+        """Return the interval in English, the value alone where nothing states how sure it is."""
+        low, high = self.shown()
+        return f"{low} to {high}" if low else f"{self.best()} or more"
+
+    def bound(self) -> str:
+        """Return what a largest vector is at most, in English: how small it may be is no promise."""
+        high = self.shown()[1]
+        return f"up to {high}" if high else self.words()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class FieldFigures:
+    """Length of the error vector over the volume: root mean square and largest, in um."""
+
+    rms_um: Interval
+    largest_um: Interval
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Predicted:
+    """The figures before and after, with and without the rigid motion of the whole volume."""
+
+    without_rigid_motion: dict[When, FieldFigures]
+    as_it_is: dict[When, FieldFigures]
+
+    def parts(self) -> dict[str, dict[When, FieldFigures]]:
+        """Return both by their names as a person reads them."""
+        return {"without rigid motion": self.without_rigid_motion, "as it is": self.as_it_is}
+
+
+def decimals_of(um: float) -> int:
+    """Return how many decimals a figure in um is worth: two digits, a tenth at the finest."""
+    return 0 if abs(um) >= 9.95 else 1

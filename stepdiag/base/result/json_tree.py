@@ -1,0 +1,114 @@
+"""A JSON document walked with its path, so that a refusal can name the field."""
+
+import json
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import Any, NoReturn
+
+import numpy as np
+
+from stepdiag.base.csv_table import LARGEST
+from stepdiag.base.errors import DataError
+from stepdiag.base.messages import Words, excerpt, message
+from stepdiag.base.volume import Vector
+
+_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
+
+
+def load_json(text: str, source: str) -> "Node":
+    """Return the root of a JSON document. Raises ``DataError`` where the text is none."""
+    try:
+        value = json.loads(text)
+    except json.JSONDecodeError as error:
+        raise DataError(f"{source}: line {error.lineno}", expected="a JSON document", found=error.msg) from None
+    except RecursionError:
+        raise DataError(source, expected="a JSON document", found="brackets nested beyond reason") from None
+    except ValueError as error:  # Python reads no whole number of more than 4300 digits
+        raise DataError(source, expected="a JSON document", found=str(error)) from None
+    if _SURROGATE.search(text) and not _encodable(value):
+        raise DataError(source, expected="a JSON document", found="half of a surrogate pair: such a text cannot be written again")
+    return Node(value, source, "")
+
+
+def _encodable(value: Any) -> bool:
+    try:
+        json.dumps(value, ensure_ascii=False).encode("utf-8")
+    except UnicodeEncodeError:
+        return False
+    return True
+
+
+@dataclass(frozen=True, slots=True)
+class Node:
+    """A value in the document and where it stands. Every reader raises ``DataError`` with that place for anything it does not expect."""
+
+    value: Any
+    source: str
+    path: str
+    strict: bool = False
+    """Whether an unknown name is refused, too."""
+
+    def refuse(self, expected: Words) -> NoReturn:
+        raise DataError(f"{self.source}: {self.path or 'document'}", expected=expected, found=excerpt(json.dumps(self.value)))
+
+    def mapping(self) -> dict[str, Any]:
+        if not isinstance(self.value, dict):
+            self.refuse("an object")
+        return self.value
+
+    def child(self, name: str) -> "Node":
+        inside = self.mapping()
+        path = f"{self.path}.{name}" if self.path else name
+        if name not in inside:
+            raise DataError(
+                f"{self.source}: {path}", expected="this entry", found=message("nothing"), remedy="this is no complete result of stepdiag"
+            )
+        return Node(inside[name], self.source, path, self.strict)
+
+    def only(self, names: Iterable[str]) -> None:
+        """Refuse a name that is none of these, where this is strict."""
+        known = list(names)
+        unknown = next((name for name in self.mapping() if name not in known), None)
+        if self.strict and unknown is not None:
+            place = f"{self.source}: {self.path}.{unknown}" if self.path else f"{self.source}: {unknown}"
+            raise DataError(place, expected=f"one of {', '.join(known)}", found="an unknown name")
+
+    def items(self) -> list["Node"]:
+        if not isinstance(self.value, list):
+            self.refuse("a list")
+        return [Node(item, self.source, f"{self.path}[{index}]", self.strict) for index, item in enumerate(self.value)]
+
+    def equals(self, name: str, wanted: str | int) -> None:
+        found = self.child(name)
+        if type(found.value) is not type(wanted) or found.value != wanted:
+            found.refuse(repr(wanted))
+
+    def text(self, name: str) -> str:
+        return self.child(name).word()
+
+    def word(self) -> str:
+        if not isinstance(self.value, str):
+            self.refuse(message("text"))
+        return self.value
+
+    def texts(self) -> tuple[str, ...]:
+        return tuple(item.word() for item in self.items())
+
+    def whole(self) -> int:
+        if type(self.value) is not int or abs(self.value) > LARGEST:
+            self.refuse(message("whole"))
+        return self.value
+
+    def number(self) -> float:
+        if isinstance(self.value, bool) or not isinstance(self.value, int | float) or not abs(self.value) <= LARGEST:
+            self.refuse(message("finite"))
+        return float(self.value)
+
+    def truth(self) -> bool:
+        if not isinstance(self.value, bool):
+            self.refuse(message("bool"))
+        return self.value
+
+    def numbers(self) -> Vector:
+        return np.array([item.number() for item in self.items()], dtype=np.float64)

@@ -1,0 +1,363 @@
+"""The members of a result beside its functions: who measured, under which conditions, how the readings fit, and on what U rests."""
+
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from importlib.metadata import version
+from typing import Annotated, Literal, Self
+
+from stepdiag.base.result.typed import BESIDE, OPTIONAL, Maybe, Named
+from stepdiag.base.setups import Kind
+from stepdiag.base.volume import Vector
+
+Axis = Literal["X", "Y", "Z"]
+Lengths = Literal["as_measured", "at_20_c"]
+OptionalText = Annotated[str, OPTIONAL]
+Range = tuple[float, float]
+"""Least and largest value."""
+Triple = tuple[float, float, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Software:
+    """Name and version of the program that wrote a result, empty where it does not state them."""
+
+    name: str = ""
+    version: str = ""
+
+
+def software() -> Software:
+    """Return the name and version that results carry."""
+    return Software(name="stepdiag", version=version("stepdiag"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ActiveFile:
+    """A file that was active in the control: its name, its hash, when and how it was read out."""
+
+    name: str
+    sha256: str
+    date: str
+    source: str
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Facts:
+    """Who measured what, when and with what; a text that the survey does not state is empty.
+
+    ``compensation`` while measuring is None where the survey leaves it open; ``active_files`` were active where it was on.
+    """
+
+    machine: str = ""
+    survey: str = ""
+    operator: str = ""
+    workpiece: str = ""
+    date: str = ""
+    begun: OptionalText = ""
+    ended: OptionalText = ""
+    temperature_note: OptionalText = ""
+    event: OptionalText = ""
+    customer: OptionalText = ""
+    machine_serial: OptionalText = ""
+    instrument: OptionalText = ""
+    instrument_serial: OptionalText = ""
+    instrument_certificate: OptionalText = ""
+    sensors: OptionalText = ""
+    wavelength_nm: Maybe[float] = None
+    at_20_c: bool = False
+    compensation: Literal["off", "on"] | None = None
+    active_files: tuple[ActiveFile, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AssumedConditions:
+    """The conditions that no sensor measured and no person stated, as the survey file has them."""
+
+    air_temperature_c: Maybe[float] = None
+    air_pressure_hpa: Maybe[float] = None
+    relative_humidity_percent: Maybe[float] = None
+    material_temperature_c: Maybe[float] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Conditions:
+    """Least and largest value of each sensor over the stops used."""
+
+    air_temperature_c: Maybe[Range] = None
+    air_pressure_hpa: Maybe[Range] = None
+    relative_humidity_percent: Maybe[Range] = None
+    material_temperature_c: Maybe[Range] = None
+    assumed: Maybe[AssumedConditions] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Fit:
+    """How the readings fit the model. The closed forms state the standard uncertainty of a reading instead (``noise_um``)."""
+
+    readings: int | None = None
+    used: int | None = None
+    rank: int | None = None
+    unknowns: int | None = None
+    degrees_of_freedom: int | None = None
+    chi_square: float | None = None
+    noise_um: Maybe[float] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Length:
+    """A length in um with its combined standard uncertainty; the closed forms state none."""
+
+    value: float
+    u: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backlash:
+    """The mean backlash of an axis (approach in + minus approach in -) with its combined standard uncertainty."""
+
+    value: float
+    u: float
+    unit: Literal["um"] = "um"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Backlashes:
+    """The backlash by axis, None where the data do not identify it."""
+
+    X: Maybe[Backlash] = None
+    Y: Maybe[Backlash] = None
+    Z: Maybe[Backlash] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LengthScale:
+    """The scale of an axis at one temperature with its combined standard uncertainty; both None where it is not identified."""
+
+    value: float | None
+    u: float | None
+    unit: Literal["um/m"] = "um/m"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class LengthsReport:
+    """Which lengths the tables correct, and the scales both ways. ``material_c`` is how warm each axis was, None where not measured."""
+
+    tables: Lengths
+    material_c: Triple | None
+    expansion_um_m_c: Triple | None
+    as_measured: dict[Axis, LengthScale] | None
+    at_20_c: dict[Axis, LengthScale] | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tool:
+    """The point of the tool for which the errors hold, and the largest effect of angles 100 mm away from it (k = 2)."""
+
+    offset_mm: Triple | None
+    up_to_um_per_100_mm: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnseenSlip:
+    """A slip of the count: sizes that are noticed in half of the surveys and in 95 % of them, and the effect of the first on the volume
+    (rms), in um; None where a slip of any size goes unnoticed.
+
+    ``passes``: where a slip that is noticed in half of the surveys makes the volume worse by more than the noise of the readings allows
+    for, ``readings_um`` (k = 1).
+    """
+
+    setup: str
+    pass_number: Annotated[int, Named("pass")]
+    stop: int
+    half_um: float | None
+    nearly_um: float | None
+    volume_um: float | None
+    readings_um: float | None = None
+    passes: tuple[str, ...] = ()
+
+    @property
+    def place(self) -> str:
+        """Return where, as a person writes it: ``ppp/1/5`` is the way to stop 5 of pass 1 of ppp."""
+        return f"{self.setup}/{self.pass_number}/{self.stop}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class UnseenSlips:
+    """The slip that does most harm unseen in diagonals and in runs along an axis, None where the survey has none of them."""
+
+    diagonals: Maybe[UnseenSlip] = None
+    runs: Maybe[UnseenSlip] = None
+
+    def __iter__(self) -> Iterator[UnseenSlip]:
+        """Yield those that are there."""
+        return (one for one in (self.diagonals, self.runs) if one is not None)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Closure:
+    """The closure residual ppp - npp - pnp - ppn by axis, node by node, in um."""
+
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    z: tuple[float, ...]
+
+    @classmethod
+    def of(cls, by_axis_um: Vector) -> Self:
+        """Return the residual from its rows, shape (3, nodes)."""
+        x, y, z = by_axis_um.tolist()
+        return cls(x=tuple(x), y=tuple(y), z=tuple(z))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Assumed:
+    """The assumed sizes on which U rests (`solver.model.assumptions.Assumptions`; relative ones in ppm); None: the result states none."""
+
+    angles_urad: float | None = None
+    angle_urad: dict[str, float] | None = None
+    drift_um: float | None = None
+    wander_um: float | None = None
+    repeatability_um: float | None = None
+    setup_c: float | None = None
+    growth_um_m: float | None = None
+    expansion_um_m_c: Triple | None = None
+    u_expansion_um_m_c: float | None = None
+    index_ppm: float | None = None
+    index_setup_ppm: float | None = None
+    alignment_mrad: float | None = None
+    between_um: float | None = None
+    reading_um: float | None = None
+    material_c: Triple | None = None
+    u_material_c: float | None = None
+    material_stated: bool | None = None
+    reduced_to_20_c: bool | None = None
+    shape_um: float | None = None
+    squareness_urad: float | None = None
+    scale_um_m: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Difference:
+    """The head's straightness minus that of the diagonals, both relative to their line, in um."""
+
+    position_mm: tuple[float, ...]
+    value: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadStraightness:
+    """A straightness that the 4-DOF head measured, by each reference line; ``misclosure`` above 1 contradicts the diagonals."""
+
+    passes: int
+    end_point_um: float
+    least_squares_um: float
+    minimum_zone_um: float
+    u_um: float
+    residual_um: float
+    misclosure: float | None
+    sign_hidden: Annotated[bool, OPTIONAL] = False
+    used: Annotated[bool, OPTIONAL] = True
+    difference_um: Maybe[Difference] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Budget:
+    """The uncertainty budget (k = 1): assumptions by source, shares by quantity and source, their combination by quantity."""
+
+    assumptions: dict[str, str]
+    shares: dict[str, dict[str, float]]
+    combined: dict[str, float]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class CoverageFactor:
+    """Effective degrees of freedom of an uncertainty, and the factor for 95 %."""
+
+    degrees_of_freedom: float
+    k: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StandardFigures:
+    """The figures of a standard for one setup, or for a set of diagonals (``_d``), in um, in the symbols of the standard.
+
+    A figure that the runs do not give, or that the standard does not have, is None. ``U`` holds expanded uncertainties (k = 2) by figure.
+    """
+
+    standard: str
+    source_status: str
+    E_up: Maybe[float] = None
+    E_down: Maybe[float] = None
+    E: Maybe[float] = None
+    M: Maybe[float] = None
+    B: Maybe[float] = None
+    B_mean: Maybe[float] = None
+    R_up: Maybe[float] = None
+    R_down: Maybe[float] = None
+    R: Maybe[float] = None
+    A_up: Maybe[float] = None
+    A_down: Maybe[float] = None
+    A: Maybe[float] = None
+    E_d: Maybe[float] = None
+    B_d: Maybe[float] = None
+    R_d: Maybe[float] = None
+    A_d: Maybe[float] = None
+    P: Maybe[float] = None
+    Pa: Maybe[float] = None
+    U_max: Maybe[float] = None
+    U_mean: Maybe[float] = None
+    Ps_max: Maybe[float] = None
+    Ps_mean: Maybe[float] = None
+    runs: Maybe[int] = None
+    lengths: Maybe[Literal["as measured", "at 20 C"]] = None
+    U: Maybe[dict[str, float]] = None
+    U_status: OptionalText = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drawn:
+    """The standard deviation of drawn surveys beside the stated one; of a single number also the shortest 95 % interval."""
+
+    u: float
+    u_stated: float
+    low: Maybe[float] = None
+    high: Maybe[float] = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MonteCarlo:
+    """How many surveys were drawn (JCGM 101), and how each function or number scatters over them."""
+
+    trials: int
+    quantities: Annotated[dict[str, Drawn], BESIDE]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Drift:
+    """The drift of the count over an out-and-back pair of passes, with its standard uncertainty."""
+
+    pair: int
+    rate: float
+    unit: Literal["um/h", "um/stop"]
+    total_um: float
+    u_um: float
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SetupReport:
+    """The travel of a setup and its numbers of passes, and where they are known the lean of its mirror, its drift and its scatter."""
+
+    kind: Kind | None = None
+    passes: tuple[int, ...] = ()
+    stops: int | None = None
+    tilt_mrad: float | None = None
+    tilt_xyz_mrad: Triple | None = None
+    drift: tuple[Drift, ...] = ()
+    repeatability_um: float | None = None
+    residual_um: float | None = None
+    noise_um: float | None = None
+    redundancy: float | None = None
+
+
+def triple(values: Iterable[float]) -> Triple:
+    """Return three numbers of a sequence or an array."""
+    x, y, z = (float(value) for value in values)
+    return x, y, z

@@ -1,0 +1,151 @@
+"""How the machine may differ from a result: independent deviations of the whole machine, one standard deviation each.
+
+    machine = result + offset + sum_k z_k mode_k + rest * z,    all z normal(0, 1)
+
+A mode is a machine of its own: functions and squarenesses that go together because one cause moves them all. What is too small or
+too much alone to need a mode is ``rest``: values that differ each by itself. Every figure of the volume comes from here.
+
+The last modes belong to causes whose size is not known. Several sizes are equally likely; at each of them the amount of such a mode
+is ``shift + scale z`` instead of z, with a mean square of one over all sizes.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+
+from stepdiag.base.result.json_tree import Node
+from stepdiag.base.volume import Vector
+
+POSTERIOR_DECIMALS = 4
+"""Numbers of it are written to this many decimals."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UnknownSize:
+    """How the last modes reach at each of the equally likely sizes: ``scale`` and ``shift``, shapes (sizes, modes)."""
+
+    scale: Vector
+    shift: Vector
+
+    @classmethod
+    def nothing(cls) -> "UnknownSize":
+        """Return that no mode depends on a size."""
+        return cls(scale=np.ones((1, 0)), shift=np.zeros((1, 0)))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Posterior:
+    """``position_mm`` by axis letter, shapes (k,); ``offset`` (k,), ``modes`` (modes, k) and ``rest`` (k,) by function (um, urad) and
+    squareness (urad, k = 1), absent where nothing is uncertain. ``between_um``: equally likely sizes, shapes (sizes,), of what a function
+    may do in the middle between two targets beside the straight line. ``sized`` says how the last modes depend on a size that is not
+    known."""
+
+    position_mm: Mapping[str, Vector]
+    offset: Mapping[str, Vector]
+    modes: Mapping[str, Vector]
+    rest: Mapping[str, Vector]
+    between_um: Mapping[str, Vector]
+    sized: UnknownSize = field(default_factory=UnknownSize.nothing)
+
+    def drawn(self, draws: int) -> Vector:
+        """Return amounts of the `deviations` for machines drawn from the posterior, shape (draws, deviations); always the same ones."""
+        z = np.random.default_rng(0).standard_normal((draws, self.count + sum(len(values) for values in self.rest.values())))
+        size = np.arange(draws) % len(self.sized.scale)
+        mine = slice(self.count - self.sized.scale.shape[1], self.count)
+        z[:, mine] = self.sized.shift[size] + self.sized.scale[size] * z[:, mine]
+        return np.column_stack([np.ones(draws), z])
+
+    @property
+    def count(self) -> int:
+        """Return the number of modes."""
+        return max((len(values) for values in self.modes.values()), default=0)
+
+    def deviations(self) -> dict[str, Vector]:
+        """Return offset, modes and the rest value by value, all as deviations by name, shape (1 + modes + values of the rest, k)."""
+        names = dict.fromkeys((*self.offset, *self.modes, *self.rest))
+        total = 1 + self.count + sum(len(values) for values in self.rest.values())
+        found, start = {}, 1 + self.count
+        for name in names:
+            size = next(np.atleast_2d(part[name]).shape[1] for part in (self.offset, self.modes, self.rest) if name in part)
+            values = np.zeros((total, size))
+            values[0] = self.offset.get(name, 0.0)
+            values[1 : 1 + self.count] = self.modes.get(name, 0.0)
+            if name in self.rest:
+                values[start : start + size] = np.diag(self.rest[name])
+                start += size
+            found[name] = values
+        return found
+
+    def as_json(self) -> dict[str, Any]:
+        """Return the JSON form; numbers that are nothing beside the largest of their row are rounded to it."""
+        return {
+            "position_mm": dict(self.position_mm),
+            "offset": {name: _short(values) for name, values in self.offset.items()},
+            "modes": {name: [_short(mode) for mode in values] for name, values in self.modes.items()},
+            "rest": {name: _short(values) for name, values in self.rest.items()},
+            "between_um": {name: _short(sizes) for name, sizes in self.between_um.items()},
+            "sized": {"scale": [_short(one) for one in self.sized.scale], "shift": [_short(one) for one in self.sized.shift]},
+        }
+
+
+def _short(values: Vector) -> list[float]:
+    return [round(float(value), POSTERIOR_DECIMALS) + 0.0 for value in values]
+
+
+def parse_posterior(root: Node) -> Posterior:
+    """Return the posterior of a result. Raises ``DataError`` that names the field."""
+    root.only(("position_mm", "offset", "modes", "rest", "between_um", "sized"))
+    root.child("position_mm").only("XYZ")
+    positions = {axis: root.child("position_mm").child(axis).numbers() for axis in "XYZ"}
+    for axis, position in positions.items():
+        if len(position) < 2 or np.any(np.diff(position) <= 0):
+            root.child("position_mm").child(axis).refuse("at least two ascending positions")
+
+    def size(name: str) -> int:
+        return len(positions[name[2]]) if name[0] == "E" else 1
+
+    def column(node: Node, name: str) -> Vector:
+        values = node.numbers()
+        if len(values) != size(name):
+            node.refuse(f"{size(name)} numbers, one a position")
+        return values
+
+    def columns(part: str) -> dict[str, Vector]:
+        return {name: column(root.child(part).child(name), name) for name in root.child(part).mapping()}
+
+    modes = {
+        name: np.array([column(mode, name) for mode in root.child("modes").child(name).items()]).reshape(-1, size(name))
+        for name in root.child("modes").mapping()
+    }
+    if len({len(values) for values in modes.values()}) > 1:
+        root.child("modes").refuse("as many modes for every name")
+    between = {name: _parse_between(root.child("between_um").child(name)) for name in root.child("between_um").mapping()}
+    count = max((len(values) for values in modes.values()), default=0)
+    return Posterior(
+        position_mm=positions,
+        offset=columns("offset"),
+        modes=modes,
+        rest=columns("rest"),
+        between_um=between,
+        sized=_parse_sizes(root.child("sized"), count) if root.strict or "sized" in root.mapping() else UnknownSize.nothing(),
+    )
+
+
+def _parse_between(node: Node) -> Vector:
+    """Return the sizes; older results of this version hold one alone."""
+    if not node.strict and isinstance(node.value, int | float):
+        return np.array([node.number()])
+    sizes = node.numbers()
+    if not len(sizes):
+        node.refuse("one size at least")
+    return sizes
+
+
+def _parse_sizes(node: Node, most: int) -> UnknownSize:
+    node.only(("scale", "shift"))
+    scale, shift = ([one.numbers() for one in node.child(part).items()] for part in ("scale", "shift"))
+    if not scale or len(scale) != len(shift) or len({len(one) for one in (*scale, *shift)}) > 1 or len(scale[0]) > most:
+        node.refuse("as many rows of scale as of shift, one number a mode at most")
+    return UnknownSize(scale=np.array(scale), shift=np.array(shift))

@@ -1,0 +1,252 @@
+"""What is to be expected of the volume, before and after tables: root mean square and largest error as intervals.
+
+Machines are drawn from the posterior of the result, each is measured over the points as an independent check would, and the interval
+holds 97 % of them: all but what lies beyond k = 2 above, and less below (`BELOW`). The same draws serve everything: verify, report,
+page, compare and plan.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from stepdiag.base.result.arches import Between, arches_of
+from stepdiag.base.result.field import Smoothed, Tabulated, bend_um, error_field_um, field_of_um, rigid_motions
+from stepdiag.base.result.interval import FieldFigures, Interval, Predicted, When
+from stepdiag.base.result.posterior import Posterior
+from stepdiag.base.result.result import DISPLACEMENTS, SQUARENESS, Result
+from stepdiag.base.volume import Vector
+
+DRAWS, FOR_LARGEST = 2000, 250
+TAIL = 0.02275
+"""Share beyond k = 2 on either side."""
+BELOW = 0.005
+"""Share below the lower end of the interval of the volume: what is taken for usual (drift, warmth, air) is drawn as large as stated or
+found, and a good machine has none of it. One in eight of such was better than an interval with k = 2 on both sides promised."""
+BETWEEN_SHARE = 8.0 / 15.0
+"""Mean square of an arch (a parabola between two targets) over its largest square."""
+
+
+def predicted(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> Predicted:
+    """Return what an independent check would find at points (N, 3) before and after ``correction_um`` (N, 3) is applied.
+
+    ``beside_um`` (N, 3) is known to have been there while it was measured, and is not in the result: steps between its targets.
+    """
+    motions = rigid_motions(result.volume, points_mm)
+    return _predicted(_machines(result, points_mm, beside_um, DRAWS), motions, correction_um)
+
+
+def predicted_with_u(result: Result, posterior: Posterior, points_mm: Vector, correction_um: Vector) -> tuple[Predicted, float]:
+    """Return what `predicted` does, and the root mean square over the volume of the error vector's standard uncertainty, rigid motion
+    removed. ``posterior`` is that of the result."""
+    machines, motions = _machines(result, points_mm, 0.0, DRAWS), rigid_motions(result.volume, points_mm)
+    return _predicted(machines, motions, correction_um), _volumetric_u_um(posterior, machines.moved, motions)
+
+
+def _predicted(machines: "_Machines", motions: Vector, correction_um: Vector) -> Predicted:
+    moved_um2, rigid_um2 = machines.moved_um2(motions)
+    waves_um = machines.between.drawn_um(FOR_LARGEST)
+    parts: dict[str, dict[When, FieldFigures]] = {}
+    for name, free, square_um2 in (("as_it_is", None, moved_um2), ("without_rigid_motion", motions, moved_um2 - rigid_um2)):
+        fields = machines.drawn(correction_um, free)
+        # the same before and after: only the field that they are drawn around differs
+        beside_um = machines.beside_um(fields["before"], waves_um)
+        parts[name] = {when: machines.figures(drawn, square_um2, beside_um) for when, drawn in fields.items()}
+    return Predicted(**parts)
+
+
+def interval_of(drawn: Vector, known: bool) -> Interval:
+    """Return the median of draws and the interval that holds all but `BELOW` of them on the lower side and `TAIL` on the upper."""
+    low, value, high = (float(end) for end in np.quantile(drawn, (BELOW, 0.5, 1.0 - TAIL)))
+    return Interval(value_um=value, low_um=low, high_um=high) if known else Interval(value_um=value)
+
+
+def squares_um2(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> tuple[Vector, Vector]:
+    """Return the squared length of the error vector at the points for each of `FOR_LARGEST` draws, rigid motion removed, before and after a
+    correction, shapes (draws, N); arguments as of `predicted`. One draw where the result has no posterior."""
+    machines = _machines(result, points_mm, beside_um, FOR_LARGEST)
+    drawn = machines.drawn(correction_um, rigid_motions(result.volume, points_mm))
+    before, after = machines.squares_um2(drawn["before"]), machines.squares_um2(drawn["after"])
+    return before, after
+
+
+class _Drawn(NamedTuple):
+    """The error field of drawn machines as rows (deviations, 3 N), times the amounts of each; ``likely`` (3 N,) is the field drawn around
+    without its noise. The square sum over all points of ``whole`` is too large by ``over_um2`` (draws,)."""
+
+    whole: Vector
+    likely: Vector
+    over_um2: Vector
+
+
+class _Machines(NamedTuple):
+    """Drawn machines: the field found at the points ``before``, what each deviation moves there and the ``amount`` of each (draws,
+    deviations), what is between the targets, and which part of the field is noise of what was found (`_adjusted_um`)."""
+
+    before: Vector
+    moved: Vector
+    amount: Vector
+    between: Between
+    noise: Vector
+    bent: Vector
+    together: Vector
+    known: bool
+
+    def drawn(self, correction_um: Vector, motions: Vector | None) -> dict[When, _Drawn]:
+        """Return the fields before and after a correction (N, 3), less rigid motion where its basis is given."""
+        flat, found = _flat(self.moved, motions), _flat(self.before[None], motions)
+        square_um2 = max(float(np.sum(found**2)), 1e-30)
+        bending = _flat(self.bent, motions)
+        common_um2 = _common_um2(flat, _flat(self.noise, motions), self.together)
+        bent_um2 = _common_um2(bending, bending, self.together)
+        met = self.between.met(flat[1:])
+        fields: dict[When, _Drawn] = {}
+        changes: dict[When, Vector] = {"before": np.zeros_like(found), "after": _flat(correction_um[None], motions)}
+        for when, change in changes.items():
+            field = found + change
+            # of what tables take out, its noise is taken out with it; how noise bends the curve between the values stays in either
+            over_um2 = common_um2 * float(np.clip(np.sum(found * field) / square_um2, 0.0, 1.0))
+            whole = np.vstack([field + flat[:1], flat[1:]])
+            likely = (field - min(over_um2 / square_um2, 1.0) * found + flat[:1])[0]
+            across_um2 = self.between.across_um2(met + self.between.met(whole[:1]))
+            fields[when] = _Drawn(whole, likely, 2.0 * over_um2 + bent_um2 - across_um2)
+        return fields
+
+    def moved_um2(self, motions: Vector) -> tuple[Vector, Vector]:
+        """Return the square sum over all points of what all deviations but the offset move, and of the rigid motions in it, (draws,) each.
+
+        It is the same before and after a correction.
+        """
+        flat, amount = _flat(self.moved, None)[1:], self.amount[:, 1:]
+        return np.sum((amount @ (flat @ flat.T)) * amount, axis=1), np.sum((amount @ (flat @ motions)) ** 2, axis=1)
+
+    def beside_um(self, drawn: _Drawn, waves_um: Vector | None) -> Vector:
+        """Return what all deviations but the offset move in `FOR_LARGEST` draws, with what is drawn between the targets
+        (`Between.drawn_um`), shape (draws, N, 3)."""
+        amount = self.amount[:FOR_LARGEST, 1:]
+        moved: Vector = (amount @ drawn.whole[1:]).reshape(len(amount), -1, 3)
+        return moved if waves_um is None else moved + waves_um
+
+    def figures(self, drawn: _Drawn, moved_um2: Vector, beside_um: Vector) -> FieldFigures:
+        """Return the figures of the whole volume; ``moved_um2`` (draws,) is the square sum of what all deviations but the offset move,
+        ``beside_um`` what `beside_um` says."""
+        rms_um = _rms_um(drawn, self.amount, self.between, moved_um2)
+        largest_um = _largest_um(drawn.likely, beside_um)
+        return FieldFigures(rms_um=interval_of(rms_um, self.known), largest_um=interval_of(largest_um, self.known))
+
+    def squares_um2(self, drawn: _Drawn) -> Vector:
+        """Return the squared length of the error vector at each point, shape (draws, N), whose mean over all points is that of `figures`.
+
+        Which points the noise of what was found is in more, or what is between the targets is against, no figure of the volume says: each
+        counts with its share of the square.
+        """
+        fields = (self.amount @ drawn.whole).reshape(len(self.amount), -1, 3)
+        square: Vector = np.sum(fields**2 + self.between.square_um(slice(None)), axis=2)
+        total = np.sum(square, axis=1, keepdims=True)
+        cleared: Vector = square * np.maximum(1.0 - drawn.over_um2[:, None] / np.maximum(total, 1e-30), 0.0)
+        return cleared
+
+
+def _machines(result: Result, points_mm: Vector, beside_um: Vector | float, draws: int) -> _Machines:
+    """Return ``draws`` machines as the posterior has them; one, as it was found, where the result has none."""
+    posterior = result.posterior
+    before = error_field_um(result, points_mm) + beside_um
+    if posterior is not None:
+        before = before + bend_um(result, points_mm)
+    amount = np.ones((1, 1)) if posterior is None else posterior.drawn(draws)
+    arches = arches_of(result, points_mm, len(amount))
+    noise, bent = _adjusted_um(result, posterior, points_mm)
+    return _Machines(before, _moved(result, posterior, points_mm), amount, arches, noise, bent, _together(amount), posterior is not None)
+
+
+def _moved(result: Result, posterior: Posterior | None, points_mm: Vector) -> Vector:
+    """Return what each deviation of the posterior does to the error at the points, shape (deviations, N, 3): the offset first."""
+    if posterior is None:
+        return np.zeros((1, len(points_mm), 3))
+    deviations = posterior.deviations()
+    functions = {name: Tabulated(posterior.position_mm[name[2]], value) for name, value in deviations.items() if name[0] == "E"}
+    squareness = {name: value[:, 0] for name, value in deviations.items() if name[0] != "E"}
+    return field_of_um(result.volume, result.chain, functions, squareness, points_mm)
+
+
+def _adjusted_um(result: Result, posterior: Posterior | None, points_mm: Vector) -> tuple[Vector, Vector]:
+    """Return the part of `_moved` (deviations, N, 3) by which what the readings alone determine, without a prior, may be wrong: along
+    straight lines between the values, and what the smooth curve through them adds to that.
+
+    Angular functions are values expected or given: they are not in it. What is not identified is not either: it was not found.
+    """
+    none = np.zeros((1, len(points_mm), 3))
+    if posterior is None:
+        return none, none
+    deviations, found = posterior.deviations(), {}
+    for name in (name for name in DISPLACEMENTS if name in deviations):
+        function = result.errors.get(name)
+        if function is None or function.value is None:
+            continue
+        at, values = posterior.position_mm[name[2]], deviations[name]
+        if not function.slope_identified:
+            values = values - values[:, -1:] * (at - at[0]) / (at[-1] - at[0])
+        found[name] = (at, values)
+    squareness = {name: deviations[name][:, 0] for name in SQUARENESS if name in deviations and result.squareness[name].value is not None}
+    if not found and not squareness:
+        return none, none
+    straight, smooth = (
+        field_of_um(result.volume, result.chain, {name: between(*one) for name, one in found.items()}, squareness, points_mm)
+        for between in (Tabulated, Smoothed)
+    )
+    return straight, smooth - straight
+
+
+def _together(amount: Vector) -> Vector:
+    """Return the covariance of drawn amounts of the deviations, the offset left out."""
+    drawn = amount[:, 1:] - np.mean(amount[:, 1:], axis=0)
+    found: Vector = drawn.T @ drawn / len(drawn)
+    return found
+
+
+def _common_um2(moved: Vector, noise: Vector, together: Vector) -> float:
+    """Return the covariance, summed over the points, of two fields of deviations: of the error of everything with that of what is
+    determined without a prior.
+
+    That is found with its noise in it: the square sum of what is found is that of machine and noise, and draws around it hold the noise
+    once more. The machine's is therefore below theirs by twice this (the bias of Stein 1956, taken off). ``noise`` and ``moved`` are rows
+    of deviations, ``together`` is the covariance of their amounts.
+    """
+    return max(float(np.sum((together @ noise[1:]) * moved[1:])), 0.0) if len(noise) > 1 else 0.0
+
+
+def _flat(fields_um: Vector, motions: Vector | None) -> Vector:
+    """Return fields (k, N, 3) as rows (k, 3 N), less the rigid motion where its basis is given."""
+    flat = fields_um.reshape(len(fields_um), -1)
+    return flat if motions is None else flat - (flat @ motions) @ motions.T
+
+
+def _rms_um(drawn: _Drawn, amount: Vector, between: Between, moved_um2: Vector) -> Vector:
+    """Return the root mean square of the error vector of every draw, shape (draws,): a quadratic form of the amounts.
+
+    ``moved_um2`` (draws,) is its part that is of second order in the amounts, worked out once for all fields. What lies between the targets
+    adds its mean square.
+    """
+    centre, moved = drawn.whole[0], drawn.whole[1:]
+    square = moved_um2 + 2.0 * (amount[:, 1:] @ (moved @ centre)) + centre @ centre
+    square = square + between.size_um**2 @ np.sum(between.arch**2, axis=1)
+    found: Vector = np.sqrt(np.maximum(square - drawn.over_um2, 0.0) / (len(centre) // 3))
+    return found
+
+
+def _largest_um(likely_um: Vector, beside_um: Vector) -> Vector:
+    """Return the largest length of the error vector of every draw, shape (draws,)."""
+    drawn = beside_um + likely_um.reshape(-1, 3)
+    drawn *= drawn
+    largest: Vector = np.sqrt(np.max(drawn[:, :, 0] + drawn[:, :, 1] + drawn[:, :, 2], axis=1))
+    return largest
+
+
+def _volumetric_u_um(posterior: Posterior, fields_um: Vector, motions: Vector) -> float:
+    """Return the figure of `predicted_with_u` from what each deviation does to the error at the points, (deviations, N, 3)."""
+    moved = _flat(fields_um, motions)
+    between = sum(float(np.mean(sizes**2)) for sizes in posterior.between_um.values())
+    sized = posterior.sized
+    own = moved[1 + posterior.count - sized.scale.shape[1] : 1 + posterior.count]
+    # what the modes of unknown size do together at one size beside what each of them does by itself
+    together = np.sum((sized.shift @ own) ** 2) / len(sized.shift) - np.sum(np.mean(sized.shift**2, axis=0) @ own**2)
+    return float(np.sqrt((np.sum(moved[1:] ** 2) + together) / fields_um.shape[1] + BETWEEN_SHARE * between))

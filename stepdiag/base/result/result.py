@@ -1,0 +1,363 @@
+"""The result of a survey and its JSON form (contract 4)."""
+
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields, replace
+from typing import Any
+
+import numpy as np
+
+from stepdiag.base.errors import UsageError
+from stepdiag.base.findings import Finding
+from stepdiag.base.kinematics import abbe_mask
+from stepdiag.base.messages import message
+from stepdiag.base.names import AXES
+from stepdiag.base.result.finding import parse_finding
+from stepdiag.base.result.interval import Predicted
+from stepdiag.base.result.json_tree import Node, load_json
+from stepdiag.base.result.members import (
+    Assumed,
+    Backlashes,
+    Budget,
+    Closure,
+    Conditions,
+    CoverageFactor,
+    Facts,
+    Fit,
+    HeadStraightness,
+    Length,
+    LengthsReport,
+    MonteCarlo,
+    SetupReport,
+    Software,
+    StandardFigures,
+    Tool,
+    UnseenSlips,
+    software,
+)
+from stepdiag.base.result.posterior import POSTERIOR_DECIMALS, Posterior, parse_posterior
+from stepdiag.base.result.rounding import same_but_for_rounding, steady
+from stepdiag.base.result.typed import read, read_or_none, written
+from stepdiag.base.volume import MOST_INCREMENTS, Vector, Volume
+
+FORMAT = "stepdiag-result"
+FORMAT_VERSION = 3
+READABLE_VERSIONS = (1, 2, 3)
+"""Version 1 states in ``u`` the part of the readings alone, and no posterior. In versions 1 and 2 a member that is unknown or damaged is
+left out, in version 3 it is refused."""
+
+DISPLACEMENTS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "XYZ")
+ROTATIONS = tuple(f"E{component}{axis}" for axis in "XYZ" for component in "ABC")
+POSITIONING = ("EXX", "EYY", "EZZ")
+SQUARENESS = ("C0Y", "B0Z", "A0Z")
+AXIS_LETTERS = tuple(axis.upper() for axis in AXES)
+_MOST_PASSES = 1000
+"""Of a setup that states how many it has, and not which."""
+_NUMBERS = re.compile(r"\[\n\s+-?\d[-+.,\dEe\s]*\]")
+"""A list of numbers: it stands in one line."""
+_NUMBER = ("value", "u", "u_readings")
+DECIMALS = 6
+"""Numbers are written to this many decimals: a picometre, a picoradian, a nanometre of position."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Function:
+    """An error as a function of the position of the axis that moves, shapes (k,), linear between the positions.
+
+    ``value`` and ``u`` (combined standard uncertainty) are None where the data do not identify the function; ``u_readings`` is the part
+    of u that comes from the readings alone, None in results of version 1. ``slope_identified`` is False
+    where only the shape is known: then the line through the end points is removed, which is not a statement about the slope.
+    Straightness (unit um, names as EYX) always has its end-point line removed and says True: its slope is in the squareness.
+    """
+
+    position_mm: Vector
+    value: Vector | None
+    u: Vector | None
+    unit: str
+    slope_identified: bool = True
+    u_readings: Vector | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Quantity:
+    """A number with its combined standard uncertainty; both None where the data do not identify it. ``u_readings`` as in `Function`."""
+
+    value: float | None
+    u: float | None
+    unit: str = "urad"
+    u_readings: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Scale:
+    """The slope of a positioning function's end-point line in um/m; ``value`` and ``u`` are None unless ``identified``."""
+
+    value: float | None
+    u: float | None
+    identified: bool
+    unit: str = "um/m"
+    u_readings: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Result:
+    """What a survey says about a machine.
+
+    ``errors`` holds the mean of both directions by ISO 230-1 name (EXX .. EZZ in um; EAX .. ECZ in urad where known), ``expected`` the
+    angular functions that were not measured, as the closure of the readings makes them likely: no measurement, but they belong
+    to the displacement functions that were found beside them. ``posterior`` says how the machine may differ from all this. ``reversal`` the
+    difference approach in + minus approach in - of the same functions, zero at the first position, where out-and-back data give it.
+    ``setups`` says for each setup how it stood (mirror tilt, drift, repeatability). Members from ``survey`` on are None where a result
+    does not have them. ``source`` names the result in messages and is not written.
+    """
+
+    volume: Volume
+    chain: str
+    method: str
+    errors: dict[str, Function]
+    squareness: dict[str, Quantity]
+    scale: dict[str, Scale]
+    setups: dict[str, SetupReport]
+    findings: tuple[Finding, ...]
+    reversal: dict[str, Function] = field(default_factory=dict)
+    expected: dict[str, Function] = field(default_factory=dict)
+    posterior: Posterior | None = None
+    software: Software = field(default_factory=software)
+    survey: Facts | None = None
+    conditions: Conditions | None = None
+    history: tuple[Finding, ...] | None = None
+    """What happened while recording: it is past and hinders nothing."""
+    volumetric_u_um: float | None = None
+    """Standard uncertainty of the error vector over the volume (rms)."""
+    predicted: Predicted | None = None
+    """The error of the volume as it stands, and after an ideal compensation."""
+    fit: Fit | None = None
+    scale_sum_um: Length | None = None
+    scale_misclosure_um: Length | None = None
+    """Length of a body diagonal by the diagonals minus that by the linear runs."""
+    backlash: Backlashes | None = None
+    unseen_slip: UnseenSlips | None = None
+    closure_um: Closure | None = None
+    assumed: Assumed | None = None
+    lengths: LengthsReport | None = None
+    tool: Tool | None = None
+    head_straightness: dict[str, HeadStraightness] | None = None
+    budget: Budget | None = None
+    coverage: dict[str, CoverageFactor] | None = None
+    """Factors for 95 % by function or number, where that is not about 2."""
+    standards: dict[str, tuple[StandardFigures, ...]] | None = None
+    monte_carlo: MonteCarlo | None = None
+    source: str = "result"
+
+    def to_json(self) -> str:
+        """Return the JSON of contract 4: fixed key order, two-space indent, LF, rounded to `DECIMALS`; same bytes for the same result."""
+        document = {
+            "format": FORMAT,
+            "version": FORMAT_VERSION,
+            "software": written(self.software),
+            "method": self.method,
+            "volume": _volume_json(self.volume),
+            "chain": self.chain,
+            "errors": {name: _function_json(function) for name, function in self.errors.items()},
+            "expected": {name: _function_json(function) for name, function in self.expected.items()},
+            "reversal": {name: _function_json(function) for name, function in self.reversal.items()},
+            "squareness": {name: _number_json(q) for name, q in self.squareness.items()},
+            "scale": {name: {**_number_json(s), "identified": s.identified} for name, s in self.scale.items()},
+            "setups": written(self.setups),
+            "findings": written(self.findings),
+            **{name: written(value) for name in MEMBERS if (value := getattr(self, name)) is not None},
+            **({} if self.posterior is None else {"posterior": self.posterior.as_json()}),
+        }
+        text = json.dumps(_rounded(document), indent=2, ensure_ascii=False, allow_nan=False)
+        return _NUMBERS.sub(lambda found: "[" + " ".join(found[0][1:-1].split()) + "]", text) + "\n"
+
+
+_FIELDS = fields(Result)
+MEMBERS = {each.name: each.type for each in _FIELDS[[each.name for each in _FIELDS].index("survey") : -1]}
+"""The members that a result may have or not, by their names, each with its type."""
+_ENTRIES = (
+    "format", "version", "software", "method", "volume", "chain",
+    "errors", "expected", "reversal", "squareness", "scale", "setups", "findings", "posterior",
+)  # fmt: skip
+"""The other entries of the JSON."""
+
+
+def same_result(one: bytes, other: bytes) -> bool:
+    """Tell whether two ``result.json`` say the same but for the tenth of a nanometre by which two processors may differ."""
+    try:
+        first, second = json.loads(one), json.loads(other)
+        shape, other_shape = first.pop("posterior", None), second.pop("posterior", None)
+    except (ValueError, AttributeError, TypeError, RecursionError):
+        return False
+    return same_but_for_rounding(first, second, DECIMALS) and same_but_for_rounding(shape, other_shape, POSTERIOR_DECIMALS)
+
+
+def _volume_json(volume: Volume) -> dict[str, Any]:
+    return {"origin_mm": list(volume.origin_mm), "size_mm": list(volume.size_mm), "increments": volume.increments}
+
+
+def _number_json(number: Quantity | Scale) -> dict[str, Any]:
+    return {"value": number.value, "u": number.u, "u_readings": number.u_readings, "unit": number.unit}
+
+
+def _function_json(function: Function) -> dict[str, Any]:
+    return {
+        "position_mm": function.position_mm,
+        "value": function.value,
+        "u": function.u,
+        "u_readings": function.u_readings,
+        "unit": function.unit,
+        "slope_identified": function.slope_identified,
+    }
+
+
+def _rounded(value: Any) -> Any:
+    """Return JSON types with every float rounded."""
+    if type(value) is float:  # nearly all that there is
+        return steady(value, DECIMALS)
+    if isinstance(value, Mapping):
+        return {str(key): _rounded(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _rounded(value.tolist())
+    if isinstance(value, list | tuple):
+        return [_rounded(item) for item in value]
+    if isinstance(value, np.generic):
+        return _rounded(value.item())
+    if isinstance(value, float):
+        return steady(value, DECIMALS)
+    return value
+
+
+def parse_result(text: str, source: str = "result.json") -> Result:
+    """Return the result written by ``Result.to_json``.
+
+    Raises ``DataError`` that names the field for anything that is no result of this format and version. Of versions 1 and 2 a member
+    that is unknown or damaged is left out.
+    """
+    root = load_json(text, source)
+    root.equals("format", FORMAT)
+    version = root.child("version")
+    if type(version.value) is not int or version.value not in READABLE_VERSIONS:
+        version.refuse("1, 2 or 3")
+    root = replace(root, strict=True) if version.value == FORMAT_VERSION else replace(root, value=_as_now(root.mapping()))
+    root.only([*_ENTRIES, *MEMBERS])
+    here = root.mapping()
+    return Result(
+        volume=_volume(root.child("volume")),
+        chain=_chain(root),
+        method=root.text("method") if "method" in here else "",
+        errors=_functions(root.child("errors"), (*DISPLACEMENTS, *ROTATIONS), required=DISPLACEMENTS),
+        reversal=_functions(root.child("reversal"), (*DISPLACEMENTS, *ROTATIONS)) if "reversal" in here else {},
+        expected=_functions(root.child("expected"), ROTATIONS) if "expected" in here else {},
+        posterior=parse_posterior(root.child("posterior")) if "posterior" in here else None,
+        squareness={name: _quantity(_named(root, "squareness", SQUARENESS).child(name)) for name in SQUARENESS},
+        scale={name: _scale(_named(root, "scale", AXIS_LETTERS).child(name)) for name in AXIS_LETTERS},
+        setups=read(root.child("setups"), dict[str, SetupReport]),
+        findings=tuple(parse_finding(item) for item in root.child("findings").items()),
+        software=read(root.child("software"), Software) if "software" in here else Software(),
+        source=source,
+        **{name: read_or_none(root.child(name), kind) for name, kind in MEMBERS.items() if name in here},
+    )
+
+
+def _as_now(document: dict[str, Any]) -> dict[str, Any]:
+    """Return a document of version 1 or 2 in the form of version 3: the closed forms counted passes, and stated a sum without u."""
+    setups, total = document.get("setups"), document.get("scale_sum_um")
+    if isinstance(setups, dict):
+        setups = {name: _with_passes(report) for name, report in setups.items()}
+    changed = {"setups": setups, "scale_sum_um": {"value": total, "u": None} if isinstance(total, float) else total}
+    return {name: changed.get(name, value) for name, value in document.items()}
+
+
+def _with_passes(report: Any) -> Any:
+    count = report.get("passes") if isinstance(report, dict) else None
+    return {**report, "passes": list(range(1, count + 1))} if type(count) is int and count <= _MOST_PASSES else report
+
+
+def _named(root: Node, name: str, known: tuple[str, ...]) -> Node:
+    part = root.child(name)
+    part.only(known)
+    return part
+
+
+def _volume(node: Node) -> Volume:
+    node.only(("origin_mm", "size_mm", "increments"))
+    origin, size = node.child("origin_mm"), node.child("size_mm")
+    increments = node.child("increments")
+    if len(origin.numbers()) != 3:
+        origin.refuse(message("three-numbers"))
+    if len(size.numbers()) != 3 or min(size.numbers()) < 0 or max(size.numbers()) == 0:
+        size.refuse("three numbers, 0 for an axis without travel")
+    if type(increments.value) is not int or not 1 <= increments.value <= MOST_INCREMENTS:
+        increments.refuse(f"a whole number from 1 to {MOST_INCREMENTS}")
+    x, y, z = origin.numbers().tolist()
+    a, b, c = size.numbers().tolist()
+    return Volume(origin_mm=(x, y, z), size_mm=(a, b, c), increments=increments.value)
+
+
+def _chain(root: Node) -> str:
+    chain = root.text("chain")
+    try:
+        abbe_mask(chain)
+    except UsageError as error:
+        root.child("chain").refuse(error.expected)
+    return chain
+
+
+def _functions(node: Node, known: tuple[str, ...], required: tuple[str, ...] = ()) -> dict[str, Function]:
+    for name in node.mapping():
+        if name not in known:
+            node.child(name).refuse("a function named " + ", ".join(known))
+    for name in required:
+        node.child(name)
+    return {name: _function(node.child(name), "um" if name in DISPLACEMENTS else "urad") for name in node.mapping()}
+
+
+def _function(node: Node, unit: str) -> Function:
+    node.equals("unit", unit)
+    node.only(("position_mm", *_NUMBER, "unit", "slope_identified"))
+    position = node.child("position_mm").numbers()
+    # an axis that did not travel stands at one position, and has no values
+    least = 2 if node.child("value").value is not None else 1
+    if len(position) < least or np.any(np.diff(position) <= 0):
+        node.child("position_mm").refuse("at least two ascending positions")
+    known: dict[str, Vector | None] = {}
+    for name in _NUMBER:
+        column = node.child(name) if node.strict or name in node.mapping() or name != "u_readings" else None
+        known[name] = None if column is None or column.value is None else column.numbers()
+        if column is not None and column.value is not None and len(column.value) != len(position):
+            column.refuse(f"{len(position)} numbers, one a position")
+    slope = node.child("slope_identified").truth() if node.strict or "slope_identified" in node.mapping() else True
+    return Function(
+        position_mm=position,
+        value=known["value"],
+        u=known["u"],
+        unit=unit,
+        slope_identified=slope,
+        u_readings=known["u_readings"],
+    )
+
+
+def _optional(node: Node) -> float | None:
+    return None if node.value is None else node.number()
+
+
+def _readings_u(node: Node) -> float | None:
+    return _optional(node.child("u_readings")) if node.strict or "u_readings" in node.mapping() else None
+
+
+def _quantity(node: Node) -> Quantity:
+    node.equals("unit", "urad")
+    node.only((*_NUMBER, "unit"))
+    return Quantity(value=_optional(node.child("value")), u=_optional(node.child("u")), u_readings=_readings_u(node))
+
+
+def _scale(node: Node) -> Scale:
+    node.equals("unit", "um/m")
+    node.only((*_NUMBER, "unit", "identified"))
+    identified = node.child("identified").truth()
+    value = _optional(node.child("value"))
+    if identified != (value is not None):
+        node.refuse("a value exactly where identified is true")
+    return Scale(value=value, u=_optional(node.child("u")), identified=identified, u_readings=_readings_u(node))

@@ -1,0 +1,88 @@
+"""Where along an axis tables help and where they could harm: the prediction slab by slab, with the draws of the whole volume's."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from stepdiag.base.names import AXES
+from stepdiag.base.result.interval import Interval
+from stepdiag.base.result.prediction import interval_of, squares_um2
+from stepdiag.base.result.result import Result
+from stepdiag.base.volume import Vector, Volume
+
+MOST_CELLS, MOST_STRETCHES = 10, 10
+FEWEST = 8
+"""Points of one mean square."""
+CLEARLY, LEAST_UM = 1.02, 0.1
+"""By more than this factor and this many um what is left must be larger than what was there: less is the rounding of tables."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Stretch:
+    """A stretch of an axis, wherever the others stand: length of the error vector there (rms, rigid motion removed), in um."""
+
+    axis: str
+    low_mm: float
+    high_mm: float
+    before: Interval
+    after: Interval
+
+    @property
+    def times(self) -> float:
+        """Return by what factor the error grows."""
+        return self.after.value_um / max(self.before.value_um, 1e-9)
+
+
+def harmed(result: Result, points_mm: Vector, correction_um: Vector, beside_um: Vector | float = 0.0) -> list[Stretch]:
+    """Return the stretches in which the machine is predicted to err more with a correction (N, 3) than without, up to the interval's end.
+
+    Arguments as of `solver.result.prediction.predicted`. Neighbouring cells are one stretch. The worst comes first, and what lies in it is
+    no fault of the other axes: it is left out of theirs.
+    """
+    before, after = squares_um2(result, points_mm, correction_um, beside_um)
+    open_points = np.ones(len(points_mm), dtype=np.bool_)
+    found: list[Stretch] = []
+    while len(found) < MOST_STRETCHES:
+        worst = max(_candidates(result.volume, points_mm, before, after, open_points), key=lambda one: one[0].times, default=None)
+        if worst is None:
+            break
+        found.append(worst[0])
+        open_points &= ~worst[1]
+    return found
+
+
+def _candidates(
+    volume: Volume, points_mm: Vector, before: Vector, after: Vector, among: NDArray[np.bool_]
+) -> Iterator[tuple[Stretch, NDArray[np.bool_]]]:
+    """Yield the stretches of every axis that the points ``among`` all show to get worse, and which points lie in each."""
+    for axis, letter in enumerate(AXES):
+        cells = min(volume.increments, MOST_CELLS)
+        edges = volume.origin_mm[axis] + volume.size_mm[axis] * np.arange(cells + 1) / cells
+        cell = np.where(among, np.clip(np.searchsorted(edges, points_mm[:, axis], side="right") - 1, 0, cells - 1), -1)
+        worse = [int(np.sum(cell == one)) >= FEWEST and _worse(_of(before, cell == one), _of(after, cell == one)) for one in range(cells)]
+        for first, last in _runs(worse):
+            mine = (cell >= first) & (cell <= last)
+            low_mm, high_mm = float(edges[first]), float(edges[last + 1])
+            yield Stretch(axis=letter.upper(), low_mm=low_mm, high_mm=high_mm, before=_of(before, mine), after=_of(after, mine)), mine
+
+
+def _of(square: Vector, mine: NDArray[np.bool_]) -> Interval:
+    return interval_of(np.sqrt(np.mean(square[:, mine], axis=1)), known=len(square) > 1)
+
+
+def _worse(before: Interval, after: Interval) -> bool:
+    reaches = before.high_um is None or after.high_um is None or after.high_um > before.high_um
+    return reaches and after.value_um > CLEARLY * before.value_um + LEAST_UM
+
+
+def _runs(flags: list[bool]) -> list[tuple[int, int]]:
+    """Return first and last place of every run of set flags."""
+    runs: list[tuple[int, int]] = []
+    for place in (number for number, flag in enumerate(flags) if flag):
+        if runs and runs[-1][1] == place - 1:
+            runs[-1] = (runs[-1][0], place)
+        else:
+            runs.append((place, place))
+    return runs

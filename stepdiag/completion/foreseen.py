@@ -1,0 +1,73 @@
+"""What a survey can tell by how it is driven, before anything of it is measured: as the planner knows it."""
+
+from collections.abc import Iterator
+
+from stepdiag.base.findings import Finding
+from stepdiag.base.names import AXES, BODY_DIAGONALS
+from stepdiag.base.readings.runs import Pace, Plan, Run
+from stepdiag.base.volume import MOST_INCREMENTS
+from stepdiag.daq.survey.assumed import assumptions_of
+from stepdiag.daq.survey.models import Survey
+from stepdiag.solver.planning.planner import Circumstances, forecast
+
+FOURDOF_FORMATS = ("fourdof", "tqd")
+"""Heads that make runs of their own beside the laser's."""
+IN_STEP = 0.05
+"""Of a wave's length: by so little more or less than whole waves from target to target ten increments see less than one slow wave of it."""
+
+
+def planned(survey: Survey) -> Plan:
+    """Return the runs of a survey as the planner knows them."""
+    plan = survey.plan
+    shifted = plan.all_setups[len(plan.setups) :]
+    offsets = dict(zip(shifted, (each.offset_mm for each in plan.beam_offset), strict=True))
+    runs = tuple(
+        Run(setup=name, repeats=plan.repeats, return_pass=plan.return_pass, beam_offset_mm=offsets.get(name, (0.0, 0.0, 0.0)))
+        for name in plan.all_setups
+    )
+    pace = Pace(feed_mm_min=plan.feed_mm_min, dwell_s=plan.dwell_s, overrun_mm=plan.overrun_mm)
+    return Plan(volume=survey.volume, runs=runs, axis_order=survey.axis_order, pace=pace)
+
+
+def circumstances(survey: Survey) -> Circumstances:
+    """Return the job's circumstances as far as the survey file tells them."""
+    head = survey.head is not None and survey.head.format in FOURDOF_FORMATS
+    return Circumstances(chain=survey.machine.chain, assumed=assumptions_of(survey), head=head)
+
+
+def hidden_slip(survey: Survey) -> Iterator[Finding]:
+    """Yield how large a slip of the count nobody would see, where each setup is driven once and nothing is compared with it.
+
+    What is driven out and back, or repeated, tells a slip by itself.
+    """
+    plan = survey.plan
+    if plan.passes_per_setup > 1 or not any(name in BODY_DIAGONALS for name in plan.setups):
+        return
+    if hides := forecast(planned(survey), circumstances(survey)).ahead.hides():
+        cure = "drive out and back (return_pass = true), or each setup twice (repeats = 2)"
+        yield Finding(code="plan-hides", severity="info", text=f"each setup is driven once: {hides}; to see it, {cure}")
+
+
+def hidden_waves(survey: Survey) -> Iterator[Finding]:
+    """Yield the axes whose targets do not show waves of the screw's pitch, and the next number of increments that shows them.
+
+    Silent where the survey file does not state a pitch, and for linear scales.
+    """
+    pitch_mm, volume = survey.uncertainty.pitch_mm, survey.volume
+    if pitch_mm is None or survey.uncertainty.feedback != "screw":
+        return
+    steps_mm = {axis: edge_mm / volume.increments for axis, edge_mm in zip(AXES, volume.size_mm, strict=True)}
+    hidden = [f"{axis} {step_mm:g} mm" for axis, step_mm in steps_mm.items() if _in_step(step_mm, pitch_mm)]
+    if not hidden:
+        return
+    finer = range(volume.increments + 1, MOST_INCREMENTS + 1)
+    better = next((n for n in finer if not any(_in_step(edge_mm / n, pitch_mm) for edge_mm in volume.size_mm)), None)
+    cure = "" if better is None else f"; increments = {better} shows them"
+    text = f"steps of {', '.join(hidden)} do not show waves of the screw's pitch of {pitch_mm:g} mm{cure}"
+    yield Finding(code="plan-hides", severity="info", text=text)
+
+
+def _in_step(step_mm: float, pitch_mm: float) -> bool:
+    """Return whether targets meet a wave of one or of half a pitch always in the same place, within a twentieth of its length."""
+    turns = [step_mm / length_mm for length_mm in (pitch_mm, pitch_mm / 2.0)]
+    return any(round(turn) >= 1 and abs(turn - round(turn)) <= IN_STEP for turn in turns)

@@ -1,0 +1,233 @@
+"""Commissioning and tests of a 4-DOF head: signs and lever, curves, stability, comparison (theory.md 9, Feng 2008 section 3)."""
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Literal, get_args
+
+import msgspec
+import numpy as np
+
+from stepdiag.base.csv_table import number_in, read_table
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
+from stepdiag.base.result.result import DISPLACEMENTS, ROTATIONS
+from stepdiag.base.volume import Vector
+from stepdiag.daq.survey.head_file import AxisName, AxisTable, DetectorName, HeadFile, LeverTable
+from stepdiag.fourdof.calibrated import calibrated
+from stepdiag.fourdof.record import HeadRecord, require_angles
+from stepdiag.solver.fourdof.commissioning import (
+    U_SCALE_ASSUMED,
+    CurveFit,
+    SignsAndLever,
+    Standstill,
+    fit_curve,
+    lever_line,
+    signs_and_lever,
+)
+from stepdiag.solver.fourdof.detector import CurveKind, spots
+from stepdiag.solver.fourdof.head import URAD_PER_ARCSEC, beam_angle_urad, motion
+from stepdiag.solver.fourdof.statistics import Comparison, Stability, compare, stability
+
+LATERAL: tuple[AxisName, AxisName] = ("x", "y")
+QD_TO_TARGET = 2.0
+"""A cube that moves by one shifts the spot by two; a mirror that turns by one turns the beam by two (Feng 2.2, 2.3)."""
+Unit = Literal["um", "arcsec"]
+
+
+def stability_of(record: HeadRecord, file: HeadFile, distance_mm: float, interval_s: float) -> dict[str, Stability]:
+    """Return the stability of ``straightness x``, ``.. y`` in um and ``angle x``, ``.. y`` in arc-seconds over means of ``interval_s``."""
+    require_angles(record, "stability")
+    means = record.averaged(interval_s)
+    found = motion(means.channels, distance_mm, calibrated(file), time_s=means.time_s)
+    if not found.usable.all():
+        texts = "; ".join(finding.text for finding in found.findings)
+        raise DataError("stability", expected="light on every detector all the time", found=texts, remedy="align the head, repeat")
+    results = {}
+    for column, axis in enumerate(LATERAL):
+        raw, left = found.raw_straightness_um[:, column], found.straightness_um[:, column]
+        results[f"straightness {axis}"] = stability(raw, left, interval_s)
+    for column, axis in enumerate(LATERAL):
+        raw, left = found.raw_angle_urad[:, column] / URAD_PER_ARCSEC, found.angle_urad[:, column] / URAD_PER_ARCSEC
+        results[f"angle {axis}"] = stability(raw, left, interval_s)
+    return results
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Signed:
+    """The result of the wobble for both lateral axes, and the calibration with the signs and the lever put in."""
+
+    axes: dict[AxisName, SignsAndLever]
+    file: HeadFile
+    findings: tuple[Finding, ...]
+
+
+def signs_of(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile) -> Signed:
+    """Return signs and lever from wobbled standstills, each with its distance in mm.
+
+    The signs of PSD1 and PSD2 in the file are changed where they are wrong; the QD's sign must be right already. The lever is the weighted
+    mean of both lateral axes. Raises DataError where the wobble is too small to tell.
+    """
+    for distance, record in standstills:
+        require_angles(record, f"signs at {distance:g} mm")
+    axes: dict[AxisName, SignsAndLever] = {axis: _signs_along(standstills, file, column) for column, axis in enumerate(LATERAL)}
+    signed = file
+    for axis, found in axes.items():
+        detectors: tuple[tuple[DetectorName, int], ...] = (("psd1", found.psd1_sign), ("psd2", found.psd2_sign))
+        for detector, factor in detectors:
+            table: AxisTable = getattr(signed.detector(detector), axis)
+            signed = signed.with_axis(detector, axis, msgspec.structs.replace(table, sign=1 if table.sign == factor else -1))
+    lever, findings = _common_lever(list(axes.values()))
+    remarks = tuple(
+        Finding(code=one.code, severity=one.severity, text=f"{axis}: {one.text}") for axis, found in axes.items() for one in found.findings
+    )
+    return Signed(axes=axes, file=msgspec.structs.replace(signed, lever=lever), findings=(*remarks, *findings))
+
+
+def _signs_along(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile, column: int) -> SignsAndLever:
+    head = calibrated(file)
+    wobbles = []
+    for distance, record in standstills:
+        detectors = (head.qd, head.psd1, head.psd2)
+        qd, psd1, psd2 = (
+            spots(detector, record.channels[:, 3 * i : 3 * i + 2], record.channels[:, 3 * i + 2]) for i, detector in enumerate(detectors)
+        )
+        lit = np.isfinite(qd.shift_um + psd1.shift_um + psd2.shift_um).all(axis=1)
+        wobbles.append(
+            Standstill(
+                travel_mm=distance,
+                qd_um=qd.shift_um[lit, column],
+                psd1_urad=beam_angle_urad(psd1.shift_um[lit, column], head.psd1_focal_length_mm),
+                psd2_urad=beam_angle_urad(psd2.shift_um[lit, column], head.psd2_focal_length_mm),
+            )
+        )
+    return signs_and_lever(wobbles)
+
+
+def _common_lever(axes: Sequence[SignsAndLever]) -> tuple[LeverTable, list[Finding]]:
+    """Return the line of both lateral axes' levers; what the axes differ by beyond chance is in its uncertainty, and named."""
+    travel, lever, u = (np.concatenate([getattr(one, name) for one in axes]) for name in ("travel_mm", "lever_mm", "u_lever_mm"))
+    common = lever_line(travel, lever, u)
+    lines = [lever_line(one.travel_mm, one.lever_mm, one.u_lever_mm) for one in axes]
+    apart = abs(lines[0].at(common.u_at_mm) - lines[1].at(common.u_at_mm))
+    findings = []
+    if apart > 3 * math.hypot(*(line.u_at(common.u_at_mm) for line in lines)):
+        text = message("fourdof-gain-mismatch.levers", size_mm=apart)
+        findings.append(finding("warning", text))
+    turned = abs(lines[0].scale - lines[1].scale)
+    u_scale = U_SCALE_ASSUMED if common.u_scale is None else float(np.hypot(common.u_scale, turned / np.sqrt(12.0)))
+    table = LeverTable(
+        dead_path_mm=common.dead_path_mm,
+        scale=common.scale,
+        u_mm=float(np.hypot(common.u_mm, apart / np.sqrt(12.0))),
+        u_at_mm=common.u_at_mm,
+        u_scale=u_scale,
+    )
+    return table, findings
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StageRun:
+    """A two-column run: the normalised reading of one detector axis and the reference in um (QD) or arc-seconds (PSD)."""
+
+    reading: Vector
+    reference: Vector
+    unit: Unit
+
+
+def parse_stage_run(text: str, source: str) -> StageRun:
+    """Return a run of CSV columns ``reading`` (difference / sum) and ``reference_um`` or ``reference_arcsec``."""
+    table = read_table(text, source, ("reading",))
+    unit = next((unit for unit in get_args(Unit) if f"reference_{unit}" in table[0][1]), None)
+    if unit is None:
+        raise DataError(f"{source}: header", expected="a column reference_um or reference_arcsec", found=",".join(table[0][1]))
+    rows = [
+        (number_in(row, "reading", f"{source}: line {n}"), number_in(row, f"reference_{unit}", f"{source}: line {n}")) for n, row in table
+    ]
+    reading, reference = np.array(rows).T
+    return StageRun(reading=reading, reference=reference, unit=unit)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Calibrated:
+    """One detector axis: the run, the fit, its residuals in the unit of the reference, and their range."""
+
+    run: StageRun
+    fit: CurveFit
+    residual: Vector
+
+    @property
+    def limits(self) -> tuple[float, float]:
+        """Return the lowest and the highest residual."""
+        return float(self.residual.min()), float(self.residual.max())
+
+
+def calibrate_axis(run: StageRun, detector: DetectorName, file: HeadFile, *, degree: int, u_reference: float) -> Calibrated:
+    """Return the curve of one detector axis; ``u_reference`` is the reference's standard uncertainty in its own unit.
+
+    The QD's spot moves twice as far as the stage, PSD2's beam turns twice as far as the mirror; PSD1 sees the beam's own angle. For the QD
+    the better of two curves is taken: over the reading, or over its inverse error function, which is that of a Gaussian spot.
+    """
+    if (detector == "qd") != (run.unit == "um"):
+        expected = "reference_um for the QD" if detector == "qd" else "reference_arcsec for a PSD"
+        raise UsageError(f"calibrate: {detector}", expected=expected, found=f"reference_{run.unit}")
+    shift = _shift_um(run.reference, detector, file)
+    per_unit = abs(float(_shift_um(np.array([1.0]), detector, file)[0]))
+    kinds: tuple[CurveKind, ...] = ("polynomial",) if detector != "qd" or np.abs(run.reading).max() >= 1 else ("polynomial", "erf")
+    fits = [fit_curve(run.reading, shift, kind=kind, degree=degree, u_reference_um=u_reference * per_unit) for kind in kinds]
+    best = min(fits, key=lambda fit: fit.curve.u_um)
+    return Calibrated(run=run, fit=best, residual=best.residual_um / per_unit)
+
+
+def _shift_um(reference: Vector, detector: DetectorName, file: HeadFile) -> Vector:
+    if detector == "qd":
+        doubled: Vector = QD_TO_TARGET * reference
+        return doubled
+    focal_mm, fold = (file.head.psd1_focal_length_mm, 1.0) if detector == "psd1" else (file.head.psd2_focal_length_mm, QD_TO_TARGET)
+    turned: Vector = 1e3 * focal_mm * np.tan(fold * reference * URAD_PER_ARCSEC * 1e-6)
+    return turned
+
+
+def with_curve(file: HeadFile, detector: DetectorName, axis: AxisName, found: Calibrated) -> HeadFile:
+    """Return the calibration with the curve put in; the axis keeps its sign."""
+    curve = found.fit.curve
+    table: AxisTable = getattr(file.detector(detector), axis)
+    fresh = AxisTable(
+        sign=table.sign, kind=curve.kind, coefficients_um=curve.coefficients_um, low=curve.low, high=curve.high, u_um=curve.u_um
+    )
+    return file.with_axis(detector, axis, fresh)
+
+
+Curves = Mapping[str, tuple[Vector, Vector]]
+"""Position in mm and value (um, arc-seconds) by ISO 230-1 name."""
+
+
+def parse_curves(text: str, source: str) -> Curves:
+    """Return the functions of a CSV: ``position_mm`` and columns such as ``EYX_um``, ``EBX_arcsec``, ``EBX_urad``; a field may be empty."""
+    table = read_table(text, source, ("position_mm",))
+    curves = {}
+    for column in table[0][1]:
+        name, _, unit = column.partition("_")
+        if name not in (*DISPLACEMENTS, *ROTATIONS):
+            continue
+        if unit not in ({"um"} if name in DISPLACEMENTS else {"arcsec", "urad"}):
+            raise DataError(f"{source}: header", expected=f"{name}_um" if name in DISPLACEMENTS else f"{name}_arcsec", found=column)
+        where = [(f"{source}: line {line}", fields) for line, fields in table]
+        rows = np.array([(number_in(f, "position_mm", at), number_in(f, column, at, optional=True)) for at, f in where])
+        known = rows[np.isfinite(rows[:, 1])]
+        curves[name] = (known[:, 0], known[:, 1] / (URAD_PER_ARCSEC if unit == "urad" else 1.0))
+    if not curves:
+        raise DataError(f"{source}: header", expected="columns such as EYX_um or EBX_arcsec", found=",".join(table[0][1]))
+    return curves
+
+
+def compare_curves(measured: Curves, reference: Curves) -> dict[str, Comparison]:
+    """Return measured minus reference of every function that both have; straightness free of its least-squares line.
+
+    Raises DataError where they have none in common.
+    """
+    common = [name for name in measured if name in reference]
+    if not common:
+        raise DataError("compare", expected="a function in both: " + ", ".join(measured), found="only " + ", ".join(reference))
+    return {name: compare(*measured[name], *reference[name], line="least-squares" if name in DISPLACEMENTS else None) for name in common}

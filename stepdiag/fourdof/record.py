@@ -1,0 +1,156 @@
+"""Samples of a 4-DOF head on their own, for commissioning: from its port, from the stream in a log, or from a CSV."""
+
+import asyncio
+import math
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from stepdiag.base.csv_table import number_in, read_table
+from stepdiag.base.errors import DataError, UsageError
+from stepdiag.base.volume import Vector
+from stepdiag.daq.links.ports.device import SerialSettings
+from stepdiag.daq.links.ports.serial import instrument_line
+from stepdiag.daq.log.contents import open_log
+from stepdiag.daq.records.events import Chunk
+from stepdiag.daq.survey.file import head_decoder, parse_survey
+from stepdiag.daq.survey.models import Survey
+from stepdiag.daq.timing.samples import Decoder, Samples
+from stepdiag.daq.timing.stream import UNUSABLE
+from stepdiag.fourdof.runs import CHANNELS, QD_ONLY
+
+COLUMNS = tuple(f"{detector}_{part}" for detector in ("qd", "psd1", "psd2") for part in ("x", "y", "sum"))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadRecord:
+    """Usable samples in the order of time: ``time_s`` (N,) from the first, ``channels`` (N, 9), those of a QD alone (N, 3).
+
+    ``unusable`` counts what was left out: blocked, saturated, faulty.
+    """
+
+    time_s: Vector
+    channels: Vector
+    unusable: int = 0
+
+    def averaged(self, interval_s: float) -> "HeadRecord":
+        """Return the means over equal intervals; the last one only if it is full. Raises DataError where one holds no sample."""
+        intervals = (self.time_s - self.time_s[0]) / interval_s + 1e-9
+        # more intervals than samples: some are empty, and a clock that is wrong could ask for any number of them
+        place = np.floor(np.minimum(intervals, len(intervals))).astype(np.int64)
+        count = np.bincount(place)[: max(int(place[-1]), 1)]
+        if not count.all():
+            at = float(np.argmin(count)) * interval_s
+            raise DataError(
+                "4-DOF head", expected=f"samples in every {interval_s:g} s", found=f"none from {at:g} s on", remedy="keep the beam free"
+            )
+        sums = [np.bincount(place, weights=column)[: len(count)] for column in self.channels.T]
+        middle = np.asarray(interval_s * (np.arange(len(count)) + 0.5), dtype=np.float64)
+        return HeadRecord(time_s=middle, channels=np.column_stack(sums) / count[:, None])
+
+
+class _Gathering:
+    """Decodes chunks and gathers their samples."""
+
+    def __init__(self, decoder: Decoder) -> None:
+        self._decoder = decoder
+        self._batches: list[Samples] = []
+
+    def feed(self, data: bytes, arrival_ns: int) -> Samples:
+        """Take a chunk; return its samples."""
+        batch = self._decoder.feed(data, arrival_ns)
+        if len(batch):
+            self._batches.append(batch)
+        return batch
+
+    def record(self, source: str) -> HeadRecord:
+        """Return what has come in. Raises DataError where it is nothing usable."""
+        flags = np.concatenate([np.zeros(0, dtype=np.uint16), *(batch.flags for batch in self._batches)])
+        good = (flags & int(UNUSABLE)) == 0
+        if not good.any():
+            found = f"{len(flags)} samples, all blocked, saturated or faulty" if len(flags) else "nothing it understands"
+            raise DataError(source, expected="samples of the head", found=found, remedy="`stepdiag fourdof align` shows what it says")
+        time = np.concatenate([batch.arrival_ns for batch in self._batches])[good] * 1e-9
+        channels = np.concatenate([batch.channels for batch in self._batches if batch.channels is not None])[good]
+        return HeadRecord(time_s=time - time[0], channels=channels, unusable=int(np.count_nonzero(~good)))
+
+
+def read_head_csv(text: str, source: str) -> HeadRecord:
+    """Return the samples of a CSV: ``time_s``, ``qd_x``, ``qd_y``, ``qd_sum`` and the same of psd1 and psd2, which a QD alone has not.
+
+    Raises DataError naming the line for anything else, and for times that do not ascend.
+    """
+    table = read_table(text, source, ("time_s", *COLUMNS[:QD_ONLY]))
+    names = COLUMNS if "psd1_x" in table[0][1] else COLUMNS[:QD_ONLY]
+    rows = [[number_in(fields, name, f"{source}: line {line}") for name in ("time_s", *names)] for line, fields in table]
+    values = np.array(rows)
+    back = np.flatnonzero(np.diff(values[:, 0]) < 0)
+    if len(back):
+        raise DataError(f"{source}: line {table[int(back[0]) + 1][0]}", expected="a time after the one before", found="an earlier one")
+    return HeadRecord(time_s=values[:, 0] - values[0, 0], channels=values[:, 1:])
+
+
+def render_head_csv(record: HeadRecord) -> str:
+    """Return the samples as CSV, LF line ends."""
+    names = COLUMNS[: record.channels.shape[1]]
+    lines = [f"{time:.6f}," + ",".join(f"{value:.10g}" for value in row) for time, row in zip(record.time_s, record.channels, strict=True)]
+    return "\n".join([",".join(("time_s", *names)), *lines]) + "\n"
+
+
+def head_of_log(path: Path) -> HeadRecord:
+    """Return the samples of the head in a log. Raises DataError for a log without a head."""
+    log = open_log(path)
+    survey = parse_survey(log.header.survey_text, f"{path.name}: survey.toml")
+    if survey.head is None:
+        raise DataError(str(path), expected="the log of a survey with a [head]", found="a survey without one")
+    gathering = _Gathering(head_decoder(survey))
+    for event in log.events():
+        if isinstance(event, Chunk) and event.stream == "head":
+            gathering.feed(event.data, event.arrival_ns)
+    return gathering.record(str(path))
+
+
+def listen_to_head(survey: Survey, source: str, seconds: float, on_batch: Callable[[Samples], None] | None = None) -> HeadRecord:
+    """Return what the head of a survey file says in so many seconds; ``on_batch`` is given every batch meanwhile.
+
+    Ctrl-C ends it sooner and keeps what came. Raises UsageError without [head], DeviceError where the port cannot be opened or is lost.
+    """
+    if survey.head is None:
+        raise UsageError(source, expected="a [head] section", found="none")
+    gathering = _Gathering(head_decoder(survey))
+    with suppress(KeyboardInterrupt):
+        asyncio.run(_listen(survey, gathering, seconds, on_batch))
+    return gathering.record(source)
+
+
+async def _listen(survey: Survey, gathering: _Gathering, seconds: float, on_batch: Callable[[Samples], None] | None) -> None:
+    section = survey.head
+    if section is None:
+        return
+    loop = asyncio.get_running_loop()
+
+    def take(data: bytes, arrival_ns: int) -> None:
+        batch = gathering.feed(data, arrival_ns)
+        if on_batch is not None and len(batch):
+            on_batch(batch)
+
+    def arrived(data: bytes, arrival_ns: int) -> None:
+        loop.call_soon_threadsafe(take, data, arrival_ns)
+
+    settings = SerialSettings(
+        port=section.port, baud=section.baud, bytesize=section.bytesize, parity=section.parity, stopbits=section.stopbits
+    )
+    stream = instrument_line(settings, head_decoder(survey), arrived)
+    try:
+        await asyncio.wait_for(stream.session(lambda *_: None), None if math.isinf(seconds) else seconds)
+    except TimeoutError:
+        return
+
+
+def require_angles(record: HeadRecord, source: str) -> None:
+    """Raise DataError for a head that has a QD only, where pitch, yaw or drift are asked for."""
+    if record.channels.shape[1] != CHANNELS:
+        raise DataError(source, expected="nine channels: QD, PSD1 and PSD2", found=f"{record.channels.shape[1]}: a QD alone")

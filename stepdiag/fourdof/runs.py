@@ -1,0 +1,304 @@
+"""From the passes of a 4-DOF head to straightness, pitch and yaw of the axes, by ISO 230-1 name and with their uncertainty."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Literal, cast
+
+import numpy as np
+
+from stepdiag.base.errors import DataError
+from stepdiag.base.findings import Finding, finding
+from stepdiag.base.messages import message
+from stepdiag.base.names import AXES
+from stepdiag.base.volume import POSITION_TOLERANCE_MM, Vector
+from stepdiag.daq.capture.captured_stop import CapturedStop
+from stepdiag.daq.passes.driven import Pass
+from stepdiag.daq.survey.head_file import HeadFile, parse_head_file, require_owner
+from stepdiag.daq.survey.models import Head as HeadSection
+from stepdiag.daq.survey.models import HeadRun, Survey
+from stepdiag.fourdof.angular import turns_of
+from stepdiag.fourdof.calibrated import calibrated
+from stepdiag.solver.fourdof.axes import Mount, axis_errors
+from stepdiag.solver.fourdof.detector import Detector
+from stepdiag.solver.fourdof.head import Head, Motion, motion
+from stepdiag.solver.model.angles import Angles, KnownAngle
+from stepdiag.solver.model.lateral import MeasuredStraightness
+from stepdiag.solver.standards.straightness import residuals_um
+
+CHANNELS = 9
+QD_ONLY = 3
+SHIFT_SHARE = float(0.5 / np.sqrt(6.0))
+"""A beam that wanders parallel by 1 in a pass moves the spot by 1 and straightness by half; free of its end-point line (a Brownian bridge)
+that is 1 / sqrt(6) in the rms over the pass."""
+QD, PSD1, PSD2 = (0, 1, 2), (3, 4, 5), (6, 7, 8)
+"""The channels of each detector."""
+LEAST_STOPS = 3
+"""Two stops make a straight line of any guideway."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class HeadMeasured:
+    """What the head's passes say: one entry a pass and lateral direction, and the angular functions over all passes of an axis."""
+
+    straightness: tuple[MeasuredStraightness, ...] = ()
+    angles: Mapping[str, KnownAngle]
+    findings: tuple[Finding, ...] = ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _PassSeen:
+    straightness: tuple[MeasuredStraightness, ...]
+    turns: dict[str, tuple[Vector, Vector, Vector]]
+    """Position, value and standard uncertainty of every rotation, relative to the first position."""
+    findings: tuple[Finding, ...]
+
+
+def evaluate_head(survey: Survey, passes: Sequence[Pass], files: Mapping[str, bytes], level: Angles) -> HeadMeasured:
+    """Return what the whole passes of the 4-DOF head say.
+
+    ``files`` hold the calibration by the name the survey uses, ``level`` angular functions known from elsewhere: a roll moves a cube that
+    sits off the axis. Raises DataError for a calibration of another head, and where the laser is to give the distance and gives none.
+    """
+    driven = [each for each in passes if each.whole and each.route.travel.is_fourdof]
+    if not driven or survey.head is None:
+        return HeadMeasured(angles={})
+    if survey.head.angular:
+        seen = [_PassSeen(straightness=(), turns=turns_of(survey.head, each), findings=()) for each in driven]
+    else:
+        calibration = _calibration(survey.head, files)
+        seen = [_evaluate(survey, survey.head, calibration, each, level) for each in driven]
+    angles, incomplete = _whole(_over_passes([each.turns for each in seen]), survey)
+    return HeadMeasured(
+        straightness=tuple(one for each in seen for one in each.straightness),
+        angles=angles,
+        findings=(*(finding for each in seen for finding in each.findings), *incomplete),
+    )
+
+
+def _whole(angles: dict[str, KnownAngle], survey: Survey) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
+    """Return the functions that reach over the whole volume: diagonals cannot be freed of an angle known on a part of them."""
+    whole, findings = {}, []
+    for name, known in angles.items():
+        nodes = survey.volume.nodes_mm(AXES.index(name[2].lower()))
+        if known.position_mm[0] <= nodes[0] + POSITION_TOLERANCE_MM and known.position_mm[-1] >= nodes[-1] - POSITION_TOLERANCE_MM:
+            whole[name] = known
+            continue
+        reach = f"{known.position_mm[0]:g} to {known.position_mm[-1]:g} mm"
+        text = (
+            f"{name} is known from {reach} only, of {nodes[0]:g} to {nodes[-1]:g} mm: it is not used; drive the run again with a free beam"
+        )
+        findings.append(Finding(code="fourdof-beam-blocked", severity="warning", text=text))
+    return whole, tuple(findings)
+
+
+def _calibration(section: HeadSection, files: Mapping[str, bytes]) -> HeadFile:
+    data = files.get(section.calibration)
+    if data is None:
+        raise DataError(section.calibration or "head.calibration", expected="the head's calibration file in the log", found="nothing")
+    file = parse_head_file(data, section.calibration)
+    require_owner(file, section, section.calibration)
+    return file
+
+
+def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, level: Angles) -> _PassSeen:
+    name = f"{each.route.setup} pass {each.number}"
+    axis = AXES.index(each.route.travel.axis)
+    run = section.run_along(AXES[axis])
+    stops = list(each.chosen().values())
+    position = np.array([stop.position_mm[axis] for stop in stops])
+    channels, u_channels = _channels(stops, name)
+    distance = _distance_mm(section, run, stops, position, name)
+    qd_only = len(stops[0].channels) == QD_ONLY
+    head = replace(calibrated(file), psd1=Detector(), psd2=Detector()) if qd_only else calibrated(file)
+    found = motion(
+        channels,
+        distance,
+        head,
+        _roll_urad(run, axis, level, position),
+        time_s=None if qd_only else np.array([stop.time_s for stop in stops]),
+        u_psd1_urad=_by_channel(channels, u_channels, distance, head, PSD1).drift_urad,
+    )
+    findings = tuple(Finding(code=one.code, severity=one.severity, text=f"{name}: {one.text}") for one in found.findings)
+    count = int(np.count_nonzero(found.usable))
+    if count < LEAST_STOPS:
+        text = f"{name}: {count} of {len(stops)} stops have usable light: the pass says nothing; drive it again"
+        return _PassSeen(straightness=(), turns={}, findings=(*findings, Finding(code="fourdof-beam-blocked", severity="error", text=text)))
+    shift_um = survey.uncertainty.source_shift_um
+    seen = _named(each, run, position, found, _noise(found, channels, u_channels, distance, head, file, shift_um))
+    if not qd_only:
+        return replace(seen, findings=findings)
+    text = f"{name}: the head has a QD only: no pitch and yaw, and the straightness holds the drift of the laser's pointing"
+    return replace(seen, turns={}, findings=(*findings, Finding(code="fourdof-uncompensated", severity="warning", text=text)))
+
+
+def _named(each: Pass, run: HeadRun, position: Vector, found: Motion, u: "_Noise") -> _PassSeen:
+    """Return the usable part of a pass by ISO 230-1 names, positions ascending."""
+    mount = Mount(
+        axis=cast("Literal['x', 'y', 'z']", each.route.travel.axis),
+        beam=run.beam,
+        detector_x=run.detector_x,
+        detector_y=run.detector_y,
+        target_on=run.target_on,
+    )
+    kept = np.flatnonzero(found.usable)[np.argsort(position[found.usable])]
+    errors = axis_errors(position[kept], found.straightness_um[kept], found.angle_urad[kept], mount)
+    straightness = tuple(
+        MeasuredStraightness(
+            name=name,
+            position_mm=errors.position_mm,
+            value_um=value,
+            u_um=u.straightness_um[kept, column],
+            approach=1 if each.route.outward else -1,
+        )
+        for column, (name, value) in enumerate(errors.straightness_um.items())
+    )
+    turns = {
+        name: (errors.position_mm, value, np.hypot(u.angle_urad[kept, column], u.angle_urad[kept[0], column]))
+        for column, (name, value) in enumerate(errors.rotation_urad.items())
+    }
+    return _PassSeen(straightness=straightness, turns=turns, findings=())
+
+
+def _channels(stops: Sequence[CapturedStop], name: str) -> tuple[Vector, Vector]:
+    """Return the nine channels of every stop and their standard uncertainties; a QD alone gets still, centred spots on the others."""
+    sizes = {len(stop.channels) for stop in stops}
+    if not sizes <= {CHANNELS} and not sizes <= {QD_ONLY}:
+        found = f"{', '.join(map(str, sorted(sizes)))} channels"
+        raise DataError(name, expected="nine channels of the head (or three of a QD) at every stop", found=found, remedy="drive it again")
+    mean, u = np.array([stop.channels for stop in stops]), np.array([stop.u_channels for stop in stops])
+    if sizes == {QD_ONLY}:
+        still = np.tile([0.0, 0.0, 1.0, 0.0, 0.0, 1.0], (len(stops), 1))
+        return np.hstack([mean, still]), np.hstack([u, np.zeros_like(still)])
+    return mean, u
+
+
+def _distance_mm(section: HeadSection, run: HeadRun, stops: Sequence[CapturedStop], position: Vector, name: str) -> Vector:
+    """Return the distance from the head's reference face to the target at every stop."""
+    away = position - position.min() if run.beam[0] == "+" else position.max() - position
+    if section.distance == "commanded":
+        commanded: Vector = run.distance_mm + away
+        return commanded
+    reading = np.array([np.nan if stop.reading_mm is None else stop.reading_mm for stop in stops])
+    if not np.isfinite(reading).all():
+        missing = stops[int(np.argmin(np.isfinite(reading)))].stop
+        remedy = 'put head.distance = "commanded" into the survey file'
+        raise DataError(f"{name}: stop {missing}", expected="a reading of the laser for the distance", found="none", remedy=remedy)
+    measured: Vector = run.distance_mm + reading - reading[int(np.argmin(away))]
+    return measured
+
+
+def _roll_urad(run: HeadRun, axis: int, level: Angles, position: Vector) -> Vector:
+    """Return the target's roll from the detectors' x towards their y, as far as a level knows it."""
+    known = level.get(f"E{'ABC'[axis]}{'XYZ'[axis]}")
+    if known is None:
+        return np.zeros(len(position))
+    sides = [np.eye(3)[AXES.index(way[1])] * (1.0 if way[0] == "+" else -1.0) for way in (run.detector_x, run.detector_y)]
+    sense = float(np.cross(*sides)[axis]) * (1.0 if run.target_on == "tool" else -1.0)
+    roll: Vector = sense * np.interp(position, known.position_mm, known.value_urad)
+    return roll
+
+
+@dataclass(frozen=True, slots=True)
+class _Noise:
+    """Standard uncertainties of every stop, shape (N, 2)."""
+
+    straightness_um: Vector
+    angle_urad: Vector
+    drift_urad: Vector
+
+
+def _noise(found: Motion, channels: Vector, u_channels: Vector, distance: Vector, head: Head, file: HeadFile, shift_um: float) -> _Noise:
+    """Return calibration, lever, drift, scatter of the stop's mean and the beam's parallel shift together."""
+    lever_um = file.lever.u_at(distance)[:, None] * 1e-3 * np.abs(found.drift_urad - found.drift_urad[:1])
+    drift_um = 1e-3 * head.lever_mm(distance)[:, None] * found.u_drift_urad
+    # the drift's own uncertainty holds the scatter of the detector that saw it
+    scatter = _by_channel(channels, u_channels, distance, head, (*QD, *PSD2))
+    return _Noise(
+        straightness_um=np.sqrt(
+            found.u_straightness_um**2 + lever_um**2 + drift_um**2 + scatter.straightness_um**2 + (SHIFT_SHARE * shift_um) ** 2
+        ),
+        angle_urad=np.sqrt(found.u_angle_urad**2 + (found.u_drift_urad / 2) ** 2 + scatter.angle_urad**2),
+        drift_urad=found.u_drift_urad,
+    )
+
+
+def _by_channel(channels: Vector, u_channels: Vector, distance: Vector, head: Head, of: Sequence[int]) -> _Noise:
+    """Return what the scatter of some channels makes of the motion: it goes through the equations channel by channel."""
+    still = motion(channels, distance, head)
+    total = [np.zeros_like(still.straightness_um) for _ in range(3)]
+    for channel in of:
+        if not u_channels[:, channel].any():
+            continue
+        moved = channels.copy()
+        moved[:, channel] += u_channels[:, channel]
+        other = motion(moved, distance, head)
+        for part, (there, here) in enumerate(
+            ((other.straightness_um, still.straightness_um), (other.angle_urad, still.angle_urad), (other.drift_urad, still.drift_urad))
+        ):
+            total[part] = total[part] + (there - here) ** 2
+    return _Noise(*map(np.sqrt, total))
+
+
+def _over_passes(seen: Sequence[dict[str, tuple[Vector, Vector, Vector]]]) -> dict[str, KnownAngle]:
+    """Return the mean of every rotation over its passes at the positions that all of them have.
+
+    Its uncertainty is the larger of what each pass states and what their difference shows; reversal is in that difference.
+    """
+    names = sorted({name for turns in seen for name in turns}, key=lambda name: (name[2], name[1]))
+    return {name: _mean_angle([turns[name] for turns in seen if name in turns]) for name in names}
+
+
+def _mean_angle(passes: Sequence[tuple[Vector, Vector, Vector]]) -> KnownAngle:
+    position, value, u = _mean(passes)
+    return KnownAngle(position_mm=position, value_urad=value, u_urad=u)
+
+
+def _mean(passes: Sequence[tuple[Vector, Vector, Vector]]) -> tuple[Vector, Vector, Vector]:
+    """Return positions that all passes have, the mean there from the first on, and its uncertainty."""
+    common = passes[0][0]
+    for position, _, _ in passes[1:]:
+        common = np.intersect1d(common, position)
+    values = np.array([value[np.isin(position, common)] for position, value, _ in passes])
+    values = values - values[:, :1]
+    stated = np.array([u[np.isin(position, common)] for position, _, u in passes])
+    u = np.sqrt(np.mean(stated**2, axis=0))
+    if len(passes) > 1:
+        spread = float(np.sqrt(np.mean(np.var(values[:, 1:], axis=0, ddof=1)) / len(passes)))
+        u = np.maximum(u, spread)
+    return common, values.mean(axis=0), u
+
+
+def merge_angles(level: Angles, head: Angles) -> tuple[dict[str, KnownAngle], tuple[Finding, ...]]:
+    """Return all functions known: the head's, and the file's for what the head does not see (the rolls); a finding where both have one."""
+    both = [name for name in head if name in level]
+    findings = []
+    if both:
+        text = message("angles-twice", names=both)
+        findings.append(finding("warning", text))
+    return {**level, **head}, tuple(findings)
+
+
+def over_passes(measured: HeadMeasured) -> tuple[MeasuredStraightness, ...]:
+    """Return every straightness function as the mean of its passes without their end-point lines, at the positions that all of them have.
+
+    Its uncertainty is the larger of what each pass states and what their difference shows, as with the angles.
+    """
+    names = dict.fromkeys(one.name for one in measured.straightness)
+    return tuple(_mean_straightness([one for one in measured.straightness if one.name == name]) for name in names)
+
+
+def _mean_straightness(passes: Sequence[MeasuredStraightness]) -> MeasuredStraightness:
+    position, value, u = _mean([(one.position_mm, residuals_um(one.position_mm, one.value_um), one.u_um) for one in passes])
+    ways = {one.approach for one in passes}
+    return MeasuredStraightness(
+        name=passes[0].name,
+        position_mm=position,
+        value_um=residuals_um(position, value),
+        u_um=u,
+        approach=ways.pop() if len(ways) == 1 else 0,
+    )
+
+
+def mean_straightness(measured: HeadMeasured) -> dict[str, tuple[Vector, Vector]]:
+    """Return position in mm and value in um of `over_passes` by name."""
+    return {one.name: (one.position_mm, one.value_um) for one in over_passes(measured)}

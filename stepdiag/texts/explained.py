@@ -1,0 +1,87 @@
+"""What every finding means: its cause, its cost and what to do, in every language, from ``findings.toml``."""
+
+import tomllib
+from collections.abc import Container
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+from typing import Any, Literal
+
+from stepdiag.texts.texts import LANGUAGES, Language
+
+Action = Literal["repeat", "accept", "mend-wiring", "mend-file", "choose", "know"]
+"""What a person does about a finding."""
+Severity = Literal["info", "warning", "error"]
+GROUPS = ("recording", "result", "head", "export", "remark")
+"""Where findings arise; those of the last two are of an export."""
+_OF_AN_EXPORT: dict[Severity, Action] = {"error": "mend-file", "warning": "accept", "info": "know"}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Words:
+    """The cause of a finding, what it costs, and what to do."""
+
+    cause: str
+    cost: str
+    do: str
+
+    @property
+    def advice(self) -> str:
+        """Return the cost and what to do."""
+        return f"{self.cost} {self.do}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Explanation:
+    """A code: where it arises (one of `GROUPS`), what a person does, and its words in every language."""
+
+    group: str
+    action: Action
+    words: dict[Language, Words]
+
+    def action_at(self, severity: Severity) -> Action:
+        """Return what a person does at a severity: a mere warning of an export is accepted by its code, a remark is known."""
+        return self.action if severity == "error" or self.group not in ("export", "remark") else _OF_AN_EXPORT[severity]
+
+
+@cache
+def _tables() -> dict[str, Any]:
+    return tomllib.loads(files("stepdiag.texts").joinpath("findings.toml").read_text(encoding="utf-8"))
+
+
+@cache
+def explanations() -> dict[str, Explanation]:
+    """Return code -> explanation, in the order of the documentation."""
+    return {
+        code: Explanation(group=group, action=entry["action"], words={language: Words(**entry[language]) for language in LANGUAGES})
+        for group in GROUPS
+        for code, entry in _tables()[group].items()
+    }
+
+
+def keys_of(old: str) -> tuple[str, ...]:
+    """Return the keys (code, or code and variant) that a code of an older version has now; another code alone."""
+    return tuple(_tables()["renamed"].get(old, [old]))
+
+
+def accepted(code: str, key: str, accept: Container[str]) -> bool:
+    """Return whether a finding is among those accepted: by its code, by its key, or by the name that it had in an older version."""
+    former = (old for old, keys in _tables()["renamed"].items() if key in keys)
+    return any(name in accept for name in (code, key, *former))
+
+
+def explained(code: str) -> Explanation | None:
+    """Return the explanation of a code, also of one that has another name now; None for a code that is not documented."""
+    return explanations().get(keys_of(code)[0].partition(".")[0])
+
+
+def finding_advice(code: str, language: Language) -> str:
+    """Return what a finding means, what it costs and what to do; empty for a code that is not documented."""
+    entry = explained(code)
+    return "" if entry is None else f"{entry.words[language].cause} {entry.words[language].advice}"
+
+
+def finding_action(code: str, severity: Severity) -> Action:
+    """Return what a person does about a finding."""
+    entry = explained(code)
+    return _OF_AN_EXPORT[severity] if entry is None else entry.action_at(severity)
