@@ -1,11 +1,11 @@
 """A finding about the data: code, severity, action, place, and the message for a person."""
 
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from stepdiag.base.messages import Message, Place, Way, Words, at, message_json, rendered
-from stepdiag.texts.explained import Action, Severity, finding_action
+from stepdiag.texts.explained import Action, Severity, accepted, finding_action
 from stepdiag.texts.findings import sentence
 from stepdiag.texts.patterns import findings as finding_keys
 from stepdiag.texts.texts import Language
@@ -56,6 +56,10 @@ class Finding:
         """Return the message with its place before it; the text where an old log or result holds nothing else."""
         return self.text if self.message is None else at(self.place, self.message)
 
+    def is_accepted(self, accept: Container[str]) -> bool:
+        """Return whether a person accepts it: by its code, by its key, or by a name of an older version."""
+        return accepted(self.code, self.key, accept)
+
     def as_json(self) -> dict[str, Any]:
         """Return the JSON form of the contract: code, severity, action, text, its arguments, and where it belongs as far as that is known.
 
@@ -80,13 +84,16 @@ def in_words(found: Finding, language: Language, stops: Sequence[int] = ()) -> s
 
 
 def finding(
-    severity: Severity, words: Message, place: Place = NOWHERE, *, size_um: float | None = None, among: tuple[str, ...] = ()
+    severity: Severity, words: Message, place: Place = NOWHERE, *, code: str = "", size_um: float | None = None, among: tuple[str, ...] = ()
 ) -> Finding:
-    """Return the finding of a message; its code is the message's key without a variant. Raises KeyError for a phrase."""
-    if words.key not in finding_keys():
+    """Return the finding of a message. Its code is the message's key without a variant; a phrase serves several codes and needs ``code``.
+
+    Raises KeyError for a phrase without a code.
+    """
+    if not code and words.key not in finding_keys():
         raise KeyError(words.key)
     return Finding(
-        code=words.code,
+        code=code or words.code,
         severity=severity,
         text=rendered(at(place, words), "en"),
         message=words,

@@ -9,11 +9,11 @@ from typing import Any
 import msgspec
 
 from stepdiag.base.findings import in_words
+from stepdiag.base.messages import in_every_language
 from stepdiag.daq.records.status import FindingStatus, LinkStatus, SetupStatus, Snapshot, StopStatus
 from stepdiag.page.stage import headline
 from stepdiag.texts import LANGUAGES
 from stepdiag.texts.findings import advice_of, place_of
-from stepdiag.texts.sentences import in_every_language
 
 SLOW_FIELDS = (
     "survey",

@@ -47,7 +47,9 @@ def _check_each_move(
     most = np.count_nonzero(signs) if setup.kind in ("step", "face") else 1
     crowded = moving.sum(axis=1) != (np.minimum(steps, most) if setup.kind != "body" else 3)
     for index in np.flatnonzero(wrong_way.any(axis=1) | crowded).tolist():
-        found = ", ".join(f"{'XYZ'[axis]} by {moves[index, axis]:g} mm" for axis in range(3) if moving[index, axis]) or message("no-move")
+        found = ", ".join(f"{'XYZ'[axis]} by {moves[index, axis]:g} mm" for axis in range(3) if moving[index, axis]) or message(
+            "without-move"
+        )
         allowed = " or ".join(f"{'XYZ'[axis]}{'+' if signs[axis] > 0 else '-'}" for axis in range(3) if signs[axis])
         remedy = message("stop-out-of-order")
         raise DataError(
