@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 from stepdiag.texts import Language, catalogue, localised
-from stepdiag.texts.sentences import TOLD, translated
+from stepdiag.texts.sentences import NESTED, translated
 
 SECTION = "conclusion"
 
@@ -23,5 +23,5 @@ class Sentence:
 def render(sentence: Sentence, language: Language) -> str:
     """Return the sentence in words. Raises KeyError for a key that the catalogue lacks."""
     words = catalogue(SECTION, language)
-    arguments = {name: (translated if name in TOLD else localised)(value, language) for name, value in sentence.arguments.items()}
+    arguments = {name: (translated if name in NESTED else localised)(value, language) for name, value in sentence.arguments.items()}
     return words[sentence.key].format(**arguments)
