@@ -45,7 +45,7 @@ def _suspect(each: Pass, found: Finding) -> Doubt | None:
         pass_number=each.number,
         stop=found.stop,
         code=found.code,
-        why=found.text if found.message is None else found.message,
+        why=found.message or found.words,
         way=found.way,
         last=found.last,
         taken_ns=max(taken_ns.values()) if found.stop is None else taken_ns[found.stop],

@@ -213,7 +213,7 @@ class Daemon:
         if isinstance(outcome, Finding):
             self._tally.findings[outcome.code] += 1
             say = {"info": _log.info, "warning": _log.warning, "error": _log.error}[outcome.severity]
-            say("finding", code=outcome.code, severity=outcome.severity, text=outcome.text)
+            say("finding", code=outcome.code, severity=outcome.severity, text=str(outcome.words))
         else:
             self._ended(outcome)
 

@@ -42,7 +42,7 @@ def _is_missing(book: PassBook, found: Finding) -> bool:
 def _past(found: Finding, *, open_: bool = False) -> FindingStatus:
     known = found.setup and found.pass_number is not None
     place = f"{found.setup}/{found.pass_number}" + ("" if found.stop is None else f"/{found.stop}") if known else ""
-    said = {"code": found.code, "severity": found.severity, "text": found.text, "message": found.message, "at": found.place}
+    said = {"code": found.code, "severity": found.severity, "text": str(found.words), "message": found.message, "at": found.place}
     return FindingStatus(**said, place=place, state="open" if open_ else "past")  # type: ignore[arg-type]
 
 

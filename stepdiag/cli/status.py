@@ -109,7 +109,7 @@ def _undated(found: "Standing") -> list[str]:
     from stepdiag.daq.passes.survey_time import CODE
 
     where = shlex.quote(str(found.round or found.folder))
-    unset = [each.text for each in found.findings if (each.code, each.severity) == (CODE, "warning")]
+    unset = [str(each.finding.words) for each in found.findings if (each.code, each.severity) == (CODE, "warning")]
     return [f"{text}: `stepdiag accept {where} {CODE} --begun TIME --reason ...`" for text in unset]
 
 

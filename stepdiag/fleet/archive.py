@@ -53,7 +53,7 @@ def finished_in(folders: Sequence[Path]) -> list[Path]:
 def undated(folder: Path) -> str:
     """Return in words that the time of a finished survey is not known: the clock was never set and nobody stated it; empty where it is."""
     result = parse_result(read_text(folder / RESULT), str(folder / RESULT))
-    return next((found.text for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
+    return next((str(found.words) for found in result.findings if (found.code, found.severity) == (CODE, "warning")), "")
 
 
 def add(folder: Path, store: Store) -> Added:

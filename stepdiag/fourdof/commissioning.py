@@ -42,7 +42,7 @@ def stability_of(record: HeadRecord, file: HeadFile, distance_mm: float, interva
     means = record.averaged(interval_s)
     found = motion(means.channels, distance_mm, calibrated(file), time_s=means.time_s)
     if not found.usable.all():
-        texts = "; ".join(finding.text for finding in found.findings)
+        texts = "; ".join(str(finding.words) for finding in found.findings)
         raise DataError("stability", expected=message("light-on-every-detector"), found=texts, remedy=message("align-head-repeat"))
     results = {}
     for column, axis in enumerate(LATERAL):
@@ -80,7 +80,7 @@ def signs_of(standstills: Sequence[tuple[float, HeadRecord]], file: HeadFile) ->
             signed = signed.with_axis(detector, axis, msgspec.structs.replace(table, sign=1 if table.sign == factor else -1))
     lever, findings = _common_lever(list(axes.values()))
     remarks = tuple(
-        Finding(code=one.code, severity=one.severity, text=f"{axis}: {one.text}") for axis, found in axes.items() for one in found.findings
+        Finding(code=one.code, severity=one.severity, text=f"{axis}: {one.words}") for axis, found in axes.items() for one in found.findings
     )
     return Signed(axes=axes, file=msgspec.structs.replace(signed, lever=lever), findings=(*remarks, *findings))
 

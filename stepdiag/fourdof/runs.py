@@ -118,7 +118,7 @@ def _evaluate(survey: Survey, section: HeadSection, file: HeadFile, each: Pass, 
         time_s=None if qd_only else np.array([stop.time_s for stop in stops]),
         u_psd1_urad=_by_channel(channels, u_channels, distance, head, PSD1).drift_urad,
     )
-    findings = tuple(Finding(code=one.code, severity=one.severity, text=f"{name}: {one.text}") for one in found.findings)
+    findings = tuple(Finding(code=one.code, severity=one.severity, text=f"{name}: {one.words}") for one in found.findings)
     count = int(np.count_nonzero(found.usable))
     if count < LEAST_STOPS:
         text = f"{name}: {count} of {len(stops)} stops have usable light: the pass says nothing; drive it again"

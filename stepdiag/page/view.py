@@ -96,7 +96,7 @@ def _place(one: FindingStatus) -> tuple[str, int | None]:
     """Return the run and the stop at which it was; of an old log they stand in its text."""
     if one.message is not None:
         return f"{one.at.setup} {one.at.way}", one.at.stop
-    old = place_of(one.text)
+    old = place_of(str(one.finding.words))
     return old.run, old.stop
 
 
