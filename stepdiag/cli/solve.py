@@ -55,6 +55,7 @@ def solve(
     uncertainty: Annotated[
         Path | None, typer.Option(help="What is taken for granted about the machine (TOML, [uncertainty]); logs bring their own.")
     ] = None,
+    tolerance: Annotated[Path | None, typer.Option(help="What the machine is to keep (TOML, [tolerance]); logs bring their own.")] = None,
     run: Runs = None,
     monte_carlo: Annotated[int, typer.Option(help="Draw so many surveys (JCGM 101) and say how they scatter; 200000 are usual.")] = 0,
     as_json: AsJson = False,
@@ -72,11 +73,13 @@ def solve(
         if uncertainty is not None and method in CLOSED:
             raise UsageError("--uncertainty", expected="--method estimate, which weighs what is assumed", found=method)
         _refuse_angles(angles, handed)
-        result = _solve_csv(sources[0], method, chain or CHAIN, Beside(angles, straightness, uncertainty), monte_carlo, run or ())
+        result = _solve_csv(
+            sources[0], method, chain or CHAIN, Beside(angles, straightness, uncertainty, tolerance), monte_carlo, run or ()
+        )
     else:
         given = {
             "--chain": chain, "--angles": angles, "--straightness": straightness,
-            "--uncertainty": uncertainty, "--monte-carlo": monte_carlo, "--run": run,
+            "--uncertainty": uncertainty, "--tolerance": tolerance, "--monte-carlo": monte_carlo, "--run": run,
         }  # fmt: skip
         option = next((name for name, value in given.items() if value), None)
         if option is not None:
@@ -108,12 +111,14 @@ class Beside:
     angles: Path | None
     straightness: Path | None
     uncertainty: Path | None
+    tolerance: Path | None
 
 
 def _solve_csv(path: Path, method: str, chain: str, beside: Beside, monte_carlo: int, runs: Sequence[str]) -> "Result":
+    from stepdiag.base.conformity import with_tolerance
     from stepdiag.base.files import read_text
     from stepdiag.base.readings.readings import in_mm, parse_readings
-    from stepdiag.daq.survey.assumed import parse_uncertainty
+    from stepdiag.daq.survey.assumed import parse_tolerance, parse_uncertainty
     from stepdiag.solver.methods.solve import solve as solve_readings
     from stepdiag.solver.model.angles import parse_angles
     from stepdiag.solver.model.straightness_file import parse_straightness
@@ -123,10 +128,11 @@ def _solve_csv(path: Path, method: str, chain: str, beside: Beside, monte_carlo:
     known = parse_angles(read_text(beside.angles), beside.angles.name) if beside.angles is not None else None
     straight = parse_straightness(read_text(beside.straightness), beside.straightness.name) if beside.straightness is not None else ()
     assumed = parse_uncertainty(read_text(beside.uncertainty), beside.uncertainty.name) if beside.uncertainty is not None else None
+    allowed = parse_tolerance(read_text(beside.tolerance), beside.tolerance.name) if beside.tolerance is not None else {}
     readings = in_mm(parse_readings(read_text(path), path.name), path.name)
     if runs:
         readings = with_files(readings, runs, path.name)
-    return solve_readings(
+    solved = solve_readings(
         readings,
         chain=chain,
         method=method,
@@ -136,6 +142,7 @@ def _solve_csv(path: Path, method: str, chain: str, beside: Beside, monte_carlo:
         source=path.name,
         monte_carlo=monte_carlo,
     )
+    return with_tolerance(solved, allowed)
 
 
 def _refuse_angles(angles: Path | None, active: "dict[str, bytes]") -> None:

@@ -14,6 +14,7 @@ from typing import Literal
 
 import msgspec
 
+from stepdiag.base.conformity import with_tolerance
 from stepdiag.base.errors import DataError, SafetyError, StepdiagError, UsageError
 from stepdiag.base.files import as_text, holds, write_atomically, write_once
 from stepdiag.base.messages import message
@@ -138,7 +139,7 @@ def solve_logs(replayed: Replayed, method: str | None = None, environment: Mappi
         *settled_findings(replayed.book, solved, stated=environment or {}),
     )
     described = replace(
-        result,
+        with_tolerance(result, survey.tolerance.by_quantity()),
         findings=findings,
         survey=_facts(replayed),
         conditions=_conditions(replayed, environment or {}, unsaid),

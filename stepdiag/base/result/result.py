@@ -22,6 +22,7 @@ from stepdiag.base.result.members import (
     Budget,
     Closure,
     Conditions,
+    Conformity,
     CoverageFactor,
     Facts,
     Fit,
@@ -148,6 +149,9 @@ class Result:
     """Factors for 95 % by function or number, where that is not about 2."""
     standards: dict[str, tuple[StandardFigures, ...]] | None = None
     monte_carlo: MonteCarlo | None = None
+    tolerance: dict[str, float] | None = None
+    """The largest magnitudes allowed, by quantity (`base.conformity`)."""
+    conformity: Conformity | None = None
     source: str = "result"
 
     def to_json(self) -> str:

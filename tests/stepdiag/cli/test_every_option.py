@@ -59,7 +59,7 @@ CALLS: dict[str, tuple[list[str], dict[str, list[str]]]] = {
             "--out": ["--out", "new.json"], "--method": ["--method", "least-squares"], "--chain": ["--chain", "XFYZ"],
             "--angles": ["--angles", "angles.csv"], "--straightness": ["--straightness", "bow.csv"],
             "--environment": ["--environment", "air.toml"], "--uncertainty": ["--uncertainty", "uncertainty.toml"],
-            "--run": ["--run", "none.rtl"], "--monte-carlo": ["--monte-carlo", "1000"], "--json": ["--json"], **STATED,
+            "--tolerance": ["--tolerance", "tolerance.toml"], "--run": ["--run", "none.rtl"], "--monte-carlo": ["--monte-carlo", "1000"], "--json": ["--json"], **STATED,
         },
     ),
     "plan": (
@@ -426,7 +426,7 @@ def test_the_same_call_makes_the_same(name, shop):
 @pytest.mark.parametrize(
     "given",
     [("--angles", "angles.csv"), ("--chain", "XFYZ"), ("--straightness", "bow.csv"), ("--uncertainty", "uncertainty.toml"),
-     ("--monte-carlo", "1000"), ("--run", "none.rtl")],
+     ("--tolerance", "tolerance.toml"), ("--monte-carlo", "1000"), ("--run", "none.rtl")],
 )  # fmt: skip
 def test_logs_take_no_option_of_readings(given, shop):
     """Angles beside logs were read by nobody: 3.5 um of uncertainty where they give 1.7."""
